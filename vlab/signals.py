@@ -1,0 +1,257 @@
+"""What the laboratory passes around: recordings, frequency responses and modal models.
+
+All three are frozen, check themselves when made, and label every channel. Arrays have time or frequency first.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlab.errors import BadRecording, unknown_name
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+KIND_UNITS = {
+    "command": None,  # whatever the actuator takes: N, V, N m
+    "excitation": None,
+    "force": "N",
+    "moment": "N m",
+    "voltage": "V",
+    "current": "A",
+    "displacement": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s^2",
+    "angle": "rad",
+    "angular-velocity": "rad/s",
+    "angular-acceleration": "rad/s^2",
+    "strain": "1",
+    "other": None,
+}
+"""The kinds of channel and the SI unit that each has inside vlab (None: free)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """The label of one column of a recording.
+
+    Parameters
+    ----------
+    name : str
+        Unique in its recording, for example ``"sensor:base"``.
+    kind : str
+        One of `KIND_UNITS`.
+    unit : str
+        The SI unit of the numbers.
+    at : str
+        The place, actuator or sensor it belongs to.
+    is_input : bool
+        True where the channel drives the structure.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    at: str = ""
+    is_input: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KIND_UNITS:
+            raise BadRecording(str(unknown_name("kind of channel", self.kind, KIND_UNITS, where=self.name)))
+
+
+def _frozen(array: Any, dtype: Any) -> Any:
+    out = np.array(array, dtype=dtype)
+    out.setflags(write=False)
+    return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """Channels sampled together, in SI units.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s], strictly increasing, not necessarily even.
+    data : (n, n_channels) array
+        Finite samples, one column a channel.
+    channels : sequence of Channel
+        Labels of the columns.
+    meta : mapping
+        Free notes that travel with the recording (seed, structure, law, ...).
+
+    Raises
+    ------
+    BadRecording
+        Empty, ragged, not finite, time not increasing, or channel names that repeat.
+    """
+
+    time: Array
+    data: Array
+    channels: tuple[Channel, ...]
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", _frozen(self.time, float))
+        object.__setattr__(self, "data", _frozen(self.data, float))
+        object.__setattr__(self, "channels", tuple(self.channels))
+        object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
+        if self.time.ndim != 1 or self.data.ndim != 2 or self.data.shape != (self.time.size, len(self.channels)):
+            raise BadRecording(
+                f"a recording of {self.time.shape} times, {self.data.shape} samples and {len(self.channels)} channels does not fit together"
+            )
+        if self.time.size < 2:
+            raise BadRecording(f"the recording has {self.time.size} samples; at least 2 are needed")
+        names = [channel.name for channel in self.channels]
+        for name in names:
+            if names.count(name) > 1:
+                raise BadRecording(f"the channel name {name!r} stands {names.count(name)} times; names must be unique")
+        if not np.all(np.isfinite(self.time)) or not np.all(np.diff(self.time) > 0):
+            bad = int(np.argmin(np.diff(self.time))) + 1 if np.all(np.isfinite(self.time)) else int(np.argmin(np.isfinite(self.time)))
+            raise BadRecording(f"the time stamps do not increase at sample {bad} (t = {self.time[bad]:g} s)")
+        if not np.all(np.isfinite(self.data)):
+            row, column = (int(i) for i in np.argwhere(~np.isfinite(self.data))[0])
+            raise BadRecording(f"channel {names[column]!r} is {self.data[row, column]} at sample {row} (t = {self.time[row]:g} s); samples must be finite")
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channel names in column order."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the channels that drive the structure."""
+        return tuple(c.name for c in self.channels if c.is_input)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the time steps are even to within one part in ten thousand."""
+        steps = np.diff(self.time)
+        return bool(np.ptp(steps) <= 1e-4 * np.mean(steps) + 4 * np.spacing(np.abs(self.time).max()))
+
+    @property
+    def rate(self) -> float:
+        """Sample rate [Hz].
+
+        Raises
+        ------
+        BadRecording
+            The time stamps are not even.
+        """
+        if not self.is_uniform:
+            steps = np.diff(self.time)
+            raise BadRecording(f"the time steps vary from {steps.min():g} to {steps.max():g} s: the recording has no single rate; resample it first")
+        return float((len(self) - 1) / (self.time[-1] - self.time[0]))
+
+    def index(self, name: str) -> int:
+        """Return the column of a channel, or raise `UnknownName` with the names there are."""
+        if name not in self.names:
+            raise unknown_name("channel", name, self.names)
+        return self.names.index(name)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.data[:, self.index(name)]
+
+    def select(self, names: Sequence[str]) -> "Recording":
+        """Return the recording of the named channels only."""
+        columns = [self.index(name) for name in names]
+        return replace(self, data=self.data[:, columns], channels=tuple(self.channels[i] for i in columns))
+
+    def between(self, start: float, stop: float) -> "Recording":
+        """Return the part with start <= time < stop [s]."""
+        keep = (self.time >= start) & (self.time < stop)
+        return replace(self, time=self.time[keep], data=self.data[keep])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyResponse:
+    """Responses over frequency of some outputs to some inputs.
+
+    Parameters
+    ----------
+    freq : (n,) array
+        Frequencies [Hz], increasing.
+    H : (n, n_outputs, n_inputs) complex array
+        Response per unit input, SI.
+    outputs, inputs : sequence of str
+        Channel names.
+    unit : str
+        Unit of H where it is one for all, for example ``"m/s/N"``.
+    coherence : (n, n_outputs) array or None
+        Ordinary (one input) or multiple coherence, in [0, 1].
+    """
+
+    freq: Array
+    H: ComplexArray
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    unit: str = ""
+    coherence: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "freq", _frozen(self.freq, float))
+        object.__setattr__(self, "H", _frozen(self.H, complex))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        expected = (self.freq.size, len(self.outputs), len(self.inputs))
+        if self.H.shape != expected:
+            raise BadRecording(f"a frequency response of shape {self.H.shape} does not fit {expected} (frequency, output, input)")
+        if not np.all(np.isfinite(self.H)) or not np.all(np.diff(self.freq) > 0):
+            raise BadRecording("a frequency response must be finite on increasing frequencies")
+        if self.coherence is not None:
+            object.__setattr__(self, "coherence", _frozen(self.coherence, float))
+            if self.coherence.shape != expected[:2]:
+                raise BadRecording(f"a coherence of shape {self.coherence.shape} does not fit {expected[:2]} (frequency, output)")
+
+    def between(self, low: float, high: float) -> "FrequencyResponse":
+        """Return the part with low <= frequency <= high [Hz]."""
+        keep = (self.freq >= low) & (self.freq <= high)
+        coherence = None if self.coherence is None else self.coherence[keep]
+        return replace(self, freq=self.freq[keep], H=self.H[keep], coherence=coherence)
+
+    def to_frd(self) -> Any:
+        """Return python-control's `FRD`: axes (output, input, frequency), frequency in rad/s."""
+        import control
+
+        return control.FRD(np.transpose(self.H, (1, 2, 0)), 2 * np.pi * self.freq)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModalModel:
+    """Natural frequencies, damping ratios and mode shapes at labelled coordinates.
+
+    Parameters
+    ----------
+    freq : (n_modes,) array
+        Undamped natural frequencies [Hz].
+    zeta : (n_modes,) array
+        Damping ratios.
+    shapes : (n_coordinates, n_modes) array
+        Real or complex mode shapes.
+    coordinates : sequence of str
+        Labels of the rows of `shapes`.
+    """
+
+    freq: Array
+    zeta: Array
+    shapes: NDArray[Any]
+    coordinates: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "freq", _frozen(self.freq, float))
+        object.__setattr__(self, "zeta", _frozen(self.zeta, float))
+        object.__setattr__(self, "shapes", _frozen(self.shapes, complex if np.iscomplexobj(self.shapes) else float))
+        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+        if self.shapes.shape != (len(self.coordinates), self.freq.size) or self.zeta.shape != self.freq.shape:
+            raise BadRecording(
+                f"a modal model of {self.freq.size} frequencies, {self.zeta.size} damping ratios and shapes {self.shapes.shape} "
+                f"at {len(self.coordinates)} coordinates does not fit together"
+            )
