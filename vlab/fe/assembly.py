@@ -1,0 +1,146 @@
+"""Assembly of the FE model of a structure."""
+
+import numpy as np
+from vlab.errors import BadStructure
+from vlab.fe import elements as el
+from vlab.fe.mesh import Element, Mesh, build_mesh
+from vlab.fe.model import FeModel, bending_map, torsion_map
+from vlab.fe.one_mode import OneModeBar, one_mode_bar
+from vlab.fe.second_order import SecondOrderModel
+from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines
+from vlab.signals import Array
+from vlab.structure.model import Structure, Variant
+
+_MOTIONS = ("v", "rx", "rz")
+
+
+def build_fe_model(structure: Structure, variant: str = "published", *, refine: int = 1) -> FeModel:
+    """Assemble M, C and K of a structure in one of its variants.
+
+    Beams with consistent mass and geometric stiffness, whose tension grows with the weight below; strings in tension as
+    lateral springs T/L with a third of their mass; rigid inserts at clamps; inherent damping by modal ratios.
+
+    Parameters
+    ----------
+    variant : str
+        A variant named in the structure file.
+    refine : int
+        Multiplies the variant's elements a span.
+    """
+    choice = structure.variant_named(variant)
+    mesh = build_mesh(structure, choice, refine=refine)
+    one_mode = one_mode_bar(structure, choice.one_mode_bar) if choice.one_mode_bar else None
+    M, K = _assemble(structure, mesh, choice, one_mode)
+    keep = _moving(structure, mesh, M)
+    names = [f"{_MOTIONS[i % 3]}:{mesh.nodes[i // 3].name}" for i in keep if i < 3 * len(mesh.nodes)]
+    if one_mode is not None:
+        names.append(f"tip:{one_mode.bar}")
+    block = np.ix_(keep, keep)
+    undamped = SecondOrderModel(M=M[block], C=np.zeros((len(keep), len(keep))), K=K[block], coordinates=tuple(names))
+    linear = undamped.with_modal_damping(structure.damping.of_modes(undamped.n))
+    return FeModel(structure=structure, variant=variant, mesh=mesh, linear=linear, expand=np.eye(len(M))[:, keep], one_mode=one_mode)
+
+
+def _columns(element: Element) -> list[int]:
+    return [3 * element.start + i for i in range(3)] + [3 * element.end + i for i in range(3)]
+
+
+def _assemble(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None) -> tuple[Array, Array]:
+    n = 3 * len(mesh.nodes) + (one_mode is not None)
+    M, K = np.zeros((n, n)), np.zeros((n, n))
+    lines = hanging_lines(structure)
+    for element in mesh.elements:
+        m, k = _element_matrices(element, mesh, lines.get(element.bar))
+        block = np.ix_(_columns(element), _columns(element))
+        M[block] += m
+        K[block] += k
+    points = {p.name for p in structure.point}
+    for node, record in enumerate(mesh.nodes):
+        if record.name in points:
+            M[3 * node, 3 * node] += structure.point_mass(record.name)
+    tensions = cable_tensions(structure)
+    for cable in structure.cable:
+        node = mesh.node(cable.at)
+        K[3 * node, 3 * node] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
+    if one_mode is not None:
+        block = np.ix_([3 * mesh.node(one_mode.root), n - 1], [3 * mesh.node(one_mode.root), n - 1])
+        M[block] += one_mode.mass_matrix
+        K[block] += one_mode.stiffness_matrix
+    if variant.in_plane_moments:
+        K += _hanging_moments(structure, mesh, set(lines))
+    return M, K
+
+
+def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Array:
+    """Return the stiffness from the weight of a bar that is clamped across a vertical one.
+
+    When the clamp rolls by rx, the deflection of the arms against it is along a tilted axis, and lifts their weight by
+    that deflection times rx: the potential g rx (sum of m (v - v_clamp)). It is the in-plane bending moment of the arms
+    that does it.
+    """
+    n = 3 * len(mesh.nodes)
+    K = np.zeros((n, n))
+    for clamp in structure.clamp:
+        root = 3 * mesh.node(clamp.at)
+        for bar in (b for b in structure.bar if clamp.at in b.points and b.name not in vertical):
+            weight = np.zeros(n)
+            for element in (e for e in mesh.elements if e.bar == bar.name):
+                mass = _element_matrices(element, mesh, None)[0]
+                weight[_columns(element)] += structure.gravity * mass @ np.array([1.0, 0, 0, 1.0, 0, 0])
+            for name in bar.points:
+                if name != clamp.at:
+                    weight[3 * mesh.node(name)] += structure.gravity * structure.point_mass(name)
+            weight[root] -= weight[::3].sum()
+            weight[root + 1 : root + 3] = 0.0  # what turns with the clamp is not lifted to first order
+            K[root + 1] += weight
+            K[:, root + 1] += weight
+    return K
+
+
+def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) -> tuple[Array, Array]:
+    section, flexible = element.section, element.flexible
+    if flexible <= 0:
+        raise BadStructure(f"bar {element.bar!r}: the clamps leave no flexible length in a span of {element.length:g} m")
+    direction = mesh.direction(element)
+    start_tension = end_tension = start_rigid_tension = end_rigid_tension = 0.0
+    if line is not None:
+        lower, upper = sorted((mesh.nodes[element.start].z, mesh.nodes[element.end].z))
+        above_lower, at_upper = line.tension(lower), line.tension(lower) + line.weight_per_length * (upper - lower)
+        low, high = (above_lower, at_upper) if direction[1] > 0 else (at_upper, above_lower)
+        share = np.array([element.rigid_start, element.length - element.rigid_end]) / element.length
+        start_tension, end_tension = low + (high - low) * share
+        start_rigid_tension, end_rigid_tension = (low + start_tension) / 2, (high + end_tension) / 2
+    k = el.bending_stiffness(section.bending_stiffness, flexible) + el.geometric_stiffness(start_tension, end_tension, flexible)
+    m = el.consistent_mass(section.mass_per_length, flexible)
+    T = el.rigid_end(element.rigid_start, element.rigid_end)
+    k, m = T.T @ k @ T, T.T @ m @ T
+    for where, length, tension in ((0, element.rigid_start, start_rigid_tension), (2, -element.rigid_end, end_rigid_tension)):
+        if length:
+            rigid_m, rigid_k = el.rigid_segment(section.mass_per_length, tension, length)
+            m[where : where + 2, where : where + 2] += rigid_m
+            k[where : where + 2, where : where + 2] += rigid_k
+    bend = bending_map(direction)
+    k, m = bend.T @ k @ bend, bend.T @ m @ bend
+    if section.torsion_stiffness:
+        twist = torsion_map(direction)
+        polar = section.density * section.width * section.thickness * (section.width**2 + section.thickness**2) / 12
+        k += twist.T @ el.torsion_stiffness(section.torsion_stiffness, element.length) @ twist
+        m += twist.T @ el.torsion_mass(polar, element.length) @ twist
+    return m, k
+
+
+def _moving(structure: Structure, mesh: Mesh, M: Array) -> list[int]:
+    """Return the motions that carry mass; what no element moves is left out.
+
+    A bar without torsional stiffness does not hold the rotation about its own axis. At a clamp on a vertical bar that
+    rotation would spin freely, so the model holds it: the vertical bar does not twist in it.
+    """
+    massive = [i for i in range(len(M)) if M[i, i] > 1e-14 * M.diagonal().max()]
+    vertical = set(hanging_lines(structure))
+    held = {
+        3 * mesh.node(clamp.at) + 2
+        for clamp in structure.clamp
+        for bar in structure.bar
+        if clamp.at in bar.points and bar.name in vertical and not structure.section[bar.section].torsion_stiffness
+    }
+    return [i for i in massive if i not in held]

@@ -1,0 +1,111 @@
+"""Element matrices: Hermite beam in bending, with tension, and linear bar in torsion.
+
+The bending coordinates of an element are (v1, s1, v2, s2): deflection and slope at its two ends. Bending: cubic shape
+functions, consistent mass [1]_ (section 11.2-11.3). Tension: consistent geometric stiffness, here for a tension that
+varies linearly along the element [1]_ (section 11.3), [2]_.
+
+References
+----------
+.. [1] R. D. Cook, D. S. Malkus, M. E. Plesha, *Concepts and Applications of Finite Element Analysis*, 3rd ed., 1989.
+.. [2] J. S. Przemieniecki, *Theory of Matrix Structural Analysis*, 1968, chapter 15.
+"""
+
+import numpy as np
+
+from vlab.signals import Array
+
+
+def hermite(xi: float, length: float) -> Array:
+    """Return the four cubic shape functions at xi = s/length in [0, 1]."""
+    return np.array(
+        [
+            1 - 3 * xi**2 + 2 * xi**3,
+            length * (xi - 2 * xi**2 + xi**3),
+            3 * xi**2 - 2 * xi**3,
+            length * (xi**3 - xi**2),
+        ]
+    )
+
+
+def hermite_slope(xi: float, length: float) -> Array:
+    """Return the derivatives of the shape functions with respect to s [1/m, 1, 1/m, 1]."""
+    return np.array(
+        [
+            (-6 * xi + 6 * xi**2) / length,
+            1 - 4 * xi + 3 * xi**2,
+            (6 * xi - 6 * xi**2) / length,
+            3 * xi**2 - 2 * xi,
+        ]
+    )
+
+
+def bending_stiffness(EI: float, length: float) -> Array:
+    """Return the 4 x 4 Euler-Bernoulli stiffness; EI [N m^2], length [m]."""
+    L = length
+    return (EI / L**3) * np.array(
+        [
+            [12, 6 * L, -12, 6 * L],
+            [6 * L, 4 * L**2, -6 * L, 2 * L**2],
+            [-12, -6 * L, 12, -6 * L],
+            [6 * L, 2 * L**2, -6 * L, 4 * L**2],
+        ]
+    )
+
+
+def consistent_mass(mass_per_length: float, length: float) -> Array:
+    """Return the 4 x 4 consistent mass; mass per length [kg/m], length [m]."""
+    L = length
+    return (mass_per_length * L / 420) * np.array(
+        [
+            [156, 22 * L, 54, -13 * L],
+            [22 * L, 4 * L**2, 13 * L, -3 * L**2],
+            [54, 13 * L, 156, -22 * L],
+            [-13 * L, -3 * L**2, -22 * L, 4 * L**2],
+        ]
+    )
+
+
+def geometric_stiffness(tension_start: float, tension_end: float, length: float) -> Array:
+    """Return the 4 x 4 stiffness of a tension that goes linearly from start to end [N] over the element [m]."""
+    points, weights = np.polynomial.legendre.leggauss(3)  # exact to degree 5: slope^2 is quartic, the tension linear
+    K = np.zeros((4, 4))
+    for point, weight in zip((points + 1) / 2, weights * length / 2, strict=True):
+        slope = hermite_slope(point, length)
+        tension = tension_start + (tension_end - tension_start) * point
+        K += weight * tension * np.outer(slope, slope)
+    return K
+
+
+def torsion_stiffness(GJ: float, length: float) -> Array:
+    """Return the 2 x 2 St-Venant torsion stiffness; GJ [N m^2]."""
+    return GJ / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
+def torsion_mass(polar_inertia_per_length: float, length: float) -> Array:
+    """Return the 2 x 2 consistent polar inertia; per length [kg m]."""
+    return polar_inertia_per_length * length / 6 * np.array([[2.0, 1.0], [1.0, 2.0]])
+
+
+def rigid_end(offset_start: float, offset_end: float) -> Array:
+    """Return the 4 x 4 map from the node coordinates to the flexible part's ends.
+
+    The flexible part starts `offset_start` after the first node and ends `offset_end` before the second [m].
+    """
+    T = np.eye(4)
+    T[0, 1] = offset_start
+    T[2, 3] = -offset_end
+    return T
+
+
+def rigid_segment(mass_per_length: float, tension: float, length: float) -> tuple[Array, Array]:
+    """Return mass and geometric stiffness of a rigid piece, in (v, s) of the node it is fixed to.
+
+    Parameters
+    ----------
+    length : float
+        Signed: positive where the piece lies ahead of its node along the bar [m].
+    """
+    a = length
+    M = mass_per_length * abs(a) * np.array([[1.0, a / 2], [a / 2, a**2 / 3]])
+    K = tension * abs(a) * np.array([[0.0, 0.0], [0.0, 1.0]])
+    return M, K

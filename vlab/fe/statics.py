@@ -1,0 +1,106 @@
+"""Tension in the vertical bars under gravity and cable tension."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.structure.model import Bar, Cable, Structure
+
+
+@dataclass(frozen=True)
+class HangingLine:
+    """The tension along one vertical bar, and in the cables at its ends.
+
+    Parameters
+    ----------
+    bar : str
+        The vertical bar.
+    heights : tuple of float
+        Heights of the lumped weights on it [m], ascending.
+    weights : tuple of float
+        Those weights [N]: lumped masses, and the bars that it carries.
+    weight_per_length : float
+        Its own weight [N/m].
+    base : float
+        Height of its lower end [m].
+    base_tension : float
+        Pull of what is below the lower end [N].
+    """
+
+    bar: str
+    heights: tuple[float, ...]
+    weights: tuple[float, ...]
+    weight_per_length: float
+    base: float
+    base_tension: float
+
+    def tension(self, z: float) -> float:
+        """Return the tension just above height z [N]: everything below pulls."""
+        lumps = sum(w for h, w in zip(self.heights, self.weights, strict=True) if h <= z + 1e-9)
+        return self.base_tension + lumps + self.weight_per_length * (z - self.base)
+
+
+def hanging_lines(structure: Structure) -> dict[str, HangingLine]:
+    """Return the tension along every vertical bar of the structure, by bar name."""
+    lines = {}
+    for bar in structure.bar:
+        first, last = structure.position(bar.points[0]), structure.position(bar.points[-1])
+        if np.isclose(first[0], last[0], atol=1e-9):
+            lines[bar.name] = _line(structure, bar)
+    return lines
+
+
+def cable_tensions(structure: Structure) -> dict[str, float]:
+    """Return the vertical tension of each cable set [N]: as stated, or from equilibrium of the bar it holds."""
+    lines = hanging_lines(structure)
+    tensions = {}
+    for cable in structure.cable:
+        if cable.tension is not None:
+            tensions[cable.name] = cable.tension
+            continue
+        bar = next(b for b in structure.bar if cable.at in b.points and b.name in lines)
+        tensions[cable.name] = lines[bar.name].tension(structure.position(cable.at)[1])
+    return tensions
+
+
+def _line(structure: Structure, bar: Bar) -> HangingLine:
+    g = structure.gravity
+    z = {name: structure.position(name)[1] for name in bar.points}
+    lower, upper = min(bar.points, key=z.__getitem__), max(bar.points, key=z.__getitem__)
+    for end, other in ((lower, "below"), (upper, "above")):
+        stated = [c.tension for c in structure.cable if c.at == end]
+        if end == lower and None in stated:
+            raise BadStructure(f"the cable {other} point {end!r} states no tension; the lower cable must state it")
+        if end == upper and any(t is not None for t in stated):
+            raise BadStructure(f"the cable {other} point {end!r} states a tension that follows from equilibrium; state the lower one only")
+    carried = {name: structure.point_mass(name) for name in bar.points}
+    for other_bar in structure.bar:
+        if other_bar.name != bar.name:
+            _hang_on(structure, other_bar, bar, carried)
+    section = structure.section[bar.section]
+    return HangingLine(
+        bar=bar.name,
+        heights=tuple(z[name] for name in sorted(bar.points, key=z.__getitem__)),
+        weights=tuple(g * carried[name] for name in sorted(bar.points, key=z.__getitem__)),
+        weight_per_length=g * section.mass_per_length,
+        base=z[lower],
+        base_tension=sum(c.tension or 0.0 for c in structure.cable if c.at == lower),
+    )
+
+
+def _hang_on(structure: Structure, other: Bar, bar: Bar, carried: dict[str, float]) -> None:
+    """Add the weight of a bar that crosses `bar`, with the masses on it, to the point where they cross."""
+    shared = [name for name in other.points if name in bar.points]
+    if not shared:
+        return
+    ends = structure.position(other.points[0]), structure.position(other.points[-1])
+    length = float(np.hypot(*np.subtract(ends[1], ends[0])))
+    mass = structure.section[other.section].mass_per_length * length
+    mass += sum(structure.point_mass(name) for name in other.points if name not in bar.points)
+    carried[shared[0]] += mass
+
+
+def vertical_stiffness(cable: Cable) -> float:
+    """Return the axial stiffness of one cable, EA/L [N/m]."""
+    return cable.youngs_modulus * cable.area / cable.length
