@@ -1,8 +1,11 @@
 """Assembly of the FE model of a structure."""
 
+from dataclasses import replace
+
 import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
+from vlab.fe.damping import modal_ratios
 from vlab.fe.mesh import Element, Mesh, build_mesh
 from vlab.fe.model import FeModel, bending_map, torsion_map
 from vlab.fe.one_mode import OneModeBar, one_mode_bar
@@ -37,8 +40,11 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         names.append(f"tip:{one_mode.bar}")
     block = np.ix_(keep, keep)
     undamped = SecondOrderModel(M=M[block], C=np.zeros((len(keep), len(keep))), K=K[block], coordinates=tuple(names))
-    linear = undamped.with_modal_damping(structure.damping.of_modes(undamped.n))
-    return FeModel(structure=structure, variant=variant, mesh=mesh, linear=linear, expand=np.eye(len(M))[:, keep], one_mode=one_mode)
+    model = FeModel(
+        structure=structure, variant=variant, mesh=mesh, linear=undamped, expand=np.eye(len(M))[:, keep], one_mode=one_mode
+    )
+    zeta = modal_ratios(structure.damping, model.coils.T @ undamped.eigen[1])
+    return replace(model, linear=undamped.with_modal_damping(zeta))
 
 
 def _columns(element: Element) -> list[int]:

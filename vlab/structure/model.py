@@ -144,13 +144,6 @@ class Damping:
     ratios: tuple[float, ...] = number("1", at_least=0.0)
     higher: float = number("1", at_least=0.0)
 
-    def of_modes(self, count: int) -> np.ndarray:
-        """Return the damping ratios of the first `count` modes."""
-        zeta = np.full(count, self.higher)
-        known = min(count, len(self.ratios))
-        zeta[:known] = self.ratios[:known]
-        return zeta
-
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:

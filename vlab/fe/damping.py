@@ -1,0 +1,29 @@
+"""Which measured damping ratio belongs to which mode of a model."""
+
+import numpy as np
+
+from vlab.signals import Array
+from vlab.structure.model import Damping
+
+SILENT = 1e-6
+"""A mode whose motion at every coil is below this share of the largest mode's was not measured: it cannot be driven."""
+
+
+def modal_ratios(damping: Damping, at_coils: Array) -> Array:
+    """Return the damping ratio of every mode of a model, in its order.
+
+    The measured ratios belong to the modes that the coils can drive, in order of frequency. A model may have others in
+    between (arms that swing against each other, the bounce on the cables); they and the modes above the measured ones
+    get the ratio of the higher modes.
+
+    Parameters
+    ----------
+    at_coils : (n_coils, n_modes) array
+        Mass-normalised mode shapes at the coils.
+    """
+    motion = np.abs(at_coils).max(axis=0)
+    driven = np.flatnonzero(motion > SILENT * motion.max())
+    zeta = np.full(at_coils.shape[1], damping.higher)
+    count = min(len(driven), len(damping.ratios))
+    zeta[driven[:count]] = damping.ratios[:count]
+    return zeta

@@ -1,0 +1,6 @@
+"""Structures in MuJoCo, behind one interface: composite (the physical one), modal, and any user's MJCF."""
+
+from vlab.plants.base import Plant
+from vlab.plants.build import PLANTS, build_plant
+
+__all__ = ["PLANTS", "Plant", "build_plant"]

@@ -1,0 +1,196 @@
+"""What every plant offers: a MuJoCo model, named actuators and sensors, and ports.
+
+A port is a named scalar coordinate of the structure, such as the deflection along y at a place. It has a position and a
+row of the Jacobian, so physics can be measured at it and act on it, whatever the generalised coordinates are.
+
+Time. MuJoCo's semi-implicit Euler step staggers the two halves of the state: the velocity at index n belongs to the time
+t_n when a force held from t_n to t_(n+1) acts in between, and the position then belongs to t_n + h/2. Displacement
+sensors of the structure plants undo this half step with the velocity at hand, so that all channels of a recording share
+their time stamps to second order.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.errors import BadExperiment, Diverged, unknown_name
+from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.linearise import linearise
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorTap:
+    """An actuator: its channel name, where it acts, and the SI unit of its command."""
+
+    name: str
+    at: str
+    kind: str = "force"
+    unit: str = "N"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorTap:
+    """A sensor: where its value stands in MuJoCo's sensor array.
+
+    Parameters
+    ----------
+    address : int
+        Index of the value in ``sensordata``.
+    rate_address : int or None
+        Index of the velocity of the same coordinate, where the half-step stagger of the position is undone.
+    """
+
+    name: str
+    at: str
+    kind: str
+    unit: str
+    address: int
+    rate_address: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """A named scalar coordinate of a plant.
+
+    Parameters
+    ----------
+    row : callable
+        MjData -> (nv,) Jacobian row of the coordinate at the present configuration.
+    position : callable
+        MjData -> value [m or rad].
+    """
+
+    name: str
+    unit: str
+    row: Callable[[Any], Array]
+    position: Callable[[Any], float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plant:
+    """A structure in MuJoCo.
+
+    Parameters
+    ----------
+    name : str
+        ``"composite"``, ``"modal"`` or ``"mjcf"``.
+    model : mujoco.MjModel
+        Compiled; its initial configuration is the equilibrium.
+    actuators, sensors : sequence
+        In channel order.
+    ports : mapping of str to Port
+        Named coordinates; a structure plant has one at every point of the drawing.
+    spec : mujoco.MjSpec
+        The whole plant as it is written out, its dissipation as native tendons.
+    dissipation : (nv, nv) array or None
+        Damping matrix that acts as -C qvel while the plant runs; see `vlab.plants.dissipation`.
+    left_out : sequence of str
+        What this plant does not carry of the structure, in words.
+    """
+
+    name: str
+    model: Any
+    spec: Any
+    actuators: tuple[ActuatorTap, ...]
+    sensors: tuple[SensorTap, ...]
+    ports: Mapping[str, Port] = field(default_factory=dict)
+    dissipation: Array | None = None
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def timestep(self) -> float:
+        """Integration step [s]."""
+        return float(self.model.opt.timestep)
+
+    def linearise(self) -> SecondOrderModel:
+        """Return M, C and K about the equilibrium, dissipation included."""
+        linear = linearise(self.model)
+        return linear if self.dissipation is None else replace(linear, C=linear.C + self.dissipation)
+
+    def port_rows(self, names: Sequence[str] | None = None) -> Array:
+        """Return the Jacobian rows of ports at equilibrium, (n_ports, nv); all of them by default."""
+        data = self.new_data()
+        rows = [self.port(name).row(data) for name in (self.ports if names is None else names)]
+        return np.array(rows).reshape(-1, self.model.nv)
+
+    def port(self, name: str) -> Port:
+        """Return a port, or raise `UnknownName` with the ones there are."""
+        if name not in self.ports:
+            raise unknown_name("port", name, self.ports, where=f"plant {self.name!r}")
+        return self.ports[name]
+
+    def new_data(self) -> Any:
+        """Return fresh `MjData` at equilibrium."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, data)
+        return data
+
+    def substeps(self, rate_hz: float) -> int:
+        """Return the integration steps per sample, or refuse a rate that is not a whole multiple of the step.
+
+        Raises
+        ------
+        BadExperiment
+            The sample period is not an integer number of steps.
+        """
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise BadExperiment(f"the rate {rate_hz} Hz is not a positive number")
+        steps = 1.0 / (rate_hz * self.timestep)
+        count = round(steps)
+        if count < 1 or abs(steps - count) > 1e-6 * steps:
+            fitting = [1.0 / (self.timestep * k) for k in (max(1, int(steps)), int(steps) + 1)]
+            raise BadExperiment(
+                f"a rate of {rate_hz:g} Hz is {steps:.4g} steps of {self.timestep:g} s a sample, not a whole number; "
+                f"rates that fit are {' or '.join(f'{f:g} Hz' for f in dict.fromkeys(fitting))}"
+            )
+        return count
+
+    def actuator_index(self, name: str) -> int:
+        """Return the index of an actuator by channel name or place."""
+        return self._index("actuator", name, self.actuators)
+
+    def sensor_index(self, name: str) -> int:
+        """Return the index of a sensor by channel name or place."""
+        return self._index("sensor", name, self.sensors)
+
+    def _index(self, kind: str, name: str, taps: tuple[Any, ...]) -> int:
+        for i, tap in enumerate(taps):
+            if name in (tap.name, tap.at):
+                return i
+        raise unknown_name(kind, name, [tap.name for tap in taps], where=f"plant {self.name!r}")
+
+    def read(self, data: Any) -> Array:
+        """Return all sensor values at the present state, (n_sensors,)."""
+        out = data.sensordata[[tap.address for tap in self.sensors]].copy()
+        for i, tap in enumerate(self.sensors):
+            if tap.rate_address is not None:
+                out[i] -= self.timestep / 2 * data.sensordata[tap.rate_address]
+        return out
+
+    def deflections(self, data: Any) -> Array:
+        """Return the positions of all ports at the present state."""
+        return np.array([port.position(data) for port in self.ports.values()])
+
+
+def check_run(model: Any, data: Any, expected_time: float) -> None:
+    """Refuse the state of a run that diverged or that MuJoCo reset on its own.
+
+    Raises
+    ------
+    Diverged
+        A BADQPOS, BADQVEL or BADQACC warning was counted, the clock is not where it must be, or a number is not finite.
+    """
+    bad = [
+        name
+        for name in ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC", "mjWARN_BADCTRL")
+        if data.warning[getattr(mujoco.mjtWarning, name)].number
+    ]
+    if bad or abs(data.time - expected_time) > 0.5 * model.opt.timestep or not np.all(np.isfinite(data.qpos)):
+        raise Diverged(
+            f"the simulation diverged before t = {expected_time:.4g} s ({', '.join(bad) or 'the clock was reset'}): "
+            f"the loop is unstable or the step of {model.opt.timestep:g} s is too long for this model"
+        )

@@ -1,0 +1,23 @@
+"""Building plants by name."""
+
+from collections.abc import Callable
+
+from vlab.errors import unknown_name
+from vlab.fe import build_fe_model
+from vlab.plants.base import Plant
+from vlab.plants.composite import build_composite
+from vlab.plants.modal import build_modal
+from vlab.structure.model import Structure
+
+PLANTS: dict[str, Callable[[Structure, str], Plant]] = {
+    "composite": lambda structure, variant: build_composite(structure, variant),
+    "modal": lambda structure, variant: build_modal(build_fe_model(structure, variant)),
+}
+"""The plants of a structure, by name."""
+
+
+def build_plant(structure: Structure, plant: str = "composite", variant: str = "published") -> Plant:
+    """Build a plant of a structure by name, or raise `UnknownName` with the ones there are."""
+    if plant not in PLANTS:
+        raise unknown_name("plant", plant, PLANTS)
+    return PLANTS[plant](structure, variant)

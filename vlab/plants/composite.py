@@ -1,0 +1,335 @@
+"""The physical plant: a hanging structure as nested rigid links in MuJoCo, gravity and cable tension native.
+
+The vertical bar is a tree of links rooted at its clamp (x right, y out of the plane, z up); every link has its piece of
+the bar and the point masses on it as inertia. Cables are spatial tendons with the stiffness of their wire, stretched so
+that the drawing is the equilibrium: the tension in the bar, its growth with the weight below and its effect on the
+motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.dissipation`.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.fe.damping import modal_ratios
+from vlab.fe.one_mode import one_mode_bar
+from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical_stiffness
+from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
+from vlab.plants.chain import Chain, build_chain
+from vlab.plants.dissipation import DampingTendon, with_damping_tendons
+from vlab.plants.linearise import linearise
+from vlab.signals import Array
+from vlab.structure.model import Bar, Section, Structure
+
+UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+OUT = 1
+"""Index of the out-of-plane axis y."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompositeOptions:
+    """How fine the composite is.
+
+    Parameters
+    ----------
+    links : int
+        Hinges on the whole vertical bar.
+    arm_links : int
+        Hinges on each arm of a crosspiece.
+    timestep : float
+        Integration step [s].
+    """
+
+    links: int = 12
+    arm_links: int = 4
+    timestep: float = 5e-4
+
+
+@dataclass(eq=False)
+class _Builder:
+    structure: Structure
+    variant: str
+    options: CompositeOptions
+    spec: Any = field(default_factory=mujoco.MjSpec)
+    sites: list[str] = field(default_factory=list)
+
+    def build(self) -> Any:
+        """Return the spec of the undamped structure."""
+        self.bar, self.line = self._vertical_bar()
+        self.clamp = next((c for c in self.structure.clamp if c.at in self.bar.points), None)
+        if self.clamp is None:
+            raise BadStructure(f"the composite needs a clamp on the vertical bar {self.bar.name!r} to root its links at")
+        option = self.spec.option
+        option.timestep = self.options.timestep
+        option.gravity = [0.0, 0.0, -self.structure.gravity]
+        option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.spec.modelname = f"{self.structure.name} composite ({self.variant})"
+        x, z = self.structure.position(self.clamp.at)
+        self.root = self.spec.worldbody.add_body(name="clamp", pos=[x, 0.0, z])
+        self.spec.worldbody.add_site(name="world")
+        self.root.add_joint(name="clamp:y", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
+        self.root.add_joint(name="clamp:z", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+        self.root.add_joint(name="clamp:rx", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0])
+        self.root_parts: list[tuple[float, Array, Array]] = []
+        self._vertical_links()
+        self._crosspiece()
+        self._set_inertia(self.root, self.root_parts)
+        self._site(self.root, self.clamp.at, np.zeros(3))
+        self._cables()
+        self._transducers()
+        return self.spec
+
+    def _vertical_bar(self) -> tuple[Bar, HangingLine]:
+        lines = hanging_lines(self.structure)
+        if len(lines) != 1:
+            raise BadStructure(f"the composite is built on one vertical bar; structure {self.structure.name!r} has {len(lines)}")
+        line = next(iter(lines.values()))
+        return next(b for b in self.structure.bar if b.name == line.bar), line
+
+    def _vertical_links(self) -> None:
+        section = self.structure.section[self.bar.section]
+        heights = {p: self.structure.position(p)[1] for p in self.bar.points}
+        root = heights[self.clamp.at]
+        total = max(heights.values()) - min(heights.values())
+        for sign in (1.0, -1.0):
+            points = {p: sign * (z - root) for p, z in heights.items() if sign * (z - root) > 0}
+            if not points:
+                continue
+            reach, edge = max(points.values()), self.clamp.half_length
+            kinks = [d - edge for p, d in points.items() if d < reach and self._loads(p)]
+            chain = build_chain(
+                reach - edge,
+                section.bending_stiffness,
+                links=max(2, round(self.options.links * reach / total)),
+                kinks=kinks,
+                tension=lambda s, sign=sign, edge=edge: self.line.tension(root + sign * (edge + s)),
+            )
+            self._add_chain("beam+" if sign > 0 else "beam-", sign * UP, ALONG, chain, edge, section, points)
+
+    def _loads(self, point: str) -> bool:
+        """Whether a point mass or a point force acts at a point of the bar."""
+        return self.structure.point_mass(point) > 0 or any(c.at == point for c in self.structure.coil)
+
+    def _crosspiece(self) -> None:
+        variant = self.structure.variant_named(self.variant)
+        for bar in self.structure.bar:
+            if bar.name == self.bar.name:
+                continue
+            if self.clamp.at not in bar.points:
+                raise BadStructure(f"bar {bar.name!r} does not cross {self.bar.name!r} at a clamp")
+            if bar.name == variant.one_mode_bar:
+                self._spring_mass(bar)
+            else:
+                self._arms(bar)
+        if not variant.in_plane_moments:
+            self._weight_to_clamp()
+
+    def _spring_mass(self, bar: Bar) -> None:
+        """Carry a bar as the oscillator of its first symmetric mode."""
+        mode = one_mode_bar(self.structure, bar.name)
+        body = self.root.add_body(name=bar.name)
+        body.add_joint(name=f"{bar.name}:mode", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0]).stiffness[0] = mode.stiffness
+        self._set_inertia(body, [(mode.mass, np.zeros(3), np.zeros(3))])
+        self.root_parts.append((mode.total_mass - mode.mass, np.zeros(3), np.zeros(3)))
+
+    def _arms(self, bar: Bar) -> None:
+        section, edge = self.structure.section[bar.section], self.clamp.half_length
+        x0 = self.structure.position(self.clamp.at)[0]
+        for sign, side in ((1.0, "right"), (-1.0, "left")):
+            points = {p: d for p in bar.points if (d := sign * (self.structure.position(p)[0] - x0)) > 0}
+            reach = max(points.values())
+            kinks = [d - edge for p, d in points.items() if d < reach and self._loads(p)]
+            chain = build_chain(reach - edge, section.bending_stiffness, links=self.options.arm_links, kinks=kinks)
+            self._add_chain(f"{bar.name}-{side}:", sign * ALONG, UP, chain, edge, section, points)
+
+    def _weight_to_clamp(self) -> None:
+        """Let the clamp carry the weight of what hangs on it sideways, so that it acts on no deflection.
+
+        The weight of those bodies is lifted from them and laid on the clamp: the tension stays, the in-plane moment
+        goes, as in a model in one plane.
+        """
+        moved = 0.0
+        for body in self.spec.bodies:
+            if body.name.startswith(tuple(b.name for b in self.structure.bar if b.name != self.bar.name)):
+                body.gravcomp = 1.0
+                moved += body.mass
+        self.hung_mass = moved
+
+    def _add_chain(
+        self, name: str, along: Array, axis: Array, chain: Chain, edge: float, section: Section, points: dict[str, float]
+    ) -> None:
+        starts = np.concatenate([[0.0], edge + chain.hinges])
+        ends = np.concatenate([edge + chain.hinges, [edge + chain.length]])
+        body, parts = self.root, self.root_parts
+        for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+            origin = 0.0 if i == 0 else start
+            if i > 0:
+                body = body.add_body(name=f"{name}{i}", pos=along * (start - (starts[i - 1] if i > 1 else 0.0)))
+                joint = body.add_joint(name=f"{name}{i}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+                joint.stiffness[0] = chain.stiffness[i - 1]
+                parts = []
+            mass = section.mass_per_length * (end - start)
+            inertia = mass * (end - start) ** 2 / 12 * (1.0 - np.abs(along))
+            parts.append((mass, along * ((start + end) / 2 - origin), inertia))
+            for point, distance in points.items():
+                if start < distance <= end or (np.isclose(distance, end) and i == len(ends) - 1):
+                    parts.append((self.structure.point_mass(point), along * (distance - origin), np.zeros(3)))
+                    self._site(body, point, along * (distance - origin))
+            if i > 0:
+                self._set_inertia(body, parts)
+
+    def _set_inertia(self, body: Any, parts: list[tuple[float, Array, Array]]) -> None:
+        """Set mass, centre and principal inertia of a body from pieces (mass, position, own inertia) on its axes."""
+        if body is self.root:
+            parts = [*parts, (self.structure.point_mass(self.clamp.at), np.zeros(3), np.zeros(3))]
+        masses = np.array([m for m, _, _ in parts])
+        positions = np.array([p for _, p, _ in parts])
+        total = masses.sum()
+        centre = masses @ positions / total
+        arms = positions - centre
+        inertia = sum(own for _, _, own in parts) + masses @ (np.sum(arms**2, axis=1)[:, None] - arms**2)
+        floor = 1e-3 * inertia.max() if inertia.max() > 0 else 1e-9 * total  # MuJoCo asks for a positive inertia about every axis
+        inertia = np.maximum(inertia, floor)
+        inertia[OUT] = min(inertia[OUT], inertia[0] + inertia[2])  # a flat body to rounding
+        body.explicitinertial = True
+        body.mass, body.ipos, body.inertia = total, centre, inertia
+        if body is self.root and getattr(self, "hung_mass", 0.0):
+            body.gravcomp = -self.hung_mass / total
+
+    def _site(self, body: Any, name: str, pos: Array) -> None:
+        body.add_site(name=name, pos=pos)
+        self.sites.append(name)
+
+    def _cables(self) -> None:
+        tensions = cable_tensions(self.structure)
+        for cable in self.structure.cable:
+            x, z = self.structure.position(cable.at)
+            pull = tensions[cable.name] / cable.count * cable.length / abs(cable.height)
+            stiffness = vertical_stiffness(cable)
+            for k in range(cable.count):
+                fixing = f"{cable.name}:{k + 1}"
+                side = cable.spread * (1 if k % 2 == 0 else -1)
+                self.spec.worldbody.add_site(name=fixing, pos=[x + side, 0.0, z + cable.height])
+                tendon = self.spec.add_tendon(name=fixing)
+                tendon.stiffness[0] = stiffness
+                tendon.springlength = [cable.length - pull / stiffness] * 2
+                tendon.wrap_site(fixing)
+                tendon.wrap_site(cable.at)
+
+    def _transducers(self) -> None:
+        for coil in self.structure.coil:
+            actuator = self.spec.add_actuator(
+                name=f"coil:{coil.name}", target=coil.at, refsite="world", trntype=mujoco.mjtTrn.mjTRN_SITE
+            )
+            actuator.gear = [0, 1, 0, 0, 0, 0]
+        for sensor in (*self.structure.sensor, *self.structure.probe):
+            prefix = "sensor" if sensor in self.structure.sensor else "probe"
+            kinds = {"velocity": ["FRAMELINVEL"], "displacement": ["FRAMEPOS", "FRAMELINVEL"]}[sensor.kind]
+            for kind in kinds:
+                suffix = ":rate" if sensor.kind == "displacement" and kind == "FRAMELINVEL" else ""
+                self.spec.add_sensor(
+                    name=f"{prefix}:{sensor.name}{suffix}",
+                    type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+                    objtype=mujoco.mjtObj.mjOBJ_SITE,
+                    objname=sensor.at,
+                )
+
+
+def build_composite(
+    structure: Structure, variant: str = "published", *, options: CompositeOptions | None = None, damped: bool = True
+) -> Plant:
+    """Build the composite plant of a hanging structure.
+
+    Parameters
+    ----------
+    variant : str
+        ``"published"`` carries the crosspiece by its one mode and its weight on the clamp; ``"physical"`` has flexible
+        arms whose weight acts on their deflection.
+    damped : bool
+        Whether to prescribe the structure's modal damping.
+
+    Raises
+    ------
+    BadStructure
+        The structure is not one vertical bar with bars clamped across it.
+    """
+    builder = _Builder(structure, variant, options or CompositeOptions())
+    spec = builder.build()
+    model = spec.compile()
+    damping = _modal_damping(model, structure) if damped else []
+    one_mode = structure.variant_named(variant).one_mode_bar
+    return Plant(
+        name="composite",
+        model=model,
+        spec=with_damping_tendons(spec, damping),
+        dissipation=sum((t.damping * np.outer(t.row, t.row) for t in damping), np.zeros((model.nv, model.nv))),
+        actuators=tuple(ActuatorTap(name=f"coil:{c.name}", at=c.name) for c in structure.coil),
+        sensors=tuple(_taps(model, structure)),
+        ports=_ports(model, structure, variant, builder.sites),
+        left_out=(
+            "cables carry a third of their mass at the end and have no modes of their own",
+            "torsion of the vertical bar and roll inertia of the crosspiece",
+            *(("the crosspiece has its first symmetric mode only",) if one_mode else ()),
+        ),
+    )
+
+
+def _modal_damping(model: Any, structure: Structure) -> list[DampingTendon]:
+    """Return the dampers that give the structure's modal ratios: rows phi^T M, damping 2 zeta omega."""
+    linear = linearise(model)
+    omega, shapes = linear.eigen
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    coils = np.array([_site_port(model, coil.at).row(data) for coil in structure.coil])
+    zeta = modal_ratios(structure.damping, coils @ shapes)
+    rows = shapes.T @ linear.M
+    return [DampingTendon(f"damping:{j + 1}", rows[j], 2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0]
+
+
+def _taps(model: Any, structure: Structure) -> list[SensorTap]:
+    taps = []
+    for sensor in (*structure.sensor, *structure.probe):
+        name = f"{'sensor' if sensor in structure.sensor else 'probe'}:{sensor.name}"
+        address = int(model.sensor(name).adr[0]) + OUT
+        rate = int(model.sensor(f"{name}:rate").adr[0]) + OUT if sensor.kind == "displacement" else None
+        unit = {"velocity": "m/s", "displacement": "m"}[sensor.kind]
+        taps.append(SensorTap(name=name, at=sensor.name, kind=sensor.kind, unit=unit, address=address, rate_address=rate))
+    return taps
+
+
+def _ports(model: Any, structure: Structure, variant: str, sites: list[str]) -> dict[str, Port]:
+    ports = {name: _site_port(model, name) for name in sites}
+    one_mode = structure.variant_named(variant).one_mode_bar
+    if one_mode:
+        mode = one_mode_bar(structure, one_mode)
+        root = ports[mode.root]
+        dof = int(model.joint(f"{one_mode}:mode").dofadr[0])
+
+        def row(data: Any, shape: float) -> Array:
+            out = root.row(data)
+            out[dof] += mode.tip_factor * shape
+            return out
+
+        bar = next(b for b in structure.bar if b.name == one_mode)
+        for tip in (bar.points[0], bar.points[-1]):
+            ports[tip] = Port(
+                name=tip,
+                unit="m",
+                row=lambda data: row(data, 1.0),
+                position=lambda data: root.position(data) + mode.tip_factor * float(data.qpos[dof]),
+            )
+    return {p.name: ports[p.name] for p in structure.point}
+
+
+def _site_port(model: Any, name: str) -> Port:
+    site = model.site(name).id
+
+    def row(data: Any) -> Array:
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, site)
+        return jacobian[OUT]
+
+    return Port(name=name, unit="m", row=row, position=lambda data: float(data.site_xpos[site, OUT]))

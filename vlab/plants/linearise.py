@@ -1,0 +1,78 @@
+"""Linearising a MuJoCo model about its equilibrium."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.fe.second_order import SecondOrderModel
+from vlab.signals import Array
+
+POSITION_STEP = 1e-5
+"""Step of the central differences [m or rad]: truncation 1e-10, rounding 1e-11 of the forces' scale."""
+
+
+def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
+    """Return M, C and K of a MuJoCo model about a configuration at rest.
+
+    M is MuJoCo's own inertia matrix; K and C are central differences of the passive and bias forces, which hold gravity,
+    springs, tendons and dampers. Joints with quaternions are perturbed in their tangent space.
+
+    Parameters
+    ----------
+    qpos : (nq,) array or None
+        The configuration; the model's initial one by default. It must be an equilibrium.
+
+    Raises
+    ------
+    BadStructure
+        The configuration is not at rest: forces are left over.
+    """
+    data = mujoco.MjData(model)
+    rest = model.qpos0.copy() if qpos is None else np.array(qpos, dtype=float)
+    data.qpos[:] = rest
+    mujoco.mj_forward(model, data)
+    left = _force(model, data)
+    scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
+    if np.abs(left).max() > 1e-6 * scale + 1e-9:
+        worst = int(np.abs(left).argmax())
+        raise BadStructure(
+            f"the configuration is no equilibrium: {left[worst]:.3g} is left over at degree of freedom {worst} "
+            f"({_dof_name(model, worst)}); settle the model first"
+        )
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    K, C = np.zeros_like(M), np.zeros_like(M)
+    unit = np.zeros(model.nv)
+    for i in range(model.nv):
+        unit[:] = 0
+        unit[i] = 1.0
+        forces = []
+        for sign in (1.0, -1.0):
+            data.qpos[:] = rest
+            mujoco.mj_integratePos(model, data.qpos, unit, sign * POSITION_STEP)
+            mujoco.mj_forward(model, data)
+            forces.append(_force(model, data))
+        K[:, i] = (forces[1] - forces[0]) / (2 * POSITION_STEP)
+        data.qpos[:] = rest
+        forces = []
+        for sign in (1.0, -1.0):
+            data.qvel[:] = sign * POSITION_STEP * unit
+            mujoco.mj_forward(model, data)
+            forces.append(_force(model, data))
+        data.qvel[:] = 0
+        C[:, i] = (forces[1] - forces[0]) / (2 * POSITION_STEP)
+    names = tuple(_dof_name(model, i) for i in range(model.nv))
+    return SecondOrderModel(M=M, C=(C + C.T) / 2, K=(K + K.T) / 2, coordinates=names)
+
+
+def _force(model: Any, data: Any) -> Array:
+    return np.array(data.qfrc_passive - data.qfrc_bias)
+
+
+def _dof_name(model: Any, dof: int) -> str:
+    joint = model.joint(model.dof_jntid[dof])
+    first = int(joint.dofadr[0])
+    several = joint.type[0] in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+    return f"{joint.name or f'joint{joint.id}'}" + (f":{dof - first}" if several else "")
