@@ -88,6 +88,8 @@ class Plant:
         The whole plant as it is written out, its dissipation as native tendons.
     dissipation : (nv, nv) array or None
         Damping matrix that acts as -C qvel while the plant runs; see `vlab.plants.dissipation`.
+    travel : callable or None
+        MjData -> function that gives the displacements of the velocity sensors' coils, in the order of those sensors.
     left_out : sequence of str
         What this plant does not carry of the structure, in words.
     """
@@ -99,6 +101,7 @@ class Plant:
     sensors: tuple[SensorTap, ...]
     ports: Mapping[str, Port] = field(default_factory=dict)
     dissipation: Array | None = None
+    travel: Callable[[Any], Callable[[], Array]] | None = None
     left_out: tuple[str, ...] = ()
 
     @property

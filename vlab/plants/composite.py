@@ -6,6 +6,7 @@ that the drawing is the equilibrium: the tension in the bar, its growth with the
 motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.dissipation`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -269,6 +270,7 @@ def build_composite(
         actuators=tuple(ActuatorTap(name=f"coil:{c.name}", at=c.name) for c in structure.coil),
         sensors=tuple(_taps(model, structure)),
         ports=_ports(model, structure, variant, builder.sites),
+        travel=_travel(model, structure),
         left_out=(
             "cables carry a third of their mass at the end and have no modes of their own",
             "torsion of the vertical bar and roll inertia of the crosspiece",
@@ -298,6 +300,16 @@ def _taps(model: Any, structure: Structure) -> list[SensorTap]:
         unit = {"velocity": "m/s", "displacement": "m"}[sensor.kind]
         taps.append(SensorTap(name=name, at=sensor.name, kind=sensor.kind, unit=unit, address=address, rate_address=rate))
     return taps
+
+
+def _travel(model: Any, structure: Structure) -> Callable[[Any], Callable[[], Array]]:
+    entries = np.array([3 * model.site(sensor.at).id + OUT for sensor in structure.sensor])
+
+    def bind(data: Any) -> Callable[[], Array]:
+        flat = data.site_xpos.reshape(-1)
+        return lambda: flat[entries]
+
+    return bind
 
 
 def _ports(model: Any, structure: Structure, variant: str, sites: list[str]) -> dict[str, Port]:

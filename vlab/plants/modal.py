@@ -5,6 +5,7 @@ and tension are inside the frequencies. The slides share bodies of negligible ma
 armature, which keeps MuJoCo's inertia matrix diagonal to one part in 1e9 with half as many bodies to move.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -14,6 +15,7 @@ from vlab.errors import BadStructure
 from vlab.fe.model import FeModel
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
 from vlab.signals import Array
+from vlab.structure.model import Structure
 
 SLIDES_PER_BODY = 3
 """MuJoCo accepts up to six degrees of freedom a body; three orthogonal slides do not couple at all."""
@@ -72,9 +74,20 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
         spec=spec,
         actuators=tuple(ActuatorTap(name=f"coil:{c.name}", at=c.name) for c in structure.coil),
         sensors=tuple(SensorTap(address=int(model.sensor(t["name"]).adr[0]), rate_address=_rate(model, t), **t) for t in taps),
+        travel=_travel(model, structure),
         ports={p.name: _port(p.name, fe.deflection(p.name) @ shapes[:, :modes]) for p in structure.point},
         left_out=(f"modes above the first {modes}", "large motion: the modes are those of small motion about equilibrium"),
     )
+
+
+def _travel(model: Any, structure: Structure) -> Callable[[Any], Callable[[], Array]]:
+    tendons = np.array([model.tendon(sensor.at).id for sensor in structure.sensor])
+
+    def bind(data: Any) -> Callable[[], Array]:
+        lengths = data.ten_length
+        return lambda: lengths[tendons]
+
+    return bind
 
 
 def _rate(model: Any, tap: dict[str, str]) -> int | None:

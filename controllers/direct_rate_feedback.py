@@ -1,0 +1,38 @@
+"""Direct rate feedback, u = -D y (equation 4.30): an electric dashpot between collocated coils."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.base import as_gain_matrix
+
+
+class DirectRateFeedback:
+    """The law u = -D y.
+
+    Parameters
+    ----------
+    gains : (n_actuators, n_sensors) array
+        D [N s/m].
+    sensors, actuators : sequence of str
+        Places of the velocities y and of the forces u.
+
+    Raises
+    ------
+    BadController
+        D does not fit the channels or is not finite.
+    """
+
+    def __init__(self, gains: Any, *, sensors: Sequence[str], actuators: Sequence[str]) -> None:
+        self.sensors, self.actuators = tuple(sensors), tuple(actuators)
+        self.gains = as_gain_matrix(gains, rows=self.actuators, columns=self.sensors, name="the gain matrix D")
+        self._negative = -self.gains
+
+    def reset(self) -> None:
+        """Nothing to forget: the law has no memory."""
+
+    def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return -D y."""
+        return self._negative.dot(y)

@@ -1,0 +1,58 @@
+"""State feedback on a discrete observer, with an optional limit on the commands."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.base import as_gain_matrix
+from vlab.errors import BadController
+
+
+class ObserverFeedback:
+    """The law u = -K x, x+ = A x + B u + M (y - C x).
+
+    Parameters
+    ----------
+    A, B, C : array
+        Discrete model of the plant at the sampling rate of the loop.
+    K : (n_actuators, n_states) array
+        State feedback.
+    M : (n_states, n_sensors) array
+        Observer gain.
+    limit : float or None
+        Largest magnitude of a command; the observer is told the limited one. None: no limit.
+
+    Raises
+    ------
+    BadController
+        Matrices that do not fit together or the channels, or are not finite.
+    """
+
+    def __init__(
+        self, A: Any, B: Any, C: Any, *, K: Any, M: Any, sensors: Sequence[str], actuators: Sequence[str], limit: float | None = None
+    ) -> None:
+        self.sensors, self.actuators = tuple(sensors), tuple(actuators)
+        states = [f"x{i + 1}" for i in range(np.shape(A)[0] if np.ndim(A) == 2 else 0)]
+        self.A = as_gain_matrix(A, rows=states, columns=states, name="the observer's A")
+        self.B = as_gain_matrix(B, rows=states, columns=self.actuators, name="the observer's B")
+        self.C = as_gain_matrix(C, rows=self.sensors, columns=states, name="the observer's C")
+        self.K = as_gain_matrix(K, rows=self.actuators, columns=states, name="the state feedback K")
+        self.M = as_gain_matrix(M, rows=states, columns=self.sensors, name="the observer gain M")
+        if limit is not None and not (np.isfinite(limit) and limit > 0):
+            raise BadController(f"the limit {limit} is not a positive number; leave it out for none")
+        self.limit = limit
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from a zero estimate."""
+        self._x = np.zeros(len(self.A))
+
+    def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return -K x, limited, and move the estimate on by one sample."""
+        u = -(self.K @ self._x)
+        if self.limit is not None:
+            u = np.clip(u, -self.limit, self.limit)
+        self._x = self.A @ self._x + self.B @ u + self.M @ (y - self.C @ self._x)
+        return u

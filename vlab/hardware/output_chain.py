@@ -1,0 +1,117 @@
+"""From commands to forces: zero-order hold, loop delay and RC low-pass, discretised exactly.
+
+A command u_k taken at t_k = k T reaches the converter's output at t_k + tau and is held there for T; the RC filter
+follows it as x' = a (w - x), a = 2 pi f_c. Both are linear and w is a staircase, so the filter state at the samples and
+the mean force over every integration step follow exactly from a constant matrix. A fractional delay (1.35 samples) puts
+the stair inside a step; its share is exact too.
+"""
+
+import numpy as np
+
+from vlab.errors import BadExperiment
+from vlab.hardware.laboratory import Converter
+from vlab.signals import Array
+
+
+def delay_split(delay_samples: float) -> tuple[int, float]:
+    """Split a delay into whole samples and the rest in [0, 1); rounding of a hair below a whole sample is taken up."""
+    whole = int(np.floor(delay_samples + 1e-9))
+    return whole, max(delay_samples - whole, 0.0)
+
+
+class OutputChain:
+    """Turns one command vector a sample into the mean forces of the integration steps until the next.
+
+    Parameters
+    ----------
+    converter : Converter
+        Rate, delay and filter.
+    channels : int
+        Number of outputs.
+    substeps : int
+        Integration steps per sample.
+    """
+
+    def __init__(self, converter: Converter, *, channels: int, substeps: int = 1) -> None:
+        if channels < 1 or substeps < 1:
+            raise BadExperiment(f"an output chain of {channels} channels and {substeps} steps a sample makes no sense")
+        self.substeps = substeps
+        self._whole, late = delay_split(converter.delay_samples)
+        self._matrix = _transition(1.0 / converter.rate, late, self._whole, converter.filter_corner, substeps)
+        # rows: filter state, the last commands (newest first), the new command
+        self._state = np.zeros((self._matrix.shape[1], channels))
+        self._out = np.zeros((self._matrix.shape[0], channels))
+        self.forces = self._out[:substeps]
+        self._memory, self._next = self._state[:-1], self._out[substeps:]
+        self._new = self._state[-1]
+        self._follow = self._matrix.dot  # bound once: this runs two thousand times a simulated second
+
+    def reset(self) -> None:
+        """Forget everything: filter discharged, no command under way."""
+        self._state[:] = 0.0
+        self._out[:] = 0.0
+
+    def push(self, command: Array) -> Array:
+        """Take the command of a new sample; return the mean forces of its steps, (substeps, channels), a view."""
+        self._new[:] = command
+        self._follow(self._state, self._out)
+        self._memory[:] = self._next
+        return self.forces
+
+    @property
+    def matrix(self) -> Array:
+        """The constant matrix: rows are the substeps' means and the next memory, columns the memory and the command."""
+        return self._matrix
+
+
+def _transition(period: float, late: float, whole: int, corner: float, substeps: int) -> Array:
+    """Return the matrix of `OutputChain`.
+
+    Columns: filter state x, commands u_(k-1) ... u_(k-whole-1), u_k. In sample k the output is u_(k-whole-1) until
+    `late` periods have passed and u_(k-whole) after.
+    """
+    n_memory = 1 + whole + 1
+    old = whole + 1  # column of u_(k-whole-1)
+    new = whole if whole >= 1 else n_memory  # column of u_(k-whole): a memory, or the new command itself
+    x = np.zeros(n_memory + 1)
+    x[0] = 1.0
+    rows = []
+    for j in range(substeps):
+        begin, end = j / substeps, (j + 1) / substeps
+        total = np.zeros(n_memory + 1)
+        for a, b, column in ((begin, min(max(late, begin), end), old), (min(max(late, begin), end), end, new)):
+            if b > a:
+                held = np.eye(n_memory + 1)[column]
+                x, mean = _follow(x, held, (b - a) * period, corner)
+                total += mean * (b - a)
+        rows.append(total * substeps)
+    shift = np.zeros((n_memory - 1, n_memory + 1))
+    shift[0, n_memory] = 1.0
+    for i in range(1, n_memory - 1):
+        shift[i, i] = 1.0
+    return np.vstack([*rows, x, shift])
+
+
+def _follow(x: Array, held: Array, duration: float, corner: float) -> tuple[Array, Array]:
+    """Return the filter's output after `duration` under a held input, and its mean over it."""
+    if corner == 0.0:
+        return held, held
+    a = 2 * np.pi * corner * duration
+    left = np.exp(-a)
+    return held + (x - held) * left, held + (x - held) * (-np.expm1(-a) / a)
+
+
+def theoretical_response(converter: Converter, freq: Array, *, hold: bool = True) -> Array:
+    """Return the continuous-time response of hold, delay and filter at `freq` [Hz], complex.
+
+    The fundamental of the staircase is the sampled command times sinc(f T) with half a sample of lag; delay and filter
+    follow as exp(-j omega tau) and 1/(1 + j f/f_c).
+    """
+    freq = np.asarray(freq, dtype=float)
+    period = 1.0 / converter.rate
+    response = np.exp(-2j * np.pi * freq * converter.delay_samples * period)
+    if hold:
+        response = response * np.sinc(freq * period) * np.exp(-1j * np.pi * freq * period)
+    if converter.filter_corner > 0:
+        response = response / (1 + 1j * freq / converter.filter_corner)
+    return np.asarray(response)

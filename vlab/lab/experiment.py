@@ -1,0 +1,173 @@
+"""Running one experiment: what is wired to what, for how long, with which seed; a recording comes out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from controllers import Controller
+from vlab.errors import BadExperiment
+from vlab.hardware.laboratory import Hardware, load_hardware
+from vlab.hardware.sensing import Sampling
+from vlab.lab.callback import control_callback
+from vlab.lab.excitation import Excitation, Release
+from vlab.lab.loop import ControlLoop
+from vlab.plants.base import Plant, check_run
+from vlab.signals import Array, Channel, Recording
+
+FRAMES_HZ = 60.0
+"""Configurations kept for the moving picture, per second."""
+CHUNK_STEPS = 500
+"""Steps between two looks at the state: a diverged run stops here."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment to run.
+
+    Parameters
+    ----------
+    plant : Plant
+        What stands on the bench.
+    excitation : Excitation or None
+        Added to the command of the actuator `excite`.
+    excite : str
+        The actuator that also excites; the first one by default.
+    controller : Controller or None
+        The law in the loop.
+    hardware : Hardware
+        The laboratory's own by default.
+    seconds : float
+        Duration.
+    seed : int
+        Seed of the sensors' noise.
+    """
+
+    plant: Plant
+    seconds: float
+    excitation: Excitation | None = None
+    excite: str = ""
+    controller: Controller | None = None
+    hardware: Hardware = field(default_factory=load_hardware)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.seconds) and 0 < self.seconds <= 86400):
+            raise BadExperiment(f"a duration of {self.seconds} s cannot be run; accepted: above 0 up to a day")
+        if self.seconds * self.hardware.converter.rate < 2:
+            raise BadExperiment(f"{self.seconds} s at {self.hardware.converter.rate:g} Hz are fewer than 2 samples")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """What an experiment leaves.
+
+    Parameters
+    ----------
+    recording : Recording
+        All channels at the sample rate.
+    frame_times : (n_frames,) array
+        Times of the stored configurations [s].
+    frames : (n_frames, nq) array
+        Configurations, for views.
+    """
+
+    recording: Recording
+    frame_times: Array
+    frames: Array
+
+
+def run_experiment(experiment: Experiment, *, progress: Callable[[float], None] | None = None) -> Result:
+    """Run an experiment.
+
+    Parameters
+    ----------
+    progress : callable or None
+        Called with the simulated seconds done.
+
+    Raises
+    ------
+    BadExperiment
+        A rate that does not fit the step, or an actuator that does not exist.
+    Diverged
+        The run left the finite world or MuJoCo reset it.
+    """
+    plant, rate = experiment.plant, experiment.hardware.converter.rate
+    substeps = plant.substeps(rate)
+    samples = round(experiment.seconds * rate)
+    steps = samples * substeps
+    target = plant.actuator_index(experiment.excite) if experiment.excite else 0
+    middles = (np.arange(steps) + 0.5) * plant.timestep
+    added = np.zeros((steps, len(plant.actuators)))
+    if experiment.excitation is not None:
+        added[:, target] = experiment.excitation.sample(middles)
+    is_velocity = np.array([tap.kind == "velocity" for tap in plant.sensors])
+    sampling = Sampling.draw(experiment.hardware, is_velocity, samples, np.random.default_rng(experiment.seed))
+    loop = ControlLoop(
+        plant,
+        experiment.hardware,
+        experiment.controller,
+        added=added,
+        sampling=sampling,
+        samples=samples,
+        substeps=substeps,
+        frame_every=max(1, round(rate / FRAMES_HZ)),
+    )
+    if isinstance(experiment.excitation, Release):
+        _pull(plant, loop.data, target, experiment.excitation.level)
+    _advance(plant, loop, steps, progress)
+    times = np.arange(samples) / rate
+    return Result(
+        recording=_record(experiment, loop, times, target),
+        frame_times=times[:: loop.frame_every],
+        frames=loop.frames,
+    )
+
+
+def _advance(plant: Plant, loop: ControlLoop, steps: int, progress: Callable[[float], None] | None) -> None:
+    done = 0
+    with control_callback(loop.data, loop.callback):
+        while done < steps:
+            chunk = min(CHUNK_STEPS, steps - done)
+            mujoco.mj_step(plant.model, loop.data, nstep=chunk)
+            done += chunk
+            check_run(plant.model, loop.data, done * plant.timestep)
+            if progress is not None:
+                progress(done * plant.timestep)
+
+
+def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
+    """Put the plant where a static force at an actuator holds it, from its linearised stiffness."""
+    mujoco.mj_forward(plant.model, data)
+    data.ctrl[actuator] = 1.0
+    mujoco.mj_forward(plant.model, data)
+    load = data.qfrc_actuator.copy() * force
+    data.ctrl[actuator] = 0.0
+    shape = np.linalg.lstsq(plant.linearise().K, load, rcond=1e-12)[0]
+    mujoco.mj_integratePos(plant.model, data.qpos, shape, 1.0)
+    mujoco.mj_forward(plant.model, data)
+
+
+def _record(experiment: Experiment, loop: ControlLoop, times: Array, target: int) -> Recording:
+    plant = experiment.plant
+    excited = experiment.excitation is not None and not isinstance(experiment.excitation, Release)
+    applied, sampled = loop.applied, loop.sampled
+    channels: list[Channel] = []
+    columns: list[Array] = []
+    if excited and experiment.excitation is not None:
+        tap = plant.actuators[target]
+        channels.append(Channel(name=f"excitation:{tap.at}", kind="excitation", unit=tap.unit, at=tap.at, is_input=True))
+        columns.append(experiment.excitation.sample(times))
+    for i, tap in enumerate(plant.actuators):
+        if experiment.controller is not None:
+            channels.append(Channel(name=f"command:{tap.at}", kind="command", unit=tap.unit, at=tap.at))
+            columns.append(loop.commands[:, i])
+        channels.append(Channel(name=f"{tap.kind}:{tap.at}", kind=tap.kind, unit=tap.unit, at=tap.at))
+        columns.append(applied[:, i])
+    for i, sensor in enumerate(plant.sensors):
+        channels.append(Channel(name=sensor.name, kind=sensor.kind, unit=sensor.unit, at=sensor.at))
+        columns.append(sampled[:, i])
+    meta = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
+    return Recording(time=times, data=np.column_stack(columns), channels=tuple(channels), meta=meta)
