@@ -1,0 +1,105 @@
+"""Findings: each fault that is put into a sound recording is found, and a sound one has none."""
+
+import numpy as np
+import pytest
+
+from vlab.recordings.quality import findings
+from vlab.signals import Channel, Recording
+
+RATE = 1000.0
+TIME = np.arange(4000) / RATE
+
+
+def signal(seed=0):
+    rng = np.random.default_rng(seed)
+    tones = sum(np.sin(2 * np.pi * f * TIME + rng.uniform(0, 6)) for f in (3.1, 7.7, 21.3))
+    return tones + 0.01 * rng.normal(size=TIME.size)
+
+
+def run(*columns, time=TIME, kind="velocity", **labels):
+    channels = [Channel(name=f"c{i}", kind=kind, unit="m/s", **labels) for i in range(len(columns))]
+    return Recording(time=time, data=np.column_stack(columns), channels=channels)
+
+
+def kinds(recording):
+    return [(found.channel, found.kind, found.severity) for found in findings(recording)]
+
+
+def test_a_sound_recording_has_no_findings():
+    assert findings(run(signal(0), signal(1), signal(2))) == ()
+
+
+@pytest.mark.parametrize(("labels", "severity"), [({}, "warning"), ({"is_input": True}, "note")])
+def test_clipping_is_a_loss_of_a_sensor_and_a_limit_of_a_drive(labels, severity):
+    assert kinds(run(np.clip(signal(), -1.5, 9.0), **labels)) == [("c0", "clipping", severity)]
+    assert len(findings(run(np.clip(signal(), -1.5, 1.5), **labels))) == 2
+
+
+def test_clipping_says_where_and_how_much():
+    (found,) = findings(run(np.clip(signal(), -9.0, 1.5)))
+    assert "upper limit of 1.5 m/s" in found.text
+    assert f"{100 * np.mean(signal() >= 1.5):.2g} %" in found.text
+
+
+def test_a_smooth_top_flattened_by_quantisation_is_not_clipping():
+    slow = np.rint(np.sin(2 * np.pi * 0.5 * TIME) * 200) / 200
+    assert [found.kind for found in findings(run(slow))] == []
+
+
+def test_rest_at_the_extreme_is_not_clipping():
+    decay = np.where(TIME < 2.5, 0.0, np.abs(signal()))
+    assert "clipping" not in [found.kind for found in findings(run(decay))]
+
+
+def test_constant_channels():
+    assert kinds(run(signal(), np.full(TIME.size, 3.0))) == [("c1", "constant", "warning")]
+
+
+def test_duplicates_also_when_scaled_or_flipped():
+    found = findings(run(signal(), signal(), -2.0 * signal() + 1.0, signal(1)))
+    assert [(f.channel, f.kind) for f in found] == [("c1", "duplicate"), ("c2", "duplicate"), ("c2", "duplicate")]
+    assert "same samples as c0" in found[0].text
+    assert "times -2" in found[1].text
+
+
+def test_coarse_quantisation():
+    step = 0.2
+    (found,) = findings(run(np.rint(signal() / step) * step))
+    assert (found.kind, found.severity) == ("quantisation", "note")
+    assert "steps of 0.2 m/s" in found.text
+    (found,) = findings(run(np.rint(signal() / 1.0)))
+    assert found.severity == "warning"
+
+
+def test_gaps_and_jitter_of_the_time_stamps():
+    keep = np.ones(TIME.size, bool)
+    keep[1000:1040] = False
+    (found,) = findings(run(signal()[keep], time=TIME[keep]))
+    assert (found.channel, found.kind, found.severity) == ("time", "gap", "warning")
+    assert "1 gap " in found.text
+    assert "about 40 samples lost" in found.text
+    jitter = TIME + np.random.default_rng(0).uniform(-0.1, 0.1, TIME.size) / RATE
+    assert kinds(run(signal(), time=jitter)) == [("time", "jitter", "warning")]
+    assert kinds(run(signal(), time=np.round(TIME * (1 + 1 / 3), 6))) == [("time", "jitter", "note")]
+
+
+def test_blocks_filled_with_the_last_value():
+    held = np.column_stack([signal(0), signal(1)])
+    held[1000:1040] = held[999]
+    (found,) = findings(run(*held.T))
+    assert (found.kind, found.severity) == ("held", "warning")
+    assert "1 block of samples repeat the last value, up to 40 samples" in found.text
+    rest = np.where(TIME < 1.0, 0.0, signal())  # at rest before the start is no fault
+    assert "held" not in [f.kind for f in findings(run(rest))]
+
+
+def test_the_shortest_recordings_are_judged_without_error():
+    for n in range(2, 8):
+        findings(run(signal()[:n], np.arange(float(n)), time=TIME[:n]))
+        findings(run(np.r_[np.ones(n - 1), 0.0], time=TIME[:n]))
+
+
+def test_findings_do_not_depend_on_the_unit():
+    # Powers of two scale without rounding, so that the text may differ but the kinds may not.
+    recording = np.clip(signal(), -1.5, 1.5)
+    assert kinds(run(recording)) == kinds(run(recording * 2.0**-40)) == kinds(run(recording * 2.0**40))

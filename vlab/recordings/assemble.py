@@ -1,0 +1,205 @@
+"""From the columns of a file to a recording: labels given, units converted to SI, nothing repaired."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab import units
+from vlab.errors import BadRecording, BadUnit, unknown_name
+from vlab.recordings.files import one_line, refuse
+from vlab.recordings.table import Table
+from vlab.signals import KIND_UNITS, Array, Channel, Recording
+
+_SI = (
+    "1",
+    "rad/s",
+    *dict.fromkeys(unit for unit in KIND_UNITS.values() if unit),
+    "Hz",
+    "rad/s^2",
+    "Pa",
+    "W",
+    "kg",
+    "s",
+    "N/m",
+    "K",
+    "T",
+)
+"""SI units by which a channel of a free kind may be labelled; the first of the right dimension is taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSpec:
+    """What one column of a file is.
+
+    Parameters
+    ----------
+    column : str
+        Its name in the file.
+    kind : str
+        One of `vlab.signals.KIND_UNITS`.
+    unit : str
+        The unit of the numbers in the file.
+    at : str
+        The place, actuator or sensor that it belongs to.
+    name : str
+        The channel's name in the recording; the place, or else the column, where it is not given.
+    scale : float, optional
+        Model unit per file unit; takes the place of the unit conversion.
+    is_input : bool
+        True where it drives the structure.
+    """
+
+    column: str
+    kind: str
+    unit: str = ""
+    at: str = ""
+    name: str = ""
+    scale: float | None = None
+    is_input: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KIND_UNITS:
+            raise BadRecording(
+                str(unknown_name("kind of channel", self.kind, KIND_UNITS, where=f"column {self.column!r}"))
+            )
+        if self.scale is not None and not (np.isfinite(self.scale) and self.scale != 0.0):
+            raise BadRecording(f"column {self.column!r}: the scale is {self.scale}; it must be finite and not zero")
+
+    def channel_and_factor(self) -> tuple[Channel, float]:
+        """Return the label in SI and what a number of the file is multiplied by.
+
+        With a scale, a channel of a free kind is in the model's own unit, which the file does not know: it has no unit.
+        """
+        si = KIND_UNITS[self.kind]
+        if self.scale is not None:
+            unit, factor = si or "", float(self.scale)
+        else:
+            unit = si or own_si(self.unit)
+            factor = units.factor(self.unit, unit)
+        return Channel(
+            name=self.name or self.at or self.column, kind=self.kind, unit=unit, at=self.at, is_input=self.is_input
+        ), factor
+
+
+def own_si(unit: str) -> str:
+    """Return the SI unit of the same dimension as `unit`, for channels whose kind leaves it free."""
+    if unit in _SI:
+        return unit
+    angular = any(word in unit for word in ("deg", "rad"))
+    candidates = ("Hz",) if unit.endswith("Hz") else ("rad", *_SI) if angular else _SI
+    for si in candidates:
+        if units.same_dimension(unit, si):
+            return si
+    units.factor(unit, unit)  # an unknown unit has its own message
+    raise BadUnit(
+        f"unit {unit!r} is of no kind that a channel has ({', '.join(_SI)}); give a scale to the model's unit instead"
+    )
+
+
+def to_recording(
+    table: Table,
+    columns: Sequence[ColumnSpec],
+    *,
+    rate_hz: float | None = None,
+    time: str | None = None,
+    time_unit: str = "s",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+) -> Recording:
+    """Label the columns of a table and convert them to SI.
+
+    Parameters
+    ----------
+    table : Table
+        The file.
+    columns : sequence of ColumnSpec
+        The columns to take, in the order of the channels.
+    rate_hz : float, optional
+        Sample rate where the file has no time column; the first sample is then at t = 0.
+    time : str, optional
+        Name of the time column. Exactly one of `rate_hz` and `time` is given.
+    time_unit : str
+        Unit of the time column.
+    start_s, stop_s : float, optional
+        Keep start <= t < stop [s], on the time of the file.
+
+    Returns
+    -------
+    Recording
+        In SI; ``meta["file"]`` names the file.
+
+    Raises
+    ------
+    BadRecording
+        Rate and time both or neither given, unequal lengths, complex columns, times that do not increase, or fewer than
+        two samples in the window.
+    BadUnit
+        A unit that is unknown or does not fit its kind.
+    UnknownName
+        A column that is not in the file.
+    """
+    if not columns:
+        raise refuse(table.path, "no column was chosen", fix="describe at least one channel")
+    data, channels = [], []
+    for spec in columns:
+        values = _real(table, spec.column)
+        try:
+            channel, factor = spec.channel_and_factor()
+        except BadUnit as error:
+            raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
+        with np.errstate(over="ignore"):  # an overflow is found as a sample that is not finite
+            data.append(values * factor)
+        channels.append(channel)
+    stamps = _times(table, columns[0].column, rate_hz, time, time_unit)
+    _check_lengths(table, columns, data, stamps.size, time)
+    keep = (stamps >= (-np.inf if start_s is None else start_s)) & (stamps < (np.inf if stop_s is None else stop_s))
+    if keep.sum() < 2:
+        span = f"{stamps[0]:g} to {stamps[-1]:g} s"
+        raise refuse(
+            table.path, f"{keep.sum()} samples from start {start_s} to stop {stop_s} s; the recording runs from {span}"
+        )
+    try:
+        matrix = np.column_stack(data)[keep]
+        return Recording(time=stamps[keep], data=matrix, channels=tuple(channels), meta={"file": str(table.path)})
+    except BadRecording as error:
+        raise refuse(table.path, str(error)) from error
+
+
+def _check_lengths(
+    table: Table, columns: Sequence[ColumnSpec], data: list[Array], samples: int, time: str | None
+) -> None:
+    against = f"column {columns[0].column!r}" if time is None else f"the time column {time!r}"
+    for spec, values in zip(columns, data, strict=True):
+        if values.size != samples:
+            what = f"column {spec.column!r} has {values.size} samples, {against} {samples}"
+            raise refuse(table.path, what, fix="they were not sampled together")
+
+
+def _real(table: Table, name: str) -> Array:
+    values = table[name]
+    if np.iscomplexobj(values):
+        raise refuse(
+            table.path,
+            f"column {name!r} is complex",
+            fix="a frequency response is described in [[frf]], not as a recording",
+        )
+    return values
+
+
+def _times(table: Table, first: str, rate_hz: float | None, time: str | None, time_unit: str) -> Array:
+    if (rate_hz is None) == (time is None):
+        given = "neither a rate nor a time column is" if rate_hz is None else "a rate and a time column are both"
+        raise refuse(
+            table.path,
+            f"{given} given",
+            fix=f"give rate_hz or the name of the time column (columns: {', '.join(table.names[:20])})",
+        )
+    if time is not None:
+        try:
+            return np.asarray(_real(table, time) * units.factor(time_unit, "s"))
+        except BadUnit as error:
+            raise BadUnit(f"{one_line(table.path)}: time column {one_line(time)!r}: {error}") from error
+    if rate_hz is None or not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise refuse(table.path, f"the rate is {rate_hz} Hz; it must be positive")
+    return np.arange(table[first].size) / rate_hz

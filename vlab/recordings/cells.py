@@ -1,0 +1,42 @@
+"""The cells of a line of text: cut apart and read as numbers, real or complex, or refused."""
+
+import csv
+import math
+import re
+from pathlib import Path
+
+from vlab.recordings.files import refuse
+
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_COMPLEX = re.compile(rf"(?:([+-]?{_NUMBER})\s*(\+-|[+-])\s*({_NUMBER})|([+-]?{_NUMBER}))\s*\*?\s*[ijIJ]", re.ASCII)
+_LONGEST_CELL = 100  # a double has at most 24 characters, a complex number of two 50
+
+
+def cut_line(text: str, delimiter: str, path: Path, line: int) -> list[str]:
+    """Cut a line at its delimiters, outside quotes, and strip the cells."""
+    if '"' not in text:
+        return [cell.strip() for cell in text.split(delimiter)]
+    try:
+        return [
+            cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, strict=True, skipinitialspace=True))
+        ]
+    except (csv.Error, StopIteration) as error:
+        raise refuse(path, f"line {line}: the quotes do not close", fix="the file is damaged") from error
+
+
+def parse_number(cell: str) -> complex | None:
+    """Return the number in a cell, also a complex one, or None."""
+    if len(cell) > _LONGEST_CELL or "_" in cell or not cell.isascii():
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        pass
+    bare = cell[1:-1].strip() if cell.startswith("(") and cell.endswith(")") else cell
+    match = _COMPLEX.fullmatch(bare)
+    if match is None:
+        return complex(math.nan) if re.fullmatch(r"[+-]?nan\s*[+-]\s*nan\s*[ij]", bare, re.IGNORECASE) else None
+    real, sign, imaginary, only = match.groups()
+    return (
+        complex(0.0, float(only)) if only else complex(float(real), float(imaginary) * (-1.0 if "-" in sign else 1.0))
+    )

@@ -1,0 +1,185 @@
+"""What looks wrong with a recording before anyone fits a model to it; hypotheses to report, never repairs."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlab.signals import Array, Channel, Recording
+
+CLIPPED_RUN = 3
+"""Equal samples at the extreme value that make a flat top."""
+
+HELD_RUN = 10
+"""Samples during which all sensors stand still in the middle of a motion that make a dropped block."""
+
+SAME = 1e-10
+"""1 - |correlation| below which two channels are one signal: they differ by 1.4e-5 of their size, sensors by more."""
+
+COARSE = 0.03
+"""Quantisation step over standard deviation that is worth saying: its noise, step/sqrt(12), is then above 1 %."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that looks wrong.
+
+    Parameters
+    ----------
+    channel : str
+        The channel, or ``"time"``, or empty where it concerns all.
+    kind : str
+        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held`` or ``quantisation``.
+    text : str
+        What was seen, where, how much.
+    severity : {"note", "warning"}
+        A warning may change a diagnosis.
+    """
+
+    channel: str
+    kind: str
+    text: str
+    severity: Literal["note", "warning"]
+
+
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """Return what looks wrong with a recording: time stamps, then channels, then pairs of channels."""
+    found = list(_time(recording))
+    moving = []
+    for i, channel in enumerate(recording.channels):
+        values = recording.data[:, i]
+        if values.min() == values.max():
+            text = f"{channel.name} is {values[0]:g} {channel.unit} throughout"
+            found.append(Finding(channel.name, "constant", text, "warning"))
+            continue
+        moving.append(i)
+        step = _step(values)
+        found += _clipping(recording, i, step)
+        found += _quantisation(recording, i, step)
+    return (*found, *_held(recording, moving), *_duplicates(recording, moving))
+
+
+def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return first and one-past-last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    return edges[::2], edges[1::2]
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _time(recording: Recording) -> Iterator[Finding]:
+    steps = np.diff(recording.time)
+    usual = float(np.median(steps))
+    gaps = np.flatnonzero(steps > 1.5 * usual)
+    if gaps.size:
+        lost = int(np.sum(np.rint(steps[gaps] / usual) - 1))
+        where = f"the first after t = {recording.time[gaps[0]]:g} s"
+        text = f"{_count(gaps.size, 'gap')} in the time stamps, about {lost} samples lost, {where}"
+        yield Finding("time", "gap", text, "warning")
+    regular = steps[steps <= 1.5 * usual]
+    spread = float(np.ptp(regular)) / usual
+    if spread > 1e-4:  # as Recording.is_uniform
+        severity: Literal["note", "warning"] = "warning" if spread > 0.05 else "note"
+        yield Finding(
+            "time",
+            "jitter",
+            f"the time steps vary from {regular.min():g} to {regular.max():g} s ({100 * spread:.2g} %)",
+            severity,
+        )
+
+
+def _step(values: Array) -> float:
+    """Return the smallest difference between values that occur, rounding aside."""
+    levels = np.diff(np.unique(values))
+    levels = levels[levels > 8 * np.spacing(np.abs(values).max())]
+    return float(levels.min()) if levels.size else 0.0
+
+
+def _drives(channel: Channel) -> bool:
+    return channel.is_input or channel.kind in ("command", "excitation")
+
+
+def _clipping(recording: Recording, index: int, step: float) -> Iterator[Finding]:
+    """Find flat tops that the signal enters and leaves at speed.
+
+    A smooth top that is flat for n >= 3 samples because of quantisation has a slope of at most about one step a sample
+    at the ends of the flat (x = -c k^2/2 with c (n/2)^2/2 <= step/2, so that c n/2 <= 2 step/n): three steps are not smooth.
+    A signal that rests at its extreme value for more than half of the time is a signal at rest.
+    """
+    channel, values = recording.channels[index], recording.data[:, index]
+    for side, extreme in (("lower", values.min()), ("upper", values.max())):
+        at_extreme = values == extreme
+        first, last = runs(at_extreme)
+        inside = (first >= 2) & (last + 1 < values.size)
+        first, last = first[inside], last[inside]
+        speed = np.maximum(np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last]))
+        flat = (last - first >= CLIPPED_RUN) & (speed > 3 * step)
+        if not flat.any() or at_extreme.mean() > 0.5:
+            continue
+        longest = int((last - first)[flat].max())
+        text = (
+            f"{channel.name} stops at its {side} limit of {extreme:g} {channel.unit} "
+            f"{_count(int(flat.sum()), 'time')}, up to {longest} samples, "
+            f"{100 * at_extreme.mean():.2g} % of the samples, first at t = {recording.time[first[flat][0]]:g} s"
+        )
+        # A limit of the drive is physics that a model may have; a limit of a sensor is a loss.
+        yield Finding(channel.name, "clipping", text, "note" if _drives(channel) else "warning")
+
+
+def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Finding]:
+    """Find a grid of values that is coarse beside the signal."""
+    channel, values = recording.channels[index], recording.data[:, index]
+    size = float(values.std())
+    if step <= COARSE * size:
+        return
+    levels = (np.unique(values) - values.min()) / step
+    if levels.size > 2 and np.abs(levels - np.rint(levels)).max() < 0.01:
+        share = f"{100 * step / size:.2g} % of its standard deviation"
+        text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
+        yield Finding(channel.name, "quantisation", text, "warning" if step > 0.3 * size else "note")
+
+
+def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
+    """Find blocks in which all sensors stand still and then jump: samples lost and filled by the last value."""
+    sensors = [i for i in moving if not recording.channels[i].is_input]
+    if not sensors:
+        return
+    moves = np.abs(np.diff(recording.data[:, sensors], axis=0))
+    first, last = runs(np.max(moves, axis=1) == 0.0)
+    inside = (last - first >= HELD_RUN) & (first > 0) & (last < len(moves))
+    first, last = first[inside], last[inside]
+    usual = np.median(moves, axis=0)
+    held = (
+        (moves[first - 1] > usual).any(axis=1) & (moves[last % len(moves)] > 3 * usual).any(axis=1) & (usual > 0).any()
+    )
+    data = recording.data[:, sensors]
+    is_clipped = (data[first] == data.min(axis=0)) | (data[first] == data.max(axis=0))
+    held &= ~is_clipped.all(axis=1)
+    if held.any():
+        longest = int((last - first)[held].max())
+        where = f"the first after t = {recording.time[first[held][0]]:g} s"
+        text = f"{_count(int(held.sum()), 'block')} of samples repeat the last value, up to {longest} samples, {where}"
+        yield Finding("", "held", text, "warning")
+
+
+def _duplicates(recording: Recording, moving: list[int]) -> Iterator[Finding]:
+    """Find channels that are another channel times a constant."""
+    if len(moving) < 2:
+        return
+    data = recording.data[:, moving]
+    centred = data - data.mean(axis=0)
+    centred /= np.abs(centred).max(axis=0)
+    norms = np.linalg.norm(centred, axis=0)
+    correlation = (centred.T @ centred) / np.outer(norms, norms)
+    for i, k in zip(*np.nonzero(np.triu(1.0 - np.abs(correlation) < SAME, 1)), strict=True):
+        one, other = (recording.channels[moving[j]] for j in (i, k))
+        if np.array_equal(data[:, i], data[:, k]):
+            text = f"{other.name} has the same samples as {one.name}"
+        else:
+            factor = correlation[i, k] * np.std(data[:, k]) / np.std(data[:, i])
+            text = f"{other.name} is {one.name} times {factor:.6g}, offset aside"
+        yield Finding(other.name, "duplicate", text, "note" if _drives(one) or _drives(other) else "warning")

@@ -1,0 +1,53 @@
+"""vlab's own recordings on disk: exact in Parquet and in CSV, labels, units and notes included."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vlab.errors import BadRecording
+from vlab.recordings import csv, parquet
+from vlab.recordings.files import PathLike, refuse
+from vlab.recordings.table import open_table
+from vlab.signals import Recording
+
+WRITERS = {".parquet": parquet.write_parquet, ".csv": csv.write_csv}
+
+
+def write_recording(recording: Recording, path: PathLike) -> None:
+    """Write a recording to ``.parquet`` (native) or ``.csv``, whole or not at all.
+
+    Raises
+    ------
+    BadRecording
+        Another suffix, or labels or notes that the format cannot hold.
+    OutputRefused
+        The folder cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in WRITERS:
+        raise refuse(path, f"recordings are not written as {suffix!r}", fix=f"accepted: {', '.join(WRITERS)}")
+    WRITERS[suffix](recording, path)
+
+
+def read_recording(path: PathLike, *, folder: PathLike | None = None) -> Recording:
+    """Read back what `write_recording` wrote: the same bits, labels, units and notes.
+
+    Raises
+    ------
+    BadRecording
+        Everything that `open_table` refuses, and files without vlab's labels.
+    """
+    table = open_table(path, folder=folder)
+    if table.channels is None:
+        raise refuse(
+            path, "the columns carry no vlab labels", fix="describe them in a case, or use open_table and to_recording"
+        )
+    data = (
+        np.column_stack([table[channel.name] for channel in table.channels])
+        if table.channels
+        else np.empty((table["time"].size, 0))
+    )
+    try:
+        return Recording(time=table["time"], data=data, channels=table.channels, meta=table.meta)
+    except BadRecording as error:
+        raise refuse(path, str(error)) from error
