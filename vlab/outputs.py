@@ -1,0 +1,78 @@
+"""Output folders: written beside their place and moved in whole, so that nothing half-written stays behind."""
+
+import contextlib
+import json
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from vlab import __version__
+from vlab.errors import OutputRefused
+
+MANIFEST = "manifest.json"
+
+
+@contextlib.contextmanager
+def output_folder(path: Path | str) -> Iterator[Path]:
+    """Yield a fresh folder that becomes `path` when the block ends well, and vanishes when it does not.
+
+    A folder that vlab wrote before (it holds a manifest) is replaced as a whole; any other folder with something in it
+    is refused, so nothing of anybody else's is lost.
+
+    Raises
+    ------
+    OutputRefused
+        The place cannot be written, or holds files that are not vlab's.
+    """
+    target = Path(path)
+    if target.is_dir() and any(target.iterdir()) and not _is_ours(target):
+        raise OutputRefused(f"the output folder {target} holds files that vlab did not write; name an empty or new folder with --out")
+    if target.exists() and not target.is_dir():
+        raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    except OSError as error:
+        raise OutputRefused(f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out") from error
+    try:
+        yield fresh
+        fresh.chmod(0o755)
+        if target.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
+            os.replace(target, old / "was")
+            os.replace(fresh, target)
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            os.replace(fresh, target)
+    except OSError as error:
+        raise OutputRefused(f"writing the output folder {target} failed: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _is_ours(folder: Path) -> bool:
+    try:
+        return json.loads((folder / MANIFEST).read_text(encoding="utf-8")).get("written_by") == "vlab"
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def write_manifest(folder: Path, **facts: Any) -> None:
+    """Write what a rerun needs to know: versions, seeds, settings; call it last."""
+    versions = {name: metadata.version(name) for name in ("mujoco", "numpy", "scipy", "control", "rerun-sdk")}
+    content = {
+        "written_by": "vlab",
+        "vlab": __version__,
+        "python": sys.version.split()[0],
+        "machine": platform.machine(),
+        "versions": versions,
+        "files": sorted(p.name for p in folder.iterdir()),
+        **facts,
+    }
+    (folder / MANIFEST).write_text(json.dumps(content, indent=2, sort_keys=True) + "\n", encoding="utf-8")

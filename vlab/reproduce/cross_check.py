@@ -1,0 +1,192 @@
+"""FE model, plants and published values of one structure side by side."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from vlab.fe import build_fe_model
+from vlab.fe.model import FeModel
+from vlab.fe.second_order import SecondOrderModel
+from vlab.modal.mac import mac
+from vlab.plants import PLANTS, Plant, build_plant
+from vlab.plants.base import check_run
+from vlab.published import published_tables
+from vlab.signals import Array
+from vlab.structure.model import Structure
+
+SILENT = 1e-6
+"""Modes whose motion at every point of the drawing is below this share are not modes of the drawing (bounce on cables)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlantCheck:
+    """One plant against the FE model.
+
+    Parameters
+    ----------
+    freq, mac : (n_modes,) array
+        Of the plant's mode that matches each FE mode.
+    shapes : (n_points, n_modes) array
+        Its shapes at the points of the drawing, unit maximum.
+    numerical_damping : float
+        Damping ratio that integration alone gives to the highest mode compared.
+    real_time_factor : float
+        Simulated over elapsed time of the bare plant, on this machine, now.
+    """
+
+    plant: Plant
+    freq: Array
+    mac: Array
+    shapes: Array
+    zeta: Array
+    numerical_damping: float
+    real_time_factor: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossCheck:
+    """Everything `vlab modes` shows."""
+
+    structure: Structure
+    fe: FeModel
+    modes: Array
+    published: Array | None
+    measured: Array | None
+    plants: dict[str, PlantCheck]
+
+    @property
+    def points(self) -> list[str]:
+        """The points at which shapes are compared."""
+        return [p.name for p in self.structure.point]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
+        rows = []
+        for i, j in enumerate(self.modes):
+            rows.append(
+                {
+                    "mode": i + 1,
+                    "published_hz": _cell(self.published, i),
+                    "measured_hz": _cell(self.measured, i),
+                    "fe_hz": float(self.fe.linear.freq[j]),
+                    "plant_hz": {"composite": None, "fe": None, "modal": None}
+                    | {name: float(check.freq[i]) for name, check in self.plants.items()},
+                    "mac": {name: float(check.mac[i]) for name, check in self.plants.items()},
+                    "zeta": float(self.fe.linear.zeta[j]),
+                    "plant_zeta": {name: float(check.zeta[i]) for name, check in self.plants.items()},
+                }
+            )
+        return {
+            "structure": self.structure.name,
+            "variant": self.fe.variant,
+            "modes": rows,
+            "plants": {
+                name: {
+                    "dof": int(check.plant.model.nv),
+                    "timestep_s": check.plant.timestep,
+                    "numerical_damping_ratio": check.numerical_damping,
+                    "real_time_factor": check.real_time_factor,
+                    "left_out": list(check.plant.left_out),
+                }
+                for name, check in self.plants.items()
+            },
+        }
+
+
+def _cell(values: Array | None, i: int) -> float | None:
+    return float(values[i]) if values is not None and i < len(values) else None
+
+
+def cross_check(structure: Structure, variant: str = "published", *, modes: int = 6, plants: Sequence[str] = ()) -> CrossCheck:
+    """Compare frequencies and shapes of the FE model, every plant and the published table.
+
+    Modes of the FE model that no coil can drive (arms swinging against each other) are passed over: no experiment
+    saw them.
+    """
+    fe = build_fe_model(structure, variant)
+    at_coils = np.abs(fe.coils.T @ fe.linear.eigen[1]).max(axis=0)
+    driven = np.flatnonzero(at_coils > SILENT * at_coils.max())[:modes]
+    table = next((t for t in published_tables(structure.name) if "analytical" in t.columns), None)
+    return CrossCheck(
+        structure=structure,
+        fe=fe,
+        modes=driven,
+        published=None if table is None else table.column("analytical"),
+        measured=None if table is None else table.column("experimental"),
+        plants={name: check_plant(build_plant(structure, name, variant), fe, driven) for name in (plants or PLANTS)},
+    )
+
+
+def check_plant(plant: Plant, fe: FeModel, modes: Array) -> PlantCheck:
+    """Match a plant's modes to the FE model's by MAC over the points of the drawing."""
+    names = [p.name for p in fe.structure.point]
+    linear = plant.linearise()
+    shapes = plant.port_rows(names) @ linear.eigen[1]
+    seen = np.flatnonzero(np.abs(shapes).max(axis=0) > SILENT * np.abs(shapes).max())
+    target = fe.deflections(names) @ fe.linear.eigen[1][:, modes]
+    likeness = mac(target, shapes[:, seen])
+    rows, columns = linear_sum_assignment(-likeness)
+    chosen = seen[columns[np.argsort(rows)]]
+    matched = shapes[:, chosen]
+    scale = matched[np.abs(matched).argmax(axis=0), np.arange(matched.shape[1])]
+    return PlantCheck(
+        plant=plant,
+        freq=linear.freq[chosen],
+        mac=likeness[np.arange(len(modes)), columns[np.argsort(rows)]],
+        shapes=matched / scale,
+        zeta=linear.zeta[chosen],
+        numerical_damping=numerical_damping(plant, linear, int(chosen[-1])),
+        real_time_factor=real_time_factor(plant),
+    )
+
+
+def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seconds: float = 10.0) -> float:
+    """Return the damping ratio that the integration alone gives to a mode.
+
+    The plant runs free from the mode's shape with all its dampers taken out; the modal amplitude is fitted by a
+    sinusoid over one second at the start and at the end.
+    """
+    model = plant.spec.compile() if plant.dissipation is None else plant.model
+    model = mujoco.MjModel.__copy__(model)
+    model.dof_damping[:] = 0.0
+    omega, shapes = linear.eigen
+    data = mujoco.MjData(model)
+    largest = np.abs(plant.port_rows() @ shapes[:, mode]).max()
+    size = 1e-4 / largest  # 0.1 mm where the structure moves most: small motion
+    start = size * shapes[:, mode]
+    mujoco.mj_integratePos(model, data.qpos, start, 1.0)
+    momentum = linear.M @ shapes[:, mode]
+    steps = round(seconds / plant.timestep)
+    second = round(1.0 / plant.timestep)
+    amplitudes = np.zeros(steps)
+    offset = np.zeros(model.nv)
+    for i in range(steps):
+        mujoco.mj_step(model, data)
+        if i < second or i >= steps - second:
+            mujoco.mj_differentiatePos(model, offset, 1.0, model.qpos0, data.qpos)
+            amplitudes[i] = momentum @ offset
+    check_run(model, data, steps * plant.timestep)
+    discrete = 2 / plant.timestep * np.arcsin(omega[mode] * plant.timestep / 2)  # frequency of the semi-implicit Euler step
+    sizes = []
+    for window in (slice(0, second), slice(steps - second, steps)):
+        t = np.arange(steps)[window] * plant.timestep
+        basis = np.column_stack([np.cos(discrete * t), np.sin(discrete * t)])
+        sizes.append(float(np.hypot(*np.linalg.lstsq(basis, amplitudes[window], rcond=None)[0])))
+    return float(np.log(sizes[0] / sizes[1]) / (omega[mode] * (seconds - 1.0)))
+
+
+def real_time_factor(plant: Plant, *, seconds: float = 1.0) -> float:
+    """Return simulated over elapsed time of the bare plant: best of three short runs."""
+    data = plant.new_data()
+    steps = round(seconds / plant.timestep)
+    best = np.inf
+    for _ in range(3):
+        begun = time.perf_counter()
+        mujoco.mj_step(plant.model, data, nstep=steps)
+        best = min(best, time.perf_counter() - begun)
+    return float(seconds / best)
