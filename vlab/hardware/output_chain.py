@@ -6,7 +6,10 @@ the mean force over every integration step follow exactly from a constant matrix
 the stair inside a step; its share is exact too.
 """
 
+from collections.abc import Callable
+
 import numpy as np
+from scipy.signal import lfilter
 
 from vlab.errors import BadExperiment
 from vlab.hardware.laboratory import Converter
@@ -38,25 +41,55 @@ class OutputChain:
         self.substeps = substeps
         self._whole, late = delay_split(converter.delay_samples)
         self._matrix = _transition(1.0 / converter.rate, late, self._whole, converter.filter_corner, substeps)
-        # rows: filter state, the last commands (newest first), the new command
-        self._state = np.zeros((self._matrix.shape[1], channels))
-        self._out = np.zeros((self._matrix.shape[0], channels))
-        self.forces = self._out[:substeps]
-        self._memory, self._next = self._state[:-1], self._out[substeps:]
-        self._new = self._state[-1]
-        self._follow = self._matrix.dot  # bound once: this runs two thousand times a simulated second
+        # Two buffers of rows [means of the steps | filter state, last commands | new command]. The means and the next
+        # memory that one sample gives are written into the other buffer, where the memory already stands as the next
+        # sample's input: nothing is moved.
+        rows, columns = self._matrix.shape
+        buffers = [np.zeros((substeps + columns, channels)) for _ in range(2)]
+        self._sides = [(b[-1], b[substeps:], other[:rows], other[:substeps]) for b, other in (buffers, buffers[::-1])]
+        self._buffers = buffers
+        self.push = self._bind()
 
     def reset(self) -> None:
         """Forget everything: filter discharged, no command under way."""
-        self._state[:] = 0.0
-        self._out[:] = 0.0
+        for buffer in self._buffers:
+            buffer[:] = 0.0
 
-    def push(self, command: Array) -> Array:
-        """Take the command of a new sample; return the mean forces of its steps, (substeps, channels), a view."""
-        self._new[:] = command
-        self._follow(self._state, self._out)
-        self._memory[:] = self._next
-        return self.forces
+    def _bind(self) -> Callable[[Array], Array]:
+        """Bind what runs two thousand times a simulated second to local names; array methods beat numpy's functions."""
+        (new, state, out, forces), other = self._sides
+        follow = self._matrix.dot
+
+        def push(command: Array) -> Array:
+            """Take the command of a new sample; return the mean forces of its steps, (substeps, channels), a view."""
+            nonlocal new, state, out, forces, other
+            new[:] = command
+            follow(state, out)
+            given = forces
+            (new, state, out, forces), other = other, (new, state, out, forces)
+            return given
+
+        return push
+
+    def response(self, commands: Array) -> Array:
+        """Return the mean forces of all steps to a whole run of commands, from rest.
+
+        Parameters
+        ----------
+        commands : (n_samples, channels) array
+
+        Returns
+        -------
+        (n_samples * substeps, channels) array
+            What `push` gives one by one.
+        """
+        lagged = [np.concatenate([np.zeros((lag, commands.shape[1])), commands[: len(commands) - lag]]) for lag in range(1, self._whole + 2)]
+        inputs = np.stack([*lagged, commands])  # in the order of the matrix's columns after the filter state
+        means, state_row = self._matrix[: self.substeps], self._matrix[self.substeps]
+        drive = np.einsum("i,ikc->kc", state_row[1:], inputs)
+        filtered = lfilter([0.0, 1.0], [1.0, -state_row[0]], drive, axis=0)
+        steps = means[:, :1, None] * filtered[None] + np.einsum("ji,ikc->jkc", means[:, 1:], inputs)
+        return np.asarray(np.moveaxis(steps, 0, 1).reshape(-1, commands.shape[1]))
 
     @property
     def matrix(self) -> Array:

@@ -18,7 +18,7 @@ _lock = threading.Lock()
 
 
 def _dispatch(model: Any, data: Any) -> None:
-    loop = _loops.get(data._address)
+    loop = _loops.get(id(data))  # MuJoCo hands over the one wrapper that owns the data
     if loop is not None:
         loop(model, data)
 
@@ -32,7 +32,7 @@ def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[No
     BadExperiment
         Somebody else's callback is installed, or the data already has a loop.
     """
-    key = data._address
+    key = id(data)
     with _lock:
         present = mujoco.get_mjcb_control()
         if present is not None and present is not _dispatch:

@@ -170,4 +170,6 @@ def _record(experiment: Experiment, loop: ControlLoop, times: Array, target: int
         channels.append(Channel(name=sensor.name, kind=sensor.kind, unit=sensor.unit, at=sensor.at))
         columns.append(sampled[:, i])
     meta = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
+    if excited and experiment.excitation is not None and experiment.excitation.period_s is not None:
+        meta["period_s"] = experiment.excitation.period_s
     return Recording(time=times, data=np.column_stack(columns), channels=tuple(channels), meta=meta)

@@ -51,14 +51,11 @@ class ControlLoop:
         self.added, self.substeps, self.frame_every = added, substeps, frame_every
         self.data = mujoco.MjData(plant.model)
         n_actuators = len(plant.actuators)
-        self._addresses = np.array([tap.address for tap in plant.sensors], dtype=int)
-        self._rates = np.array([tap.address if tap.rate_address is None else tap.rate_address for tap in plant.sensors], dtype=int)
-        self._stagger = np.array([0.0 if tap.rate_address is None else plant.timestep / 2 for tap in plant.sensors])
         self._raw = np.zeros((samples, plant.model.nsensordata))
-        self._travels = np.zeros((samples, int(sampling.is_velocity.sum())))
+        self._limited: Array | None = None
         self.commands = np.zeros((samples, n_actuators))
-        self._applied = np.zeros((len(added), n_actuators))
         self.frames = np.zeros((-(-samples // frame_every), plant.model.nq))
+        self._chain = OutputChain(hardware.converter, channels=n_actuators, substeps=substeps)
         if controller is not None:
             self._check_law(controller)
         self.callback = self._compile()
@@ -66,14 +63,14 @@ class ControlLoop:
     @property
     def sampled(self) -> Array:
         """What the sensors gave at every sample, (n_samples, n_sensors)."""
-        values = self._raw[:, self._addresses] - self._stagger * self._raw[:, self._rates]
-        travels = self._travels if self.plant.travel is not None else None
-        return self.sampling.samples(values, travels, slice(None))
+        travel = self._raw[:, self.plant.travel]
+        return self.sampling.samples(self._raw @ self.plant.sensor_matrix.T, travel if travel.size else None, slice(None))
 
     @property
     def applied(self) -> Array:
         """Mean force at every actuator over every sample, (n_samples, n_actuators)."""
-        return self._applied.reshape(-1, self.substeps, self._applied.shape[1]).mean(axis=1)
+        forces = self._limited if self._limited is not None else self._chain.response(self.commands) + self.added
+        return forces.reshape(-1, self.substeps, forces.shape[1]).mean(axis=1)
 
     def _check_law(self, controller: Controller) -> None:
         self._from = np.array([self.plant.sensor_index(name) for name in controller.sensors], dtype=int)
@@ -92,46 +89,42 @@ class ControlLoop:
         controller = self.controller
         if controller is None:
             return None
-        chain = OutputChain(self.hardware.converter, channels=len(self._to), substeps=self.substeps)
-        law, push, commands = controller.step, chain.push, self.commands
-        sensordata, travels, sampling = self.data.sensordata, self._travels, self.sampling
-        wired, addresses, rates, stagger = self._from, self._addresses, self._rates, self._stagger
-        direct = addresses[wired]
-        plain = sampling.is_ideal and not np.any(stagger[wired])
-        half_travel = self.hardware.velocity_sensor.linear_range / 2
-        everywhere = list(self._to) == list(range(commands.shape[1]))
-        forces, to = np.zeros((self.substeps, commands.shape[1])), self._to
+        law, push, commands, sampling = controller.step, self._chain.push, self.commands, self.sampling
+        sensordata, every, wired, to = self.data.sensordata, self.plant.sensor_matrix, self._from, self._to
+        direct, plain = every[wired].dot, sampling.is_ideal
+        travel, half_travel = sensordata[self.plant.travel], self.hardware.velocity_sensor.linear_range / 2
+        known_travel = travel if travel.size else None
+        scattered = list(to) != list(range(commands.shape[1]))
+        wide = np.zeros(commands.shape[1])
 
         def tick(sample: int) -> Array:
-            in_travel = True
-            for x in travels[sample].tolist():  # a few plain floats compare faster than an array
-                in_travel = in_travel and -half_travel <= x <= half_travel
-            if plain and in_travel:
-                y = sensordata[direct]
-            else:
-                values = sensordata[addresses] - stagger * sensordata[rates]
-                y = sampling.samples(values, travels[sample], sample)[wired]
+            in_range = plain
+            for x in travel.tolist():  # a few plain floats compare faster than an array
+                if not -half_travel <= x <= half_travel:
+                    in_range = False
+            y = direct(sensordata) if in_range else sampling.samples(every @ sensordata, known_travel, sample)[wired]
             command = law(y)
-            if everywhere:
-                commands[sample] = command
-                return push(command)
-            commands[sample, to] = command
-            forces[:, to] = push(command)
-            return forces
+            if scattered:
+                wide[to] = command
+                command = wide
+            commands[sample] = command
+            return push(command)
 
         return tick
 
     def _compile(self) -> Callable[[Any, Any], None]:
         """Bind everything the callback needs to local names: it runs two thousand times a simulated second."""
         plant, data, substeps = self.plant, self.data, self.substeps
-        added, applied, raw, travels, frames = self.added, self._applied, self._raw, self._travels, self.frames
         ctrl, qvel, qpos, sensordata, generalised = data.ctrl, data.qvel, data.qpos, data.sensordata, data.qfrc_applied
-        travel = None if plant.travel is None else plant.travel(data)
-        dissipate = None if plant.dissipation is None else (-plant.dissipation).dot  # the method is twice as fast as np.dot
-        limit_forces = self._amplifier()
-        tick, frame_every = self._feedback(), self.frame_every
-        per_step, n_steps, add = 1.0 / plant.timestep, len(added), np.add
-        forces = np.zeros((substeps, ctrl.size))
+        added, raw, frames, frame_every = self.added, self._raw, self.frames, self.frame_every
+        controls = plant.control_matrix
+        direct = controls.shape[0] == controls.shape[1] and np.array_equal(controls, np.eye(len(controls)))
+        spread = None if direct else controls.dot  # an actuator may take several of MuJoCo's controls
+        force = ctrl if direct else np.zeros(len(plant.actuators))
+        limit_forces = self._amplifier(force)
+        dissipate = None if plant.dissipation is None else (-plant.dissipation).dot
+        tick, per_step, n_steps, add = self._feedback(), 1.0 / plant.timestep, len(added), np.add
+        forces = np.zeros((substeps, len(plant.actuators)))
         last = -1
 
         def callback(model: Any, data: Any) -> None:
@@ -140,41 +133,38 @@ class ControlLoop:
             if step == last or step >= n_steps:
                 return
             last = step
-            if substeps == 1:
-                sample, part = step, 0
-            else:
-                sample, part = divmod(step, substeps)
+            sample, part = divmod(step, substeps)
             if part == 0:
                 raw[sample] = sensordata
-                if travel is not None:
-                    travels[sample] = travel()
                 if sample % frame_every == 0:
                     frames[sample // frame_every] = qpos
                 if tick is not None:
                     forces = tick(sample)
-            add(forces[part], added[step], ctrl)
+            add(forces[part], added[step], force)
             if limit_forces is not None:
-                limit_forces()
-            applied[step] = ctrl
+                limit_forces(step)
+            if spread is not None:
+                spread(force, ctrl)
             if dissipate is not None:
                 dissipate(qvel, generalised)
 
         return callback
 
-    def _amplifier(self) -> Callable[[], None] | None:
+    def _amplifier(self, force: Array) -> Callable[[int], None] | None:
         """Return what the amplifiers do to the forces in place: their limit, and braking without current control."""
-        coil = self.hardware.coil
-        places = {tap.at: tap.address for tap in self.plant.sensors if tap.kind == "velocity"}
-        braked = [i for i, a in enumerate(self.plant.actuators) if a.at in places] if coil.back_emf_damping else []
+        coil, plant, sensordata = self.hardware.coil, self.plant, self.data.sensordata
+        places = {tap.at: i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"}
+        braked = [i for i, a in enumerate(plant.actuators) if a.at in places] if coil.back_emf_damping else []
         if not coil.limit and not braked:
             return None
-        ctrl, sensordata = self.data.ctrl, self.data.sensordata
-        velocities = [places[self.plant.actuators[i].at] for i in braked]
+        velocities = plant.sensor_matrix[[places[plant.actuators[i].at] for i in braked]]
+        limited = self._limited = np.zeros_like(self.added)
 
-        def limit_forces() -> None:
+        def limit_forces(step: int) -> None:
             if coil.limit:
-                np.clip(ctrl, -coil.limit, coil.limit, out=ctrl)
+                np.clip(force, -coil.limit, coil.limit, out=force)
             if braked:
-                ctrl[braked] -= coil.back_emf_damping * sensordata[velocities]
+                force[braked] -= coil.back_emf_damping * (velocities @ sensordata)
+            limited[step] = force
 
         return limit_forces

@@ -11,6 +11,7 @@ their time stamps to second order.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -20,36 +21,44 @@ from vlab.errors import BadExperiment, Diverged, unknown_name
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
+from vlab.structure.model import Sensor, Structure
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorTap:
-    """An actuator: its channel name, where it acts, and the SI unit of its command."""
+    """An actuator: its channel name, where it acts, and the SI unit of its command.
+
+    Parameters
+    ----------
+    controls : tuple of int
+        The MuJoCo controls that take this command, all alike.
+    """
 
     name: str
     at: str
     kind: str = "force"
     unit: str = "N"
+    controls: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorTap:
-    """A sensor: where its value stands in MuJoCo's sensor array.
+    """A sensor: which of MuJoCo's sensor values add up to it.
 
     Parameters
     ----------
-    address : int
-        Index of the value in ``sensordata``.
-    rate_address : int or None
-        Index of the velocity of the same coordinate, where the half-step stagger of the position is undone.
+    addresses : tuple of int
+        Indices of the values in ``sensordata`` whose sum it is.
+    rates : tuple of int
+        Indices of the velocities of the same coordinate, where the half-step stagger of a position is undone.
     """
 
     name: str
     at: str
     kind: str
     unit: str
-    address: int
-    rate_address: int | None = None
+    addresses: tuple[int, ...]
+    rates: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +97,9 @@ class Plant:
         The whole plant as it is written out, its dissipation as native tendons.
     dissipation : (nv, nv) array or None
         Damping matrix that acts as -C qvel while the plant runs; see `vlab.plants.dissipation`.
-    travel : callable or None
-        MjData -> function that gives the displacements of the velocity sensors' coils, in the order of those sensors.
+    travel : slice
+        Where the displacements of the velocity sensors' coils stand in ``sensordata``, in the order of those sensors;
+        empty where a plant does not know them.
     left_out : sequence of str
         What this plant does not carry of the structure, in words.
     """
@@ -101,7 +111,7 @@ class Plant:
     sensors: tuple[SensorTap, ...]
     ports: Mapping[str, Port] = field(default_factory=dict)
     dissipation: Array | None = None
-    travel: Callable[[Any], Callable[[], Array]] | None = None
+    travel: slice = field(default_factory=lambda: slice(0, 0))
     left_out: tuple[str, ...] = ()
 
     @property
@@ -166,17 +176,39 @@ class Plant:
                 return i
         raise unknown_name(kind, name, [tap.name for tap in taps], where=f"plant {self.name!r}")
 
+    @cached_property
+    def sensor_matrix(self) -> Array:
+        """What gives the sensor values from MuJoCo's ``sensordata``, (n_sensors, n_sensordata)."""
+        matrix = np.zeros((len(self.sensors), self.model.nsensordata))
+        for i, tap in enumerate(self.sensors):
+            matrix[i, list(tap.addresses)] = 1.0
+            matrix[i, list(tap.rates)] -= self.timestep / 2
+        return matrix
+
+    @cached_property
+    def control_matrix(self) -> Array:
+        """What gives MuJoCo's controls from the actuators' commands, (nu, n_actuators)."""
+        matrix = np.zeros((self.model.nu, len(self.actuators)))
+        for i, tap in enumerate(self.actuators):
+            matrix[list(tap.controls), i] = 1.0
+        return matrix
+
     def read(self, data: Any) -> Array:
         """Return all sensor values at the present state, (n_sensors,)."""
-        out = data.sensordata[[tap.address for tap in self.sensors]].copy()
-        for i, tap in enumerate(self.sensors):
-            if tap.rate_address is not None:
-                out[i] -= self.timestep / 2 * data.sensordata[tap.rate_address]
-        return out
+        return np.asarray(self.sensor_matrix @ data.sensordata)
 
     def deflections(self, data: Any) -> Array:
         """Return the positions of all ports at the present state."""
         return np.array([port.position(data) for port in self.ports.values()])
+
+
+SENSOR_UNITS = {"velocity": "m/s", "displacement": "m"}
+"""SI unit of what a structure's sensors measure."""
+
+
+def named_sensors(structure: Structure) -> list[tuple[str, Sensor]]:
+    """Return a structure's coil sensors and probes with their channel names, in channel order."""
+    return [(f"sensor:{s.name}", s) for s in structure.sensor] + [(f"probe:{s.name}", s) for s in structure.probe]
 
 
 def check_run(model: Any, data: Any, expected_time: float) -> None:

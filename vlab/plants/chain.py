@@ -10,6 +10,10 @@ gives what restores it, and the convergence test asserts the order:
 - under a point mass or a point force the curvature has a kink: a hinge stands there;
 - a tension T is carried by links that cannot curve, which overstates its effect by T (kh)^2/12: the hinge gets
   (EI - T h^2/12)/h. The tension itself stays native.
+
+The links are a polygon beside the smooth curve. With the curvature k = angle/h of the hinges the curve is read off it to
+fourth order, too: w = W + k h^2/12 at a hinge (Numerov's weights), less k d1 d2/2 between two hinges at distances d1 and
+d2, and W - k h^2/32 at a clamp. Sensors and coils act through these readings.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,11 +37,33 @@ class Chain:
         Hinge stiffness [N m/rad].
     length : float
         Flexible length [m].
+    pieces : (n,) array
+        Length of bar that bends in each hinge [m].
     """
 
     hinges: Array
     stiffness: Array
     length: float
+    pieces: Array
+
+    def reading(self, distance: float) -> Array:
+        """Return what must be added to the polygon's deflection at a distance from the clamp's edge, (n,) per bend.
+
+        A bend is the change of slope along the chain that a hinge makes [rad]; the coefficients are lengths [m].
+        """
+        h, out = self.pieces, np.zeros(len(self.hinges))
+        if distance < self.hinges[0]:
+            out[0] = -h[0] / 32 if distance <= 0 else h[0] / 12 - (distance * self.hinges[0]) / (2 * h[0])
+            return out
+        i = int(np.searchsorted(self.hinges, distance + 1e-9) - 1)
+        if i == len(self.hinges) - 1:  # towards the free end the curvature falls to zero
+            d = distance - self.hinges[i]
+            out[i] = (d**2 / 3 + h[i] ** 2 / 12 - h[i] * d / 2) / h[i] if d > 1e-9 else h[i] / 12
+            return out
+        before, after = distance - self.hinges[i], self.hinges[i + 1] - distance
+        for j, share in ((i, after / (before + after)), (i + 1, before / (before + after))):
+            out[j] = share * (h[j] / 12 - before * after / (2 * h[j]))
+        return out
 
 
 def build_chain(
@@ -87,4 +113,4 @@ def build_chain(
     effective = EI - pull * size**2 / 12
     if np.any(effective <= 0):
         raise BadStructure(f"a tension of {pull.max():.4g} N needs links shorter than {size.max():.4g} m on EI = {EI:.4g} N m^2; use more links")
-    return Chain(np.array(hinges), effective / size, length)
+    return Chain(np.array(hinges), effective / size, length, size)

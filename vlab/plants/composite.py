@@ -6,7 +6,6 @@ that the drawing is the equilibrium: the tension in the bar, its growth with the
 motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.dissipation`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,12 +16,12 @@ from vlab.errors import BadStructure
 from vlab.fe.damping import modal_ratios
 from vlab.fe.one_mode import one_mode_bar
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical_stiffness
-from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
+from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
 from vlab.plants.chain import Chain, build_chain
 from vlab.plants.dissipation import DampingTendon, with_damping_tendons
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
-from vlab.structure.model import Bar, Section, Structure
+from vlab.structure.model import Bar, Section, Sensor, Structure
 
 UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 OUT = 1
@@ -43,7 +42,7 @@ class CompositeOptions:
         Integration step [s].
     """
 
-    links: int = 12
+    links: int = 16
     arm_links: int = 4
     timestep: float = 5e-4
 
@@ -54,7 +53,7 @@ class _Builder:
     variant: str
     options: CompositeOptions
     spec: Any = field(default_factory=mujoco.MjSpec)
-    sites: list[str] = field(default_factory=list)
+    curves: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def build(self) -> Any:
         """Return the spec of the undamped structure."""
@@ -74,11 +73,12 @@ class _Builder:
         self.root.add_joint(name="clamp:y", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
         self.root.add_joint(name="clamp:z", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
         self.root.add_joint(name="clamp:rx", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0])
+        self.root_curve: dict[str, float] = {}
         self.root_parts: list[tuple[float, Array, Array]] = []
         self._vertical_links()
         self._crosspiece()
         self._set_inertia(self.root, self.root_parts)
-        self._site(self.root, self.clamp.at, np.zeros(3))
+        self._site(self.root, self.clamp.at, np.zeros(3), self.root_curve)
         self._cables()
         self._transducers()
         return self.spec
@@ -108,7 +108,10 @@ class _Builder:
                 kinks=kinks,
                 tension=lambda s, sign=sign, edge=edge: self.line.tension(root + sign * (edge + s)),
             )
-            self._add_chain("beam+" if sign > 0 else "beam-", sign * UP, ALONG, chain, edge, section, points)
+            prefix = "beam+" if sign > 0 else "beam-"
+            self._add_chain(prefix, sign * UP, ALONG, chain, edge, section, points)
+            bend = float(np.cross(ALONG, sign * UP)[OUT])
+            self.root_curve[f"{prefix}1"] = bend * chain.reading(0.0)[0] / 2  # the mean of what lies above and below
 
     def _loads(self, point: str) -> bool:
         """Whether a point mass or a point force acts at a point of the bar."""
@@ -162,6 +165,12 @@ class _Builder:
     def _add_chain(
         self, name: str, along: Array, axis: Array, chain: Chain, edge: float, section: Section, points: dict[str, float]
     ) -> None:
+        bend = float(np.cross(axis, along)[OUT])  # slope along the chain per hinge angle
+        joints = [f"{name}{i + 1}" for i in range(len(chain.hinges))]
+
+        def curve(distance: float) -> dict[str, float]:
+            return dict(zip(joints, bend * chain.reading(distance - edge), strict=True))
+
         starts = np.concatenate([[0.0], edge + chain.hinges])
         ends = np.concatenate([edge + chain.hinges, [edge + chain.length]])
         body, parts = self.root, self.root_parts
@@ -178,7 +187,7 @@ class _Builder:
             for point, distance in points.items():
                 if start < distance <= end or (np.isclose(distance, end) and i == len(ends) - 1):
                     parts.append((self.structure.point_mass(point), along * (distance - origin), np.zeros(3)))
-                    self._site(body, point, along * (distance - origin))
+                    self._site(body, point, along * (distance - origin), curve(distance))
             if i > 0:
                 self._set_inertia(body, parts)
 
@@ -200,9 +209,10 @@ class _Builder:
         if body is self.root and getattr(self, "hung_mass", 0.0):
             body.gravcomp = -self.hung_mass / total
 
-    def _site(self, body: Any, name: str, pos: Array) -> None:
+    def _site(self, body: Any, name: str, pos: Array, curve: dict[str, float]) -> None:
+        """Add a site, and remember how the smooth curve is read off the links there: length per hinge angle."""
         body.add_site(name=name, pos=pos)
-        self.sites.append(name)
+        self.curves[name] = {joint: length for joint, length in curve.items() if length != 0.0}
 
     def _cables(self) -> None:
         tensions = cable_tensions(self.structure)
@@ -221,22 +231,43 @@ class _Builder:
                 tendon.wrap_site(cable.at)
 
     def _transducers(self) -> None:
+        parts = (*self.structure.coil, *self.structure.sensor, *self.structure.probe)
+        for place in dict.fromkeys(part.at for part in parts):
+            tendon = self.spec.add_tendon(name=_curve(place))
+            for joint, length in self.curves[place].items():
+                tendon.wrap_joint(joint, length)
         for coil in self.structure.coil:
-            actuator = self.spec.add_actuator(
+            at_site = self.spec.add_actuator(
                 name=f"coil:{coil.name}", target=coil.at, refsite="world", trntype=mujoco.mjtTrn.mjTRN_SITE
             )
-            actuator.gear = [0, 1, 0, 0, 0, 0]
-        for sensor in (*self.structure.sensor, *self.structure.probe):
-            prefix = "sensor" if sensor in self.structure.sensor else "probe"
-            kinds = {"velocity": ["FRAMELINVEL"], "displacement": ["FRAMEPOS", "FRAMELINVEL"]}[sensor.kind]
-            for kind in kinds:
-                suffix = ":rate" if sensor.kind == "displacement" and kind == "FRAMELINVEL" else ""
-                self.spec.add_sensor(
-                    name=f"{prefix}:{sensor.name}{suffix}",
-                    type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
-                    objtype=mujoco.mjtObj.mjOBJ_SITE,
-                    objname=sensor.at,
-                )
+            at_site.gear = [0, 1, 0, 0, 0, 0]
+            self.spec.add_actuator(
+                name=_curve(f"coil:{coil.name}"), target=_curve(coil.at), trntype=mujoco.mjtTrn.mjTRN_TENDON
+            )
+        for name, sensor in named_sensors(self.structure):
+            self._sensor(name, "FRAMELINVEL" if sensor.kind == "velocity" else "FRAMEPOS", "TENDONVEL" if sensor.kind == "velocity" else "TENDONPOS", sensor.at)
+            if sensor.kind == "displacement":
+                self._sensor(f"{name}:rate", "FRAMELINVEL", "TENDONVEL", sensor.at)
+
+        for sensor in self.structure.sensor:  # last, so that their values stand together
+            self.spec.add_sensor(
+                name=_travel(sensor), type=mujoco.mjtSensor.mjSENS_FRAMEPOS, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=sensor.at
+            )
+
+    def _sensor(self, name: str, site_kind: str, curve_kind: str, place: str) -> None:
+        site, tendon = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_TENDON
+        for kind, objtype, target, full in ((site_kind, site, place, name), (curve_kind, tendon, _curve(place), _curve(name))):
+            self.spec.add_sensor(name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=objtype, objname=target)
+
+
+def _travel(sensor: Sensor) -> str:
+    """Name of the value that says how far a coil is from its centre."""
+    return f"sensor:{sensor.name}:travel"
+
+
+def _curve(name: str) -> str:
+    """Name of the part that reads the smooth curve off the links at a place."""
+    return f"{name}:curve"
 
 
 def build_composite(
@@ -260,17 +291,31 @@ def build_composite(
     builder = _Builder(structure, variant, options or CompositeOptions())
     spec = builder.build()
     model = spec.compile()
-    damping = _modal_damping(model, structure) if damped else []
+    damping = _modal_damping(model, structure, builder.curves) if damped else []
     one_mode = structure.variant_named(variant).one_mode_bar
     return Plant(
         name="composite",
         model=model,
         spec=with_damping_tendons(spec, damping),
         dissipation=sum((t.damping * np.outer(t.row, t.row) for t in damping), np.zeros((model.nv, model.nv))),
-        actuators=tuple(ActuatorTap(name=f"coil:{c.name}", at=c.name) for c in structure.coil),
-        sensors=tuple(_taps(model, structure)),
-        ports=_ports(model, structure, variant, builder.sites),
-        travel=_travel(model, structure),
+        actuators=tuple(
+            ActuatorTap(name=name, at=c.name, controls=(model.actuator(name).id, model.actuator(_curve(name)).id))
+            for c in structure.coil
+            for name in (f"coil:{c.name}",)
+        ),
+        sensors=tuple(
+            SensorTap(
+                name=name,
+                at=sensor.name,
+                kind=sensor.kind,
+                unit=SENSOR_UNITS[sensor.kind],
+                addresses=_addresses(model, name),
+                rates=_addresses(model, f"{name}:rate") if sensor.kind == "displacement" else (),
+            )
+            for name, sensor in named_sensors(structure)
+        ),
+        ports=_ports(model, structure, variant, builder.curves),
+        travel=slice(model.sensor(_travel(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3) if structure.sensor else slice(0, 0),
         left_out=(
             "cables carry a third of their mass at the end and have no modes of their own",
             "torsion of the vertical bar and roll inertia of the crosspiece",
@@ -279,41 +324,25 @@ def build_composite(
     )
 
 
-def _modal_damping(model: Any, structure: Structure) -> list[DampingTendon]:
+def _modal_damping(model: Any, structure: Structure, curves: dict[str, dict[str, float]]) -> list[DampingTendon]:
     """Return the dampers that give the structure's modal ratios: rows phi^T M, damping 2 zeta omega."""
     linear = linearise(model)
     omega, shapes = linear.eigen
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    coils = np.array([_site_port(model, coil.at).row(data) for coil in structure.coil])
+    coils = np.array([_port(model, coil.at, curves[coil.at]).row(data) for coil in structure.coil])
     zeta = modal_ratios(structure.damping, coils @ shapes)
     rows = shapes.T @ linear.M
     return [DampingTendon(f"damping:{j + 1}", rows[j], 2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0]
 
 
-def _taps(model: Any, structure: Structure) -> list[SensorTap]:
-    taps = []
-    for sensor in (*structure.sensor, *structure.probe):
-        name = f"{'sensor' if sensor in structure.sensor else 'probe'}:{sensor.name}"
-        address = int(model.sensor(name).adr[0]) + OUT
-        rate = int(model.sensor(f"{name}:rate").adr[0]) + OUT if sensor.kind == "displacement" else None
-        unit = {"velocity": "m/s", "displacement": "m"}[sensor.kind]
-        taps.append(SensorTap(name=name, at=sensor.name, kind=sensor.kind, unit=unit, address=address, rate_address=rate))
-    return taps
+def _addresses(model: Any, name: str) -> tuple[int, ...]:
+    """Return where the out-of-plane value of a site sensor and its curve reading stand."""
+    return int(model.sensor(name).adr[0]) + OUT, int(model.sensor(_curve(name)).adr[0])
 
 
-def _travel(model: Any, structure: Structure) -> Callable[[Any], Callable[[], Array]]:
-    entries = np.array([3 * model.site(sensor.at).id + OUT for sensor in structure.sensor])
-
-    def bind(data: Any) -> Callable[[], Array]:
-        flat = data.site_xpos.reshape(-1)
-        return lambda: flat[entries]
-
-    return bind
-
-
-def _ports(model: Any, structure: Structure, variant: str, sites: list[str]) -> dict[str, Port]:
-    ports = {name: _site_port(model, name) for name in sites}
+def _ports(model: Any, structure: Structure, variant: str, curves: dict[str, dict[str, float]]) -> dict[str, Port]:
+    ports = {name: _port(model, name, curve) for name, curve in curves.items()}
     one_mode = structure.variant_named(variant).one_mode_bar
     if one_mode:
         mode = one_mode_bar(structure, one_mode)
@@ -336,12 +365,16 @@ def _ports(model: Any, structure: Structure, variant: str, sites: list[str]) -> 
     return {p.name: ports[p.name] for p in structure.point}
 
 
-def _site_port(model: Any, name: str) -> Port:
+def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
     site = model.site(name).id
+    dofs = np.array([int(model.joint(joint).dofadr[0]) for joint in curve], dtype=int)  # hinges: one position a velocity
+    entries = np.array([int(model.joint(joint).qposadr[0]) for joint in curve], dtype=int)
+    lengths = np.array(list(curve.values()))
 
     def row(data: Any) -> Array:
         jacobian = np.zeros((3, model.nv))
         mujoco.mj_jacSite(model, data, jacobian, None, site)
+        jacobian[OUT, dofs] += lengths
         return jacobian[OUT]
 
-    return Port(name=name, unit="m", row=row, position=lambda data: float(data.site_xpos[site, OUT]))
+    return Port(name=name, unit="m", row=row, position=lambda data: float(data.site_xpos[site, OUT] + lengths @ data.qpos[entries]))

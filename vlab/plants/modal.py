@@ -5,7 +5,6 @@ and tension are inside the frequencies. The slides share bodies of negligible ma
 armature, which keeps MuJoCo's inertia matrix diagonal to one part in 1e9 with half as many bodies to move.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -13,7 +12,7 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe.model import FeModel
-from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
+from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -66,52 +65,48 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
         tendon = spec.add_tendon(name=place)
         for name, coefficient in zip(names, fe.deflection(place) @ shapes[:, :modes], strict=True):
             tendon.wrap_joint(name, coefficient)
-    taps = _transducers(spec, fe)
+    _transducers(spec, structure)
     model = spec.compile()
     return Plant(
         name="modal",
         model=model,
         spec=spec,
-        actuators=tuple(ActuatorTap(name=f"coil:{c.name}", at=c.name) for c in structure.coil),
-        sensors=tuple(SensorTap(address=int(model.sensor(t["name"]).adr[0]), rate_address=_rate(model, t), **t) for t in taps),
-        travel=_travel(model, structure),
+        actuators=tuple(
+            ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,)) for c in structure.coil
+        ),
+        sensors=tuple(
+            SensorTap(
+                name=name,
+                at=sensor.name,
+                kind=sensor.kind,
+                unit=SENSOR_UNITS[sensor.kind],
+                addresses=(int(model.sensor(name).adr[0]),),
+                rates=(int(model.sensor(f"{name}:rate").adr[0]),) if sensor.kind == "displacement" else (),
+            )
+            for name, sensor in named_sensors(structure)
+        ),
+        travel=slice(model.nsensordata - len(structure.sensor), model.nsensordata),
         ports={p.name: _port(p.name, fe.deflection(p.name) @ shapes[:, :modes]) for p in structure.point},
         left_out=(f"modes above the first {modes}", "large motion: the modes are those of small motion about equilibrium"),
     )
 
 
-def _travel(model: Any, structure: Structure) -> Callable[[Any], Callable[[], Array]]:
-    tendons = np.array([model.tendon(sensor.at).id for sensor in structure.sensor])
-
-    def bind(data: Any) -> Callable[[], Array]:
-        lengths = data.ten_length
-        return lambda: lengths[tendons]
-
-    return bind
-
-
-def _rate(model: Any, tap: dict[str, str]) -> int | None:
-    return int(model.sensor(f"{tap['name']}:rate").adr[0]) if tap["kind"] == "displacement" else None
-
-
-def _transducers(spec: Any, fe: FeModel) -> list[dict[str, str]]:
-    structure = fe.structure
+def _transducers(spec: Any, structure: Structure) -> None:
     for coil in structure.coil:
         spec.add_actuator(name=f"coil:{coil.name}", target=coil.at, trntype=mujoco.mjtTrn.mjTRN_TENDON)
-    taps = []
-    for prefix, sensors in (("sensor", structure.sensor), ("probe", structure.probe)):
-        for sensor in sensors:
-            name = f"{prefix}:{sensor.name}"
-            kinds = {"velocity": {name: "TENDONVEL"}, "displacement": {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}}[sensor.kind]
-            for sensor_name, kind in kinds.items():
-                spec.add_sensor(
-                    name=sensor_name,
-                    type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
-                    objtype=mujoco.mjtObj.mjOBJ_TENDON,
-                    objname=sensor.at,
-                )
-            taps.append({"name": name, "at": sensor.name, "kind": sensor.kind, "unit": {"velocity": "m/s", "displacement": "m"}[sensor.kind]})
-    return taps
+    for name, sensor in named_sensors(structure):
+        kinds = {"velocity": {name: "TENDONVEL"}, "displacement": {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}}[sensor.kind]
+        for full, kind in kinds.items():
+            spec.add_sensor(
+                name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=mujoco.mjtObj.mjOBJ_TENDON, objname=sensor.at
+            )
+    for sensor in structure.sensor:  # last, so that their values stand together
+        spec.add_sensor(
+            name=f"sensor:{sensor.name}:travel",
+            type=mujoco.mjtSensor.mjSENS_TENDONPOS,
+            objtype=mujoco.mjtObj.mjOBJ_TENDON,
+            objname=sensor.at,
+        )
 
 
 def _port(name: str, row: Array) -> Port:

@@ -16,7 +16,7 @@ from vlab.modal.mac import mac
 from vlab.plants import PLANTS, Plant, build_plant
 from vlab.plants.base import check_run
 from vlab.published import published_tables
-from vlab.signals import Array
+from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
 SILENT = 1e-6
@@ -63,6 +63,21 @@ class CrossCheck:
     def points(self) -> list[str]:
         """The points at which shapes are compared."""
         return [p.name for p in self.structure.point]
+
+    def fe_modes(self) -> ModalModel:
+        """Return the FE modes at the points of the drawing."""
+        shapes = self.fe.deflections(self.points) @ self.fe.linear.eigen[1][:, self.modes]
+        return ModalModel(
+            freq=self.fe.linear.freq[self.modes],
+            zeta=self.fe.linear.zeta[self.modes],
+            shapes=shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])],
+            coordinates=tuple(self.points),
+        )
+
+    def plant_modes(self, name: str) -> ModalModel:
+        """Return the matching modes of a plant at the points of the drawing."""
+        check = self.plants[name]
+        return ModalModel(freq=check.freq, zeta=check.zeta, shapes=check.shapes, coordinates=tuple(self.points))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""

@@ -1,0 +1,100 @@
+"""Speed side by side with what a user would use instead, measured in one run."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from controllers import Controller
+from vlab.fe import FeModel, build_fe_model
+from vlab.hardware import Hardware, load_hardware
+from vlab.hardware.output_chain import OutputChain
+from vlab.lab import Experiment, run_experiment
+from vlab.lab.excitation import Multisine
+from vlab.lab.laws import published_law
+from vlab.plants import build_plant
+from vlab.signals import Array
+from vlab.structure import load_structure
+
+OURS_S, PEER_S = 20.0, 1.0
+"""Simulated seconds; the peer is a hundred times slower and gets fewer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One comparison; times are elapsed seconds per simulated second."""
+
+    work: str
+    ours_s: float
+    peer: str
+    peer_s: float
+    ratio: float
+    real_time_factor: float
+
+
+def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Row]:
+    """Time the beam's plants with the published 2 kHz law in the loop, and scipy's `solve_ivp` doing the same."""
+    structure, hardware = load_structure("beam"), load_hardware()
+    law, fe = published_law(structure, "mfdrf"), build_fe_model(structure)
+    excitation = Multisine(level=0.2, period_s=10.0, seed=1)
+    progress("scipy solve_ivp on the FE state space")
+    peer_s = _best(lambda: integrate_with_scipy(fe, hardware, law, excitation, seconds=PEER_S), 2) / PEER_S
+    rows = []
+    for name in ("composite", "modal"):
+        progress(f"{name} plant")
+        plant = build_plant(structure, name)
+        experiment = Experiment(plant=plant, seconds=OURS_S, excitation=excitation, excite="base", controller=law, hardware=hardware)
+        ours_s = _best(lambda: run_experiment(experiment), 3) / OURS_S  # noqa: B023 - called at once
+        rows.append(
+            Row(
+                work=f"beam, {name} plant, MFDRF at 2 kHz with delay and filter, per simulated second",
+                ours_s=ours_s,
+                peer="scipy solve_ivp (RK45, rtol 1e-6) on the FE state space, same law and hardware",
+                peer_s=peer_s,
+                ratio=peer_s / ours_s,
+                real_time_factor=1.0 / ours_s,
+            )
+        )
+    return rows
+
+
+def as_document(rows: list[Row]) -> dict[str, Any]:
+    """Return plain data for JSON."""
+    return {"rows": [asdict(row) for row in rows]}
+
+
+def _best(work: Callable[[], Any], times: int) -> float:
+    """Return the shortest of several timings: what the machine can do when nothing else disturbs it."""
+    best = np.inf
+    for _ in range(times):
+        begun = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - begun)
+    return float(best)
+
+
+def integrate_with_scipy(fe: FeModel, hardware: Hardware, law: Controller, excitation: Multisine, *, seconds: float) -> Array:
+    """Run the same loop on the FE state space with scipy, sample by sample; return the sampled velocities.
+
+    This is the way of a user without vlab: a state-space model, `solve_ivp` from sample to sample, the law in between.
+    It shares the law, the output chain and the excitation with the plants, and serves as an independent check, too.
+    """
+    places = list(law.sensors)
+    coils = fe.deflections(places).T
+    A, B, C, _ = fe.linear.state_matrices(coils, coils.T)
+    added = fe.linear.state_matrices(fe.deflection("base")[:, None], coils.T)[1][:, 0]
+    rate = hardware.converter.rate
+    chain = OutputChain(hardware.converter, channels=len(places))
+    law.reset()
+    x, samples = np.zeros(len(A)), round(seconds * rate)
+    y = np.zeros((samples, len(places)))
+    times = (np.arange(samples) + 0.5) / rate
+    signal = excitation.sample(times)
+    for k in range(samples):
+        y[k] = C @ x
+        drive = B @ chain.push(law.step(y[k]))[0] + added * signal[k]
+        x = solve_ivp(lambda t, x, drive=drive: A @ x + drive, (0.0, 1.0 / rate), x, method="RK45", rtol=1e-6, atol=1e-12).y[:, -1]
+    return y

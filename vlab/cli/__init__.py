@@ -1,0 +1,71 @@
+"""The command line: parse, call, print.
+
+Exit status 0: done. 1: a check did not hold. 2: bad input, with one line on stderr. With ``--json`` one JSON document
+goes to stdout and nothing else; progress goes to stderr.
+"""
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from vlab import __version__
+from vlab.cli.common import Outcome, finite
+from vlab.errors import VlabError
+
+VERBS = {
+    "demo": "the whole story on the beam: cross-check, controlled experiment, a real recording beside its model",
+    "modes": "FE model, every plant and the published values side by side",
+    "experiment": "a simulated experiment, written as a run folder",
+    "modal-test": "frequency responses, poles and mode shapes from recordings",
+    "reproduce": "the dissertation's tables beside ours",
+    "compare": "a case: recordings beside their model, and by how much they differ",
+    "show": "open a run in the Rerun viewer",
+    "bench": "speed side by side with what a user would use instead",
+}
+"""What `vlab` can do; each verb has a module of its name beside this one."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Say in one line what is wrong and leave with status 2."""
+        print(f"error: {self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Build the parser with all verbs."""
+    parser = _Parser(prog="vlab", description=__doc__.splitlines()[0] if __doc__ else "", allow_abbrev=False)
+    parser.description = "A virtual laboratory for flexible structures under active vibration control, on MuJoCo."
+    parser.add_argument("--version", action="version", version=f"vlab {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
+    for verb, summary in VERBS.items():
+        sub = verbs.add_parser(verb, help=summary, description=summary, allow_abbrev=False)
+        sub.add_argument("--json", action="store_true", help="print one JSON document to stdout and nothing else")
+        sub.set_defaults(module=f"vlab.cli.{verb.replace('-', '_')}")
+        importlib.import_module(f"vlab.cli.{verb.replace('-', '_')}").add_arguments(sub)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; return its exit status."""
+    arguments = build_parser().parse_args(argv)
+    try:
+        outcome: Outcome = importlib.import_module(arguments.module).run(arguments)
+    except VlabError as error:
+        print("error: " + " ".join(str(error).split()), file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("error: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 141
+    try:
+        print(json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else outcome.text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 141
+    return 0 if outcome.holds else 1

@@ -1,0 +1,18 @@
+"""``vlab bench``."""
+
+import argparse
+import sys
+
+from vlab.bench import as_document, run_bench
+from vlab.cli.common import Outcome, text_table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments: there are none."""
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Time everything."""
+    rows = run_bench(progress=lambda text: print(f"timing {text} ...", file=sys.stderr))
+    table = [[r.work, r.ours_s, r.real_time_factor, r.peer, r.peer_s, r.ratio] for r in rows]
+    return Outcome(document=as_document(rows), text=text_table(["work", "ours s", "x real time", "peer", "peer s", "ratio"], table))

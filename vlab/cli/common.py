@@ -1,0 +1,68 @@
+"""What the verbs share: their outcome, tables of text, progress on stderr."""
+
+import contextlib
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tqdm import tqdm
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a verb leaves: a document for ``--json``, a text for people, and whether its checks hold."""
+
+    document: Any
+    text: str
+    holds: bool = True
+
+
+def finite(value: Any) -> Any:
+    """Return plain data in which numbers that are not finite are None: JSON knows no NaN."""
+    if isinstance(value, dict):
+        return {str(key): finite(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(part) for part in value]
+    if hasattr(value, "tolist"):
+        return finite(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a table in aligned plain text; numbers to the right."""
+    cells = [[_show(cell) for cell in row] for row in rows]
+    widths = [max(len(h), *(len(row[i]) for row in cells), 0) if cells else len(h) for i, h in enumerate(headers)]
+    is_text = [any(isinstance(row[i], str) for row in rows) for i in range(len(headers))]
+
+    def line(parts: Sequence[str]) -> str:
+        return "  ".join(p.ljust(w) if text else p.rjust(w) for p, w, text in zip(parts, widths, is_text, strict=True)).rstrip()
+
+    return "\n".join([line(headers), line(["-" * w for w in widths]), *(line(row) for row in cells)])
+
+
+def _show(cell: Any) -> str:
+    if cell is None:
+        return "-"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, float):
+        return f"{cell:.4g}" if abs(cell) < 1e-3 or abs(cell) >= 1e4 else f"{cell:.4f}".rstrip("0").rstrip(".")
+    return str(cell)
+
+
+@contextlib.contextmanager
+def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]]:
+    """Show progress through simulated seconds on stderr, where stderr is a terminal."""
+    with tqdm(
+        total=round(total_s, 3), desc=label, unit="s", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
+        bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
+    ) as bar:  # fmt: skip
+
+        def report(done_s: float) -> None:
+            bar.update(done_s - bar.n)
+
+        yield report

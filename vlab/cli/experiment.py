@@ -1,0 +1,66 @@
+"""``vlab experiment``."""
+
+import argparse
+
+from vlab.cli.common import Outcome, progress_bar
+from vlab.lab.excitation import EXCITATIONS
+from vlab.lab.run_folder import RunSettings, perform
+from vlab.outputs import output_folder
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments; they are those of `RunSettings`."""
+    default = RunSettings(structure="beam")
+    parser.add_argument("structure", help="a built-in structure (beam) or a structure file")
+    parser.add_argument("--plant", default=default.plant, help="composite (default) or modal")
+    parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
+    parser.add_argument("--law", help="control law in the loop: mfdrf or lqdrf with the gains of Table 7; none by default")
+    parser.add_argument("--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})")
+    parser.add_argument("--at", default=default.at, help="the coil that excites besides controlling (default base)")
+    parser.add_argument("--level", type=float, help="size of the excitation in N: rms, peak for sines and blows, static force for a release")
+    parser.add_argument("--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band of the excitation in Hz")
+    parser.add_argument("--period", type=float, help="period of a periodic excitation or of one sweep in s")
+    parser.add_argument("--odd", action="store_const", const=True, help="multisine: odd lines only, with detection lines in between")
+    parser.add_argument("--seconds", type=float, default=default.seconds, help="duration in s (default 60)")
+    parser.add_argument("--rate", type=float, help="samples per second of loop and recording (default 2000)")
+    parser.add_argument("--seed", type=int, default=default.seed, help="seed of excitation and noise (default 0)")
+    parser.add_argument("--noise", type=float, default=default.noise, help="rms noise of the velocity sensors in m/s (default 0)")
+    parser.add_argument("--hardware", default=default.hardware, help="a hardware file instead of the laboratory's own")
+    parser.add_argument("--out", default="out/run", help="run folder (default out/run)")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Run the experiment and write its folder."""
+    settings = RunSettings(
+        structure=arguments.structure,
+        plant=arguments.plant,
+        variant=arguments.variant,
+        law=arguments.law or "",
+        excite=arguments.excite,
+        at=arguments.at,
+        level=arguments.level,
+        low_hz=arguments.band[0] if arguments.band else None,
+        high_hz=arguments.band[1] if arguments.band else None,
+        period_s=arguments.period,
+        odd=arguments.odd,
+        seconds=arguments.seconds,
+        rate_hz=arguments.rate,
+        seed=arguments.seed,
+        noise=arguments.noise,
+        hardware=arguments.hardware,
+    )
+    prepared = settings.prepare()
+    with output_folder(arguments.out) as folder:
+        with progress_bar("experiment", settings.seconds) as report:
+            done = perform(prepared, folder, progress=report)
+        from vlab.views.run_view import write_run_view
+
+        write_run_view(folder / "run.rrd", prepared, done.result)
+        done.finish(folder)
+    names = done.result.recording.names
+    document = {"out": str(arguments.out), "real_time_factor": done.real_time_factor, "channels": list(names)}
+    text = (
+        f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
+        f"written to {arguments.out}: recording.parquet, run.toml, manifest.json, run.rrd   (vlab show {arguments.out})"
+    )
+    return Outcome(document=document, text=text)

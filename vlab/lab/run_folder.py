@@ -1,0 +1,149 @@
+"""A run as a folder: its settings in run.toml, its recording, and a manifest that says with what it was made."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from controllers import Controller
+from vlab.errors import BadExperiment, BadRecording
+from vlab.fe import FeModel, build_fe_model
+from vlab.hardware import Hardware, load_hardware
+from vlab.lab.excitation import build_excitation
+from vlab.lab.experiment import Experiment, Result, run_experiment
+from vlab.lab.laws import published_law
+from vlab.outputs import write_manifest
+from vlab.plants import Plant, build_plant
+from vlab.recordings import read_recording, write_recording
+from vlab.schema import Reader
+from vlab.signals import Recording
+from vlab.structure import load_structure
+from vlab.structure.model import Structure
+
+RECORDING, SETTINGS = "recording.parquet", "run.toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """Everything that determines an experiment on a structure, as `run.toml` keeps it. None: the default of its part."""
+
+    structure: str
+    plant: str = "composite"
+    variant: str = "published"
+    law: str = ""
+    excite: str = "multisine"
+    at: str = "base"
+    level: float | None = None
+    low_hz: float | None = None
+    high_hz: float | None = None
+    period_s: float | None = None
+    odd: bool | None = None
+    seconds: float = 60.0
+    rate_hz: float | None = None
+    seed: int = 0
+    noise: float = 0.0
+    hardware: str = ""
+
+    def prepare(self) -> "PreparedRun":
+        """Build every part, so that whatever is wrong is said before anything runs or is written."""
+        structure = load_structure(self.structure)
+        hardware = load_hardware(self.hardware or None)
+        if self.rate_hz is not None:
+            hardware = hardware.at_rate(self.rate_hz)
+        if self.noise < 0:
+            raise BadExperiment(f"the noise {self.noise} m/s is negative")
+        if self.noise > 0:
+            hardware = replace(hardware, velocity_sensor=replace(hardware.velocity_sensor, noise=self.noise))
+        if self.seed < 0:
+            raise BadExperiment(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
+        release = self.excite == "release"
+        excitation = build_excitation(
+            self.excite,
+            level=self.level,
+            low_hz=self.low_hz,
+            high_hz=self.high_hz,
+            period_s=self.period_s,
+            odd=self.odd,
+            seed=None if release else self.seed,
+        )
+        law = published_law(structure, self.law) if self.law else None
+        plant = build_plant(structure, self.plant, self.variant)
+        plant.substeps(hardware.converter.rate)
+        plant.actuator_index(self.at)
+        experiment = Experiment(
+            plant=plant, seconds=self.seconds, excitation=excitation, excite=self.at, controller=law, hardware=hardware, seed=self.seed
+        )
+        return PreparedRun(settings=self, structure=structure, hardware=hardware, plant=plant, law=law, experiment=experiment)
+
+    def to_toml(self) -> str:
+        """Return the settings as TOML; JSON's numbers, strings and truth values are TOML's."""
+        lines = [f"{key} = {json.dumps(value)}" for key, value in asdict(self).items() if value is not None]
+        return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedRun:
+    """A run whose parts are all built."""
+
+    settings: RunSettings
+    structure: Structure
+    hardware: Hardware
+    plant: Plant
+    law: Controller | None
+    experiment: Experiment
+
+    def fe_model(self) -> FeModel:
+        """Return the FE model of the same variant, for the analytical responses."""
+        return build_fe_model(self.structure, self.settings.variant)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DoneRun:
+    """A run that went well."""
+
+    prepared: PreparedRun
+    result: Result
+    elapsed_s: float
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over elapsed time."""
+        return self.prepared.settings.seconds / self.elapsed_s
+
+    def finish(self, folder: Path) -> None:
+        """Write the manifest, once everything else is in the folder."""
+        digest = hashlib.sha256((folder / RECORDING).read_bytes()).hexdigest()
+        write_manifest(
+            folder, verb="experiment", settings=asdict(self.prepared.settings), recording_sha256=digest, elapsed_s=self.elapsed_s
+        )
+
+
+def perform(prepared: PreparedRun, folder: Path, *, progress: Callable[[float], None] | None = None) -> DoneRun:
+    """Run a prepared experiment and write recording and settings into a folder."""
+    begun = time.perf_counter()
+    result = run_experiment(prepared.experiment, progress=progress)
+    elapsed = time.perf_counter() - begun
+    facts = {key: value for key, value in asdict(prepared.settings).items() if value is not None}
+    recording = replace(result.recording, meta={**facts, **result.recording.meta})
+    result = replace(result, recording=recording)
+    write_recording(recording, folder / RECORDING)
+    (folder / SETTINGS).write_text(prepared.settings.to_toml(), encoding="utf-8")
+    return DoneRun(prepared=prepared, result=result, elapsed_s=elapsed)
+
+
+def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
+    """Load a run folder, or a bare recording file (then without settings).
+
+    Raises
+    ------
+    BadRecording
+        The path is neither, or the recording is damaged.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return read_recording(path), None
+    if not (path / RECORDING).is_file():
+        raise BadRecording(f"{path}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file")
+    reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
+    return read_recording(path / RECORDING, folder=path), reader.table(RunSettings, reader.load())
