@@ -9,7 +9,7 @@ import importlib
 import json
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from vlab import __version__
 from vlab.cli.common import Outcome, finite
@@ -35,25 +35,31 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Build the parser with all verbs."""
-    parser = _Parser(prog="vlab", description=__doc__.splitlines()[0] if __doc__ else "", allow_abbrev=False)
+def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
+    """Build the parser; only the chosen verb's module is imported and asked for its arguments."""
+    parser = _Parser(prog="vlab", allow_abbrev=False)
     parser.description = "A virtual laboratory for flexible structures under active vibration control, on MuJoCo."
     parser.add_argument("--version", action="version", version=f"vlab {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(verb, help=summary, description=summary, allow_abbrev=False)
         sub.add_argument("--json", action="store_true", help="print one JSON document to stdout and nothing else")
-        sub.set_defaults(module=f"vlab.cli.{verb.replace('-', '_')}")
-        importlib.import_module(f"vlab.cli.{verb.replace('-', '_')}").add_arguments(sub)
+        if verb == chosen:
+            _module(verb).add_arguments(sub)
     return parser
+
+
+def _module(verb: str) -> Any:
+    return importlib.import_module(f"vlab.cli.{verb.replace('-', '_')}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
-    arguments = build_parser().parse_args(argv)
+    words = list(sys.argv[1:] if argv is None else argv)
+    chosen = next((word for word in words if word in VERBS), None)
+    arguments = build_parser(chosen).parse_args(words)
     try:
-        outcome: Outcome = importlib.import_module(arguments.module).run(arguments)
+        outcome: Outcome = _module(arguments.verb).run(arguments)
     except VlabError as error:
         print("error: " + " ".join(str(error).split()), file=sys.stderr)
         return 2

@@ -4,16 +4,17 @@ A bar of bending stiffness EI becomes rigid links of length h joined by hinges o
 inertia of its piece of bar. Inside a uniform bar this is fourth-order accurate as it stands: with c = cos(kh) the hinges
 give the factor (2 - 2c)^2/(kh)^4 = 1 - (kh)^2/6 + ..., the links' linear deflection gives (2 + c)/3 = 1 - (kh)^2/6 + ...
 to the mass, and the two cancel. Three places break the balance at second order; a perturbation of Rayleigh's quotient
-gives what restores it, and the convergence test asserts the order:
+gives what removes that order (third order is left, as the convergence test asserts):
 
 - at a clamp the curvature does not vanish: the first hinge stands at 11/24 h instead of h/2;
-- under a point mass or a point force the curvature has a kink: a hinge stands there;
+- under a point mass or a point force the curvature has a kink: a hinge stands there (links of unequal length on its two
+  sides leave a small term of second order);
 - a tension T is carried by links that cannot curve, which overstates its effect by T (kh)^2/12: the hinge gets
   (EI - T h^2/12)/h. The tension itself stays native.
 
 The links are a polygon beside the smooth curve. With the curvature k = angle/h of the hinges the curve is read off it to
 fourth order, too: w = W + k h^2/12 at a hinge (Numerov's weights), less k d1 d2/2 between two hinges at distances d1 and
-d2, and W - k h^2/32 at a clamp. Sensors and coils act through these readings.
+d2, and less 25/1152 k h^2 at a clamp between two chains, k their mean. Sensors and coils act through these readings.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +54,9 @@ class Chain:
         """
         h, out = self.pieces, np.zeros(len(self.hinges))
         if distance < self.hinges[0]:
-            out[0] = -h[0] / 32 if distance <= 0 else h[0] / 12 - (distance * self.hinges[0]) / (2 * h[0])
+            # at the clamp s1 = 11/24 h gives s1^2/2 - h^2/12 = 25/1152 h^2; up to the first hinge it goes over to +h^2/12
+            share = max(distance, 0.0) / self.hinges[0]
+            out[0] = h[0] * (share / 12 - (1 - share) * 25 / 1152)
             return out
         i = int(np.searchsorted(self.hinges, distance + 1e-9) - 1)
         if i == len(self.hinges) - 1:  # towards the free end the curvature falls to zero

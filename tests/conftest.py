@@ -1,0 +1,37 @@
+"""Parts that many tests share, built once."""
+
+import matplotlib as mpl
+import pytest
+
+from vlab.fe import FeModel, build_fe_model
+from vlab.hardware import Hardware, load_hardware
+from vlab.plants import Plant, build_plant
+from vlab.structure import load_structure
+from vlab.structure.model import Structure
+
+mpl.use("Agg")
+
+
+@pytest.fixture(scope="session")
+def beam() -> Structure:
+    return load_structure("beam")
+
+
+@pytest.fixture(scope="session")
+def fe(beam: Structure) -> FeModel:
+    return build_fe_model(beam)
+
+
+@pytest.fixture(scope="session")
+def composite(beam: Structure) -> Plant:
+    return build_plant(beam, "composite")
+
+
+@pytest.fixture(scope="session")
+def modal(beam: Structure) -> Plant:
+    return build_plant(beam, "modal")
+
+
+@pytest.fixture(scope="session")
+def laboratory() -> Hardware:
+    return load_hardware()

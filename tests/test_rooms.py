@@ -1,0 +1,81 @@
+"""The house: a module imports only from rooms above it, and data walks one way."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+ROOMS = [
+    "vlab.errors",
+    "vlab.units",
+    "vlab.schema",
+    "vlab.assets",
+    "vlab.signals",
+    "vlab.published",
+    "vlab.outputs",
+    "vlab.structure",
+    "vlab.fe",
+    "controllers",
+    "vlab.plants",
+    "vlab.hardware",
+    "vlab.modal",
+    "vlab.recordings",
+    "vlab.lab",
+    "vlab.cases",
+    "vlab.reproduce",
+    "vlab.views",
+    "vlab.bench",
+    "vlab.demo",
+    "vlab.cli",
+    "vlab.__main__",
+]
+"""From the ground up."""
+
+
+def room_of(module: str) -> int | None:
+    if module == "vlab":
+        return -1  # the version, and nothing else
+    return next((i for i, room in enumerate(ROOMS) if module == room or module.startswith(room + ".")), None)
+
+
+def imports_of(path: Path) -> list[str]:
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names.append(node.module)
+    return [name for name in names if name.split(".")[0] in ("vlab", "controllers")]
+
+
+def modules() -> list[tuple[str, Path]]:
+    paths = [*(ROOT / "vlab").rglob("*.py"), *(ROOT / "controllers").rglob("*.py")]
+    return [(".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"), p) for p in paths]
+
+
+def test_every_module_lives_in_a_room():
+    homeless = [name for name, _ in modules() if name != "vlab" and room_of(name) is None]
+    assert not homeless
+
+
+def test_a_module_imports_only_from_rooms_above_it():
+    wrong = []
+    for name, path in modules():
+        own = room_of(name)
+        for used in imports_of(path):
+            other = room_of(used)
+            if other is None or (own is not None and other > own):
+                wrong.append(f"{name} imports {used}")
+    assert not wrong
+
+
+def test_control_laws_know_nothing_of_the_simulator():
+    for name, path in modules():
+        if name.startswith("controllers"):
+            text = path.read_text(encoding="utf-8")
+            assert "mujoco" not in text, name
+            assert not [used for used in imports_of(path) if used.startswith(("vlab.plants", "vlab.lab"))], name
+
+
+def test_top_level_is_what_the_readme_promises():
+    visible = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} - {"out", "dist", "build"}
+    assert visible - {"MUJOCO_LOG.TXT"} == {"pyproject.toml", "assets", "vlab", "controllers", "tests", "README.md", "LICENSE"}

@@ -1,0 +1,40 @@
+"""Units: definitions, and refusals."""
+
+import pytest
+
+from vlab import units
+from vlab.errors import BadUnit
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "expected"),
+    [
+        ("in", "m", 0.0254),  # exact by definition
+        ("lb", "kg", 0.45359237),  # exact by definition
+        ("lbf", "N", 0.45359237 * 9.80665),  # exact by definition
+        ("lbf s/in", "N s/m", 0.45359237 * 9.80665 / 0.0254),
+        ("lbf s^2/in", "kg", 0.45359237 * 9.80665 / 0.0254),
+        ("g", "m/s^2", 9.80665),  # an acceleration
+        ("g", "kg", 1e-3),  # a mass
+        ("deg", "rad", 3.141592653589793 / 180),
+        ("mm", "m", 1e-3),
+        ("%", "1", 0.01),
+    ],
+)
+def test_factors_are_those_of_the_definitions(unit, si, expected):
+    assert units.factor(unit, si) == pytest.approx(expected, rel=1e-14)
+
+
+def test_conversion_there_and_back_is_the_identity():
+    assert units.from_si(units.to_si(3.7, "lbf s/in", "N s/m"), "lbf s/in", "N s/m") == pytest.approx(3.7, rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["furlongs per fortnight", "m**", "__import__('os')", "in;rm", "x" * 100, "degC", "[length]", "9**9**9"])
+def test_what_is_no_unit_is_refused(unit):
+    with pytest.raises(BadUnit):
+        units.factor(unit, "m")
+
+
+def test_wrong_dimension_names_both():
+    with pytest.raises(BadUnit, match="'lbf' cannot be converted to 'm'"):
+        units.factor("lbf", "m")
