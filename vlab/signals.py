@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from vlab.errors import BadRecording, unknown_name
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+Array = NDArray[Any]
+"""An array of floats (or of indices or truth values where the name says so)."""
+ComplexArray = NDArray[Any]
+"""An array of complex numbers."""
 
 KIND_UNITS = {
     "command": None,  # whatever the actuator takes: N, V, N m
@@ -112,11 +114,17 @@ class Recording:
             if names.count(name) > 1:
                 raise BadRecording(f"the channel name {name!r} stands {names.count(name)} times; names must be unique")
         if not np.all(np.isfinite(self.time)) or not np.all(np.diff(self.time) > 0):
-            bad = int(np.argmin(np.diff(self.time))) + 1 if np.all(np.isfinite(self.time)) else int(np.argmin(np.isfinite(self.time)))
+            bad = (
+                int(np.argmin(np.diff(self.time))) + 1
+                if np.all(np.isfinite(self.time))
+                else int(np.argmin(np.isfinite(self.time)))
+            )
             raise BadRecording(f"the time stamps do not increase at sample {bad} (t = {self.time[bad]:g} s)")
         if not np.all(np.isfinite(self.data)):
             row, column = (int(i) for i in np.argwhere(~np.isfinite(self.data))[0])
-            raise BadRecording(f"channel {names[column]!r} is {self.data[row, column]} at sample {row} (t = {self.time[row]:g} s); samples must be finite")
+            raise BadRecording(
+                f"channel {names[column]!r} is {self.data[row, column]} at sample {row} (t = {self.time[row]:g} s); samples must be finite"
+            )
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -148,7 +156,9 @@ class Recording:
         """
         if not self.is_uniform:
             steps = np.diff(self.time)
-            raise BadRecording(f"the time steps vary from {steps.min():g} to {steps.max():g} s: the recording has no single rate; resample it first")
+            raise BadRecording(
+                f"the time steps vary from {steps.min():g} to {steps.max():g} s: the recording has no single rate; resample it first"
+            )
         return float((len(self) - 1) / (self.time[-1] - self.time[0]))
 
     def index(self, name: str) -> int:
@@ -203,13 +213,17 @@ class FrequencyResponse:
         object.__setattr__(self, "inputs", tuple(self.inputs))
         expected = (self.freq.size, len(self.outputs), len(self.inputs))
         if self.H.shape != expected:
-            raise BadRecording(f"a frequency response of shape {self.H.shape} does not fit {expected} (frequency, output, input)")
+            raise BadRecording(
+                f"a frequency response of shape {self.H.shape} does not fit {expected} (frequency, output, input)"
+            )
         if not np.all(np.isfinite(self.H)) or not np.all(np.diff(self.freq) > 0):
             raise BadRecording("a frequency response must be finite on increasing frequencies")
         if self.coherence is not None:
             object.__setattr__(self, "coherence", _frozen(self.coherence, float))
             if self.coherence.shape != expected[:2]:
-                raise BadRecording(f"a coherence of shape {self.coherence.shape} does not fit {expected[:2]} (frequency, output)")
+                raise BadRecording(
+                    f"a coherence of shape {self.coherence.shape} does not fit {expected[:2]} (frequency, output)"
+                )
 
     def between(self, low: float, high: float) -> "FrequencyResponse":
         """Return the part with low <= frequency <= high [Hz]."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from rerun import chunk
 
 from vlab.errors import BadRecording, OutputRefused
 from vlab.lab.excitation import Multisine
@@ -14,8 +15,6 @@ from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.plants import Plant
 from vlab.signals import Channel, FrequencyResponse, Recording
 from vlab.views import scene
-
-chunk = pytest.importorskip("rerun.chunk")
 
 HOSTILE = "<script>/../$x ![a](http://b)"
 
@@ -194,4 +193,26 @@ def open_sockets():
 def test_a_folder_that_is_missing_is_refused(tmp_path, beam, composite, run):
     with pytest.raises(OutputRefused, match="cannot be written"):
         scene.write_run(tmp_path / "missing" / "run.rrd", beam, composite, run)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failure_on_the_way_leaves_nothing(tmp_path, beam, composite, run, monkeypatch):
+    def fail(*_args):
+        raise KeyError("inside")
+
+    monkeypatch.setattr(scene, "_log_document", fail)
+    with pytest.raises(KeyError):
+        scene.write_run(tmp_path / "run.rrd", beam, composite, run)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_up_leaves_no_half_file(tmp_path, beam, composite, run):
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(OutputRefused, match="incomplete"):
+            scene.write_run(tmp_path / "run.rrd", beam, composite, run)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert list(tmp_path.iterdir()) == []

@@ -39,7 +39,9 @@ def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     is_text = [any(isinstance(row[i], str) for row in rows) for i in range(len(headers))]
 
     def line(parts: Sequence[str]) -> str:
-        return "  ".join(p.ljust(w) if text else p.rjust(w) for p, w, text in zip(parts, widths, is_text, strict=True)).rstrip()
+        return "  ".join(
+            p.ljust(w) if text else p.rjust(w) for p, w, text in zip(parts, widths, is_text, strict=True)
+        ).rstrip()
 
     return "\n".join([line(headers), line(["-" * w for w in widths]), *(line(row) for row in cells)])
 

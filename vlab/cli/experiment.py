@@ -14,17 +14,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("structure", help="a built-in structure (beam) or a structure file")
     parser.add_argument("--plant", default=default.plant, help="composite (default) or modal")
     parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
-    parser.add_argument("--law", help="control law in the loop: mfdrf or lqdrf with the gains of Table 7; none by default")
-    parser.add_argument("--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})")
+    parser.add_argument(
+        "--law", help="control law in the loop: mfdrf or lqdrf with the gains of Table 7; none by default"
+    )
+    parser.add_argument(
+        "--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})"
+    )
     parser.add_argument("--at", default=default.at, help="the coil that excites besides controlling (default base)")
-    parser.add_argument("--level", type=float, help="size of the excitation in N: rms, peak for sines and blows, static force for a release")
+    parser.add_argument(
+        "--level",
+        type=float,
+        help="size of the excitation in N: rms, peak for sines and blows, static force for a release",
+    )
     parser.add_argument("--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band of the excitation in Hz")
     parser.add_argument("--period", type=float, help="period of a periodic excitation or of one sweep in s")
-    parser.add_argument("--odd", action="store_const", const=True, help="multisine: odd lines only, with detection lines in between")
+    parser.add_argument(
+        "--odd", action="store_const", const=True, help="multisine: odd lines only, with detection lines in between"
+    )
     parser.add_argument("--seconds", type=float, default=default.seconds, help="duration in s (default 60)")
     parser.add_argument("--rate", type=float, help="samples per second of loop and recording (default 2000)")
     parser.add_argument("--seed", type=int, default=default.seed, help="seed of excitation and noise (default 0)")
-    parser.add_argument("--noise", type=float, default=default.noise, help="rms noise of the velocity sensors in m/s (default 0)")
+    parser.add_argument(
+        "--noise", type=float, default=default.noise, help="rms noise of the velocity sensors in m/s (default 0)"
+    )
     parser.add_argument("--hardware", default=default.hardware, help="a hardware file instead of the laboratory's own")
     parser.add_argument("--out", default="out/run", help="run folder (default out/run)")
 

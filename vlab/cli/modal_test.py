@@ -11,12 +11,20 @@ from vlab.outputs import output_folder, write_manifest
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("run", nargs="+", help="run folders, or recordings written by vlab (.parquet, .csv)")
-    parser.add_argument("--input", action="append", default=[], help="input channel; by default what the recording marks as input")
+    parser.add_argument(
+        "--input", action="append", default=[], help="input channel; by default what the recording marks as input"
+    )
     parser.add_argument("--output", action="append", default=[], help="output channel; by default all sensors")
-    parser.add_argument("--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band in Hz in which modes are looked for")
+    parser.add_argument(
+        "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band in Hz in which modes are looked for"
+    )
     parser.add_argument("--modes", type=int, help="how many modes to report; by default as many as the data support")
-    parser.add_argument("--estimator", choices=("H1", "H2", "Hv"), default="H1", help="frequency response estimator (default H1)")
-    parser.add_argument("--period", type=float, help="period of the excitation in s; by default what the recording says")
+    parser.add_argument(
+        "--estimator", choices=("H1", "H2", "Hv"), default="H1", help="frequency response estimator (default H1)"
+    )
+    parser.add_argument(
+        "--period", type=float, help="period of the excitation in s; by default what the recording says"
+    )
     parser.add_argument("--segment", type=float, help="segment length in s for random data")
     parser.add_argument("--out", help="folder for figures and the responses")
 
@@ -46,8 +54,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         with output_folder(arguments.out) as folder:
             for name in result.mean.outputs:
-                figure = frf_figure(result.mean, result.poles.fitted, output=name, input=result.mean.inputs[0])
-                (folder / f"frf-{name.replace(':', '-')}.svg").write_text(to_svg(figure))
+                figure = frf_figure(result.mean, result.poles.fitted, output=name, input=result.mean.inputs[0], labels=("measured", "fitted"))
+                (folder / f"frf-{name.replace(':', '-')}.svg").write_text(to_svg(figure), encoding="utf-8")
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)
     return Outcome(document=document, text=text)

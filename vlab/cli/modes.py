@@ -11,8 +11,12 @@ from vlab.structure import load_structure
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("structure", help="a built-in structure (beam) or a structure file")
-    parser.add_argument("--variant", default="published", help="how the structure is modelled: published (default) or physical")
-    parser.add_argument("--modes", type=int, default=6, choices=range(1, 13), metavar="N", help="how many modes (1 to 12, default 6)")
+    parser.add_argument(
+        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+    )
+    parser.add_argument(
+        "--modes", type=int, default=6, choices=range(1, 13), metavar="N", help="how many modes (1 to 12, default 6)"
+    )
     parser.add_argument("--out", help="folder for mode shapes and MAC as figures")
 
 
@@ -37,16 +41,16 @@ def run(arguments: argparse.Namespace) -> Outcome:
             f"{facts['real_time_factor']:.0f} x real time; leaves out: {'; '.join(facts['left_out'])}"
         )
     if arguments.out:
-        from vlab.views.figures import mac_figure, mode_shapes_figure, to_svg
         from vlab.modal.mac import mac
+        from vlab.views.figures import mac_figure, mode_shapes_figure, to_svg
 
         with output_folder(arguments.out) as folder:
             fe_modes = check.fe_modes()
             for name in plants:
                 plant_modes = check.plant_modes(name)
-                (folder / f"shapes-{name}.svg").write_text(to_svg(mode_shapes_figure(structure, fe_modes, plant_modes)))
+                (folder / f"shapes-{name}.svg").write_text(to_svg(mode_shapes_figure(structure, fe_modes, plant_modes)), encoding="utf-8")
                 likeness = mac(fe_modes.shapes, plant_modes.shapes)
-                (folder / f"mac-{name}.svg").write_text(to_svg(mac_figure(likeness)))
+                (folder / f"mac-{name}.svg").write_text(to_svg(mac_figure(likeness)), encoding="utf-8")
             write_manifest(folder, verb="modes", structure=structure.name, variant=arguments.variant)
         document["out"] = str(arguments.out)
     return Outcome(document=document, text="\n".join(lines))

@@ -18,10 +18,24 @@ def run(arguments: argparse.Namespace) -> Outcome:
     lines = []
     for table in tables:
         rows = [
-            [c.row, c.column, c.published, c.ours, c.unit, 100 * (c.ours - c.published) / c.published if c.published else None, 100 * c.tolerance, c.ok]
+            [
+                c.row,
+                c.column,
+                c.published,
+                c.ours,
+                c.unit,
+                100 * (c.ours - c.published) / c.published if c.published else None,
+                100 * c.tolerance,
+                c.ok,
+            ]
             for c in table.cells
         ]
-        lines += [f"Table {table.table}. {table.title}", "", text_table(["row", "column", "published", "ours", "unit", "off %", "tolerance %", "ok"], rows), ""]
+        lines += [
+            f"Table {table.table}. {table.title}",
+            "",
+            text_table(["row", "column", "published", "ours", "unit", "off %", "tolerance %", "ok"], rows),
+            "",
+        ]
     lines += ["Not reproduced:", *(f"  Table {part['table']}: {part['why']}" for part in missing)]
     document = {"tables": [t.as_dict() for t in tables], "not_reproducible": missing}
     return Outcome(document=document, text="\n".join(lines), holds=all(t.ok for t in tables))

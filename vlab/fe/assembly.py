@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
 from vlab.fe.damping import modal_ratios
@@ -41,7 +42,12 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
     block = np.ix_(keep, keep)
     undamped = SecondOrderModel(M=M[block], C=np.zeros((len(keep), len(keep))), K=K[block], coordinates=tuple(names))
     model = FeModel(
-        structure=structure, variant=variant, mesh=mesh, linear=undamped, expand=np.eye(len(M))[:, keep], one_mode=one_mode
+        structure=structure,
+        variant=variant,
+        mesh=mesh,
+        linear=undamped,
+        expand=np.eye(len(M))[:, keep],
+        one_mode=one_mode,
     )
     zeta = modal_ratios(structure.damping, model.coils.T @ undamped.eigen[1])
     return replace(model, linear=undamped.with_modal_damping(zeta))
@@ -106,7 +112,9 @@ def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Ar
 def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) -> tuple[Array, Array]:
     section, flexible = element.section, element.flexible
     if flexible <= 0:
-        raise BadStructure(f"bar {element.bar!r}: the clamps leave no flexible length in a span of {element.length:g} m")
+        raise BadStructure(
+            f"bar {element.bar!r}: the clamps leave no flexible length in a span of {element.length:g} m"
+        )
     direction = mesh.direction(element)
     start_tension = end_tension = start_rigid_tension = end_rigid_tension = 0.0
     if line is not None:
@@ -116,11 +124,16 @@ def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) ->
         share = np.array([element.rigid_start, element.length - element.rigid_end]) / element.length
         start_tension, end_tension = low + (high - low) * share
         start_rigid_tension, end_rigid_tension = (low + start_tension) / 2, (high + end_tension) / 2
-    k = el.bending_stiffness(section.bending_stiffness, flexible) + el.geometric_stiffness(start_tension, end_tension, flexible)
+    k = el.bending_stiffness(section.bending_stiffness, flexible) + el.geometric_stiffness(
+        start_tension, end_tension, flexible
+    )
     m = el.consistent_mass(section.mass_per_length, flexible)
     T = el.rigid_end(element.rigid_start, element.rigid_end)
     k, m = T.T @ k @ T, T.T @ m @ T
-    for where, length, tension in ((0, element.rigid_start, start_rigid_tension), (2, -element.rigid_end, end_rigid_tension)):
+    for where, length, tension in (
+        (0, element.rigid_start, start_rigid_tension),
+        (2, -element.rigid_end, end_rigid_tension),
+    ):
         if length:
             rigid_m, rigid_k = el.rigid_segment(section.mass_per_length, tension, length)
             m[where : where + 2, where : where + 2] += rigid_m

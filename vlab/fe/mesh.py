@@ -75,9 +75,7 @@ def build_mesh(structure: Structure, variant: Variant, *, refine: int = 1) -> Me
     renumber = {old: new for new, old in enumerate(used)}
     return Mesh(
         nodes=tuple(nodes[i] for i in used),
-        elements=tuple(
-            replace(e, start=renumber[e.start], end=renumber[e.end]) for e in elements
-        ),
+        elements=tuple(replace(e, start=renumber[e.start], end=renumber[e.end]) for e in elements),
     )
 
 

@@ -42,7 +42,10 @@ class FeModel:
             share = self.one_mode.shape(abs(location.station - self.one_mode.arm))
             return (1 - share) * self.expand[3 * self.mesh.node(self.one_mode.root)] + share * self.expand[-1]
         for element in self.mesh.elements:
-            if element.bar == location.bar and element.station - 1e-9 <= location.station <= element.station + element.length + 1e-9:
+            if (
+                element.bar == location.bar
+                and element.station - 1e-9 <= location.station <= element.station + element.length + 1e-9
+            ):
                 break
         along = location.station - element.station
         end_map = bending_map(self.mesh.direction(element))

@@ -82,12 +82,16 @@ def one_mode_bar(structure: Structure, name: str) -> OneModeBar:
     section = structure.section[bar.section]
     clamps = [c for c in structure.clamp if c.at in bar.points[1:-1]]
     if len(bar.points) != 3 or len(clamps) != 1:
-        raise BadStructure(f"bar {name!r} cannot be carried by one symmetric mode: it needs three points, the middle one clamped")
+        raise BadStructure(
+            f"bar {name!r} cannot be carried by one symmetric mode: it needs three points, the middle one clamped"
+        )
     root = np.array(structure.position(bar.points[1]))
     arms = [float(np.hypot(*(root - structure.position(tip)))) for tip in (bar.points[0], bar.points[2])]
     tips = [structure.point_mass(tip) for tip in (bar.points[0], bar.points[2])]
-    if not (np.isclose(*arms) and np.isclose(*tips)):
-        raise BadStructure(f"bar {name!r} cannot be carried by one symmetric mode: arms {arms} m, tips {tips} kg differ")
+    if not (np.isclose(arms[0], arms[1]) and np.isclose(tips[0], tips[1])):
+        raise BadStructure(
+            f"bar {name!r} cannot be carried by one symmetric mode: arms {arms} m, tips {tips} kg differ"
+        )
     rigid, arm, tip = clamps[0].half_length, arms[0], tips[0]
     piece = (arm - rigid) / _ELEMENTS
     n = 2 * (_ELEMENTS + 1)

@@ -81,7 +81,9 @@ class SecondOrderModel:
         """Return the same model with C = M Phi diag(2 zeta omega) Phi^T M, which couples no modes."""
         omega, shapes = self.eigen
         MPhi = self.M @ shapes
-        return SecondOrderModel(M=self.M, C=(MPhi * (2 * np.asarray(zeta) * np.abs(omega))) @ MPhi.T, K=self.K, coordinates=self.coordinates)
+        return SecondOrderModel(
+            M=self.M, C=(MPhi * (2 * np.asarray(zeta) * np.abs(omega))) @ MPhi.T, K=self.K, coordinates=self.coordinates
+        )
 
     def with_rate_feedback(self, inputs: Array, gains: Array) -> "SecondOrderModel":
         """Return the model with u = -D y closed around collocated pairs: C + B D B^T, for a symmetric D (4.30)."""
@@ -89,9 +91,13 @@ class SecondOrderModel:
 
     def transformed(self, T: Array, coordinates: Sequence[str]) -> "SecondOrderModel":
         """Return the model in coordinates p with q = T p (a Ritz reduction when T is tall)."""
-        return SecondOrderModel(M=T.T @ self.M @ T, C=T.T @ self.C @ T, K=T.T @ self.K @ T, coordinates=tuple(coordinates))
+        return SecondOrderModel(
+            M=T.T @ self.M @ T, C=T.T @ self.C @ T, K=T.T @ self.K @ T, coordinates=tuple(coordinates)
+        )
 
-    def state_matrices(self, inputs: Array, outputs: Array, quantity: Quantity = "velocity") -> tuple[Array, Array, Array, Array]:
+    def state_matrices(
+        self, inputs: Array, outputs: Array, quantity: Quantity = "velocity"
+    ) -> tuple[Array, Array, Array, Array]:
         """Return A, B, C, D for the state x = [q', q] of equation (3.2).
 
         Parameters
@@ -161,5 +167,8 @@ class SecondOrderModel:
         shapes = outputs @ self.eigen[1][:, :count]
         scale = shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])]
         return ModalModel(
-            freq=self.freq[:count], zeta=self.zeta[:count], shapes=shapes / np.where(scale == 0, 1, scale), coordinates=tuple(names)
+            freq=self.freq[:count],
+            zeta=self.zeta[:count],
+            shapes=shapes / np.where(scale == 0, 1, scale),
+            coordinates=tuple(names),
         )

@@ -73,7 +73,9 @@ def _line(structure: Structure, bar: Bar) -> HangingLine:
         if end == lower and None in stated:
             raise BadStructure(f"the cable {other} point {end!r} states no tension; the lower cable must state it")
         if end == upper and any(t is not None for t in stated):
-            raise BadStructure(f"the cable {other} point {end!r} states a tension that follows from equilibrium; state the lower one only")
+            raise BadStructure(
+                f"the cable {other} point {end!r} states a tension that follows from equilibrium; state the lower one only"
+            )
     carried = {name: structure.point_mass(name) for name in bar.points}
     for other_bar in structure.bar:
         if other_bar.name != bar.name:

@@ -24,19 +24,21 @@ class Excitation(Protocol):
         for a release.
     """
 
-    level: float
-
-    def sample(self, time: Array) -> Array:
-        """Return the signal at times [s]."""
+    @property
+    def level(self) -> float:
+        """Size of the signal."""
 
     @property
     def period_s(self) -> float | None:
         """Period of a periodic signal [s], else None."""
 
+    def sample(self, time: Array) -> Array:
+        """Return the signal at times [s]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Banded:
-    level: float = 0.5
+    level: float = 0.1
     low_hz: float = 0.5
     high_hz: float = 60.0
     seed: int = 0
@@ -79,10 +81,14 @@ class Multisine(_Banded):
         if self.odd:
             lines = lines[lines % 2 == 1]
             groups = np.arange(len(lines)) // 4
-            skipped = {int(rng.choice(np.flatnonzero(groups == g))) for g in range(groups.max() + 1 if len(groups) else 0)}
+            skipped = {
+                int(rng.choice(np.flatnonzero(groups == g))) for g in range(groups.max() + 1 if len(groups) else 0)
+            }
             lines = np.delete(lines, sorted(skipped))
         if len(lines) == 0:
-            raise BadExperiment(f"no line of 1/{self.period_s:g} Hz lies between {self.low_hz:g} and {self.high_hz:g} Hz; lengthen the period")
+            raise BadExperiment(
+                f"no line of 1/{self.period_s:g} Hz lies between {self.low_hz:g} and {self.high_hz:g} Hz; lengthen the period"
+            )
         object.__setattr__(self, "_lines", lines)
         object.__setattr__(self, "_phase", rng.uniform(0, 2 * np.pi, len(lines)))
         object.__setattr__(self, "_amplitude", self._spectrum(rng, len(lines)))
@@ -100,7 +106,6 @@ class Multisine(_Banded):
         for line, amplitude, start in zip(self._lines, self._amplitude, self._phase, strict=True):
             out += amplitude * np.sin(line * phase + start)
         return out
-
 
     def _divides(self, time: Array) -> bool:
         """Whether the times are even and a period is a whole number of steps that holds all lines."""
@@ -194,7 +199,9 @@ class Hammer(_Banded):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.interval_s > 3 / self.high_hz:
-            raise BadExperiment(f"an interval of {self.interval_s} s is too short for blows of {1.5 / self.high_hz:g} s")
+            raise BadExperiment(
+                f"an interval of {self.interval_s} s is too short for blows of {1.5 / self.high_hz:g} s"
+            )
 
     @property
     def period_s(self) -> None:

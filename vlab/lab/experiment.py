@@ -158,7 +158,9 @@ def _record(experiment: Experiment, loop: ControlLoop, times: Array, target: int
     columns: list[Array] = []
     if excited and experiment.excitation is not None:
         tap = plant.actuators[target]
-        channels.append(Channel(name=f"excitation:{tap.at}", kind="excitation", unit=tap.unit, at=tap.at, is_input=True))
+        channels.append(
+            Channel(name=f"excitation:{tap.at}", kind="excitation", unit=tap.unit, at=tap.at, is_input=True)
+        )
         columns.append(experiment.excitation.sample(times))
     for i, tap in enumerate(plant.actuators):
         if experiment.controller is not None:

@@ -26,5 +26,7 @@ def published_law(structure: Structure, name: str) -> Controller:
     names = law_names(structure)
     if name not in names:
         raise unknown_name("law", name, names, where=f"structure {structure.name!r}")
-    table = next(t for t in published_tables(structure.name) if t.number == GAIN_TABLES[structure.name] and t.part == name)
+    table = next(
+        t for t in published_tables(structure.name) if t.number == GAIN_TABLES[structure.name] and t.part == name
+    )
     return DirectRateFeedback(table.si("N s/m"), sensors=table.columns, actuators=table.rows)

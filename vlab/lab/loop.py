@@ -64,7 +64,9 @@ class ControlLoop:
     def sampled(self) -> Array:
         """What the sensors gave at every sample, (n_samples, n_sensors)."""
         travel = self._raw[:, self.plant.travel]
-        return self.sampling.samples(self._raw @ self.plant.sensor_matrix.T, travel if travel.size else None, slice(None))
+        return self.sampling.samples(
+            self._raw @ self.plant.sensor_matrix.T, travel if travel.size else None, slice(None)
+        )
 
     @property
     def applied(self) -> Array:
@@ -79,9 +81,13 @@ class ControlLoop:
         try:
             out = np.asarray(controller.step(np.zeros(len(self._from))), dtype=float)
         except (ValueError, TypeError, IndexError) as error:
-            raise BadController(f"the law fails on {len(self._from)} samples ({', '.join(controller.sensors)}): {error}") from error
+            raise BadController(
+                f"the law fails on {len(self._from)} samples ({', '.join(controller.sensors)}): {error}"
+            ) from error
         if out.shape != (len(self._to),):
-            raise BadController(f"the law gives {out.shape} commands; {len(self._to)} are wired to ({', '.join(controller.actuators)})")
+            raise BadController(
+                f"the law gives {out.shape} commands; {len(self._to)} are wired to ({', '.join(controller.actuators)})"
+            )
         controller.reset()
 
     def _feedback(self) -> Callable[[int], Array] | None:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from vlab.fe.second_order import SecondOrderModel
+from vlab.fe.second_order import Quantity, SecondOrderModel
 from vlab.hardware.laboratory import Converter
-from vlab.hardware.output_chain import delay_split
+from vlab.hardware.output_chain import delay_split, theoretical_response
 from vlab.signals import Array
 
 
@@ -47,7 +47,9 @@ class ClosedLoop:
         return np.abs(chosen) / (2 * np.pi), -chosen.real / np.abs(chosen)
 
 
-def predict_rate_feedback(linear: SecondOrderModel, inputs: Array, gains: Array, converter: Converter, *, modes: int | None = None) -> ClosedLoop:
+def predict_rate_feedback(
+    linear: SecondOrderModel, inputs: Array, gains: Array, converter: Converter, *, modes: int | None = None
+) -> ClosedLoop:
     """Return the loop u_k = -D y_k with hold, delay and filter, sampled exactly.
 
     Parameters
@@ -111,3 +113,37 @@ def _held(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
     block[: len(A), : len(A)], block[: len(A), len(A) :] = A, B
     out = linalg.expm(block * duration)
     return out[: len(A), : len(A)], out[: len(A), len(A) :]
+
+
+def rate_feedback_response(
+    linear: SecondOrderModel,
+    coils: Array,
+    gains: Array,
+    converter: Converter,
+    freq: Array,
+    *,
+    excited: Array,
+    outputs: Array,
+    quantity: Quantity,
+) -> Array:
+    """Return the analytical closed-loop response to a force added behind the filter, (n_freq, n_outputs, n_excited).
+
+    The loop is opened at the forces: u = -D c(f) (velocities), c the response of hold, delay and filter, so the motion
+    per added force is G (I + D c G_coils)^-1.
+
+    Parameters
+    ----------
+    coils : (n, n_coils) array
+        Load distribution of the law's coils, in the order of D; velocities are collocated.
+    excited : (n, n_excited) array
+        Load distribution of the added force.
+    outputs : (n_outputs, n) array
+        Deflection rows of what is observed.
+    """
+    both = np.hstack([coils, excited])
+    n_coils = coils.shape[1]
+    at_coils = linear.frequency_response(freq, both, coils.T, quantity="velocity").H
+    out = linear.frequency_response(freq, both, outputs, quantity=quantity).H
+    loop = gains[None] * theoretical_response(converter, freq)[:, None, None]
+    forces = -np.linalg.solve(np.eye(n_coils) + loop @ at_coils[:, :, :n_coils], loop @ at_coils[:, :, n_coils:])
+    return np.asarray(out[:, :, n_coils:] + out[:, :, :n_coils] @ forces)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+
 from controllers import Controller
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
@@ -72,9 +73,17 @@ class RunSettings:
         plant.substeps(hardware.converter.rate)
         plant.actuator_index(self.at)
         experiment = Experiment(
-            plant=plant, seconds=self.seconds, excitation=excitation, excite=self.at, controller=law, hardware=hardware, seed=self.seed
+            plant=plant,
+            seconds=self.seconds,
+            excitation=excitation,
+            excite=self.at,
+            controller=law,
+            hardware=hardware,
+            seed=self.seed,
         )
-        return PreparedRun(settings=self, structure=structure, hardware=hardware, plant=plant, law=law, experiment=experiment)
+        return PreparedRun(
+            settings=self, structure=structure, hardware=hardware, plant=plant, law=law, experiment=experiment
+        )
 
     def to_toml(self) -> str:
         """Return the settings as TOML; JSON's numbers, strings and truth values are TOML's."""
@@ -115,7 +124,11 @@ class DoneRun:
         """Write the manifest, once everything else is in the folder."""
         digest = hashlib.sha256((folder / RECORDING).read_bytes()).hexdigest()
         write_manifest(
-            folder, verb="experiment", settings=asdict(self.prepared.settings), recording_sha256=digest, elapsed_s=self.elapsed_s
+            folder,
+            verb="experiment",
+            settings=asdict(self.prepared.settings),
+            recording_sha256=digest,
+            elapsed_s=self.elapsed_s,
         )
 
 
@@ -144,6 +157,8 @@ def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
     if not path.is_dir():
         return read_recording(path), None
     if not (path / RECORDING).is_file():
-        raise BadRecording(f"{path}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file")
+        raise BadRecording(
+            f"{path}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file"
+        )
     reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
     return read_recording(path / RECORDING, folder=path), reader.table(RunSettings, reader.load())

@@ -17,6 +17,7 @@ fourth order, too: w = W + k h^2/12 at a hinge (Numerov's weights), less k d1 d2
 d2, and less 25/1152 k h^2 at a clamp between two chains, k their mean. Sensors and coils act through these readings.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -101,7 +102,7 @@ def build_chain(
     wanted = length / links
     hinges: list[float] = []
     pieces: list[float] = []
-    for a, b in zip(stations[:-1], stations[1:], strict=True):
+    for a, b in itertools.pairwise(stations):
         at_clamp, at_end = a == 0.0, b == length
         shortfall = 0.5 * at_clamp - 0.5 * at_end  # half a piece before the first hinge, half after the last
         count = max(1, round((b - a) / wanted + shortfall))
@@ -115,5 +116,7 @@ def build_chain(
     size = np.array(pieces)
     effective = EI - pull * size**2 / 12
     if np.any(effective <= 0):
-        raise BadStructure(f"a tension of {pull.max():.4g} N needs links shorter than {size.max():.4g} m on EI = {EI:.4g} N m^2; use more links")
+        raise BadStructure(
+            f"a tension of {pull.max():.4g} N needs links shorter than {size.max():.4g} m on EI = {EI:.4g} N m^2; use more links"
+        )
     return Chain(np.array(hinges), effective / size, length, size)

@@ -6,6 +6,7 @@ that the drawing is the equilibrium: the tension in the bar, its growth with the
 motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.dissipation`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +22,7 @@ from vlab.plants.chain import Chain, build_chain
 from vlab.plants.dissipation import DampingTendon, with_damping_tendons
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
-from vlab.structure.model import Bar, Section, Sensor, Structure
+from vlab.structure.model import Bar, Clamp, Section, Sensor, Structure
 
 UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 OUT = 1
@@ -58,9 +59,7 @@ class _Builder:
     def build(self) -> Any:
         """Return the spec of the undamped structure."""
         self.bar, self.line = self._vertical_bar()
-        self.clamp = next((c for c in self.structure.clamp if c.at in self.bar.points), None)
-        if self.clamp is None:
-            raise BadStructure(f"the composite needs a clamp on the vertical bar {self.bar.name!r} to root its links at")
+        self.clamp = self._root_clamp()
         option = self.spec.option
         option.timestep = self.options.timestep
         option.gravity = [0.0, 0.0, -self.structure.gravity]
@@ -83,10 +82,20 @@ class _Builder:
         self._transducers()
         return self.spec
 
+    def _root_clamp(self) -> Clamp:
+        for clamp in self.structure.clamp:
+            if clamp.at in self.bar.points:
+                return clamp
+        raise BadStructure(
+            f"the composite needs a clamp on the vertical bar {self.bar.name!r} to root its links at"
+        )
+
     def _vertical_bar(self) -> tuple[Bar, HangingLine]:
         lines = hanging_lines(self.structure)
         if len(lines) != 1:
-            raise BadStructure(f"the composite is built on one vertical bar; structure {self.structure.name!r} has {len(lines)}")
+            raise BadStructure(
+                f"the composite is built on one vertical bar; structure {self.structure.name!r} has {len(lines)}"
+            )
         line = next(iter(lines.values()))
         return next(b for b in self.structure.bar if b.name == line.bar), line
 
@@ -106,12 +115,17 @@ class _Builder:
                 section.bending_stiffness,
                 links=max(2, round(self.options.links * reach / total)),
                 kinks=kinks,
-                tension=lambda s, sign=sign, edge=edge: self.line.tension(root + sign * (edge + s)),
+                tension=self._tension_along(root, sign),
             )
             prefix = "beam+" if sign > 0 else "beam-"
             self._add_chain(prefix, sign * UP, ALONG, chain, edge, section, points)
             bend = float(np.cross(ALONG, sign * UP)[OUT])
             self.root_curve[f"{prefix}1"] = bend * chain.reading(0.0)[0] / 2  # the mean of what lies above and below
+
+    def _tension_along(self, root: float, sign: float) -> Callable[[float], float]:
+        """Return the tension at a distance from the clamp's edge, upwards or downwards."""
+        edge = self.clamp.half_length
+        return lambda s: self.line.tension(root + sign * (edge + s))
 
     def _loads(self, point: str) -> bool:
         """Whether a point mass or a point force acts at a point of the bar."""
@@ -135,7 +149,9 @@ class _Builder:
         """Carry a bar as the oscillator of its first symmetric mode."""
         mode = one_mode_bar(self.structure, bar.name)
         body = self.root.add_body(name=bar.name)
-        body.add_joint(name=f"{bar.name}:mode", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0]).stiffness[0] = mode.stiffness
+        body.add_joint(name=f"{bar.name}:mode", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0]).stiffness[0] = (
+            mode.stiffness
+        )
         self._set_inertia(body, [(mode.mass, np.zeros(3), np.zeros(3))])
         self.root_parts.append((mode.total_mass - mode.mass, np.zeros(3), np.zeros(3)))
 
@@ -163,7 +179,14 @@ class _Builder:
         self.hung_mass = moved
 
     def _add_chain(
-        self, name: str, along: Array, axis: Array, chain: Chain, edge: float, section: Section, points: dict[str, float]
+        self,
+        name: str,
+        along: Array,
+        axis: Array,
+        chain: Chain,
+        edge: float,
+        section: Section,
+        points: dict[str, float],
     ) -> None:
         bend = float(np.cross(axis, along)[OUT])  # slope along the chain per hinge angle
         joints = [f"{name}{i + 1}" for i in range(len(chain.hinges))]
@@ -201,7 +224,9 @@ class _Builder:
         centre = masses @ positions / total
         arms = positions - centre
         inertia = sum(own for _, _, own in parts) + masses @ (np.sum(arms**2, axis=1)[:, None] - arms**2)
-        floor = 1e-3 * inertia.max() if inertia.max() > 0 else 1e-9 * total  # MuJoCo asks for a positive inertia about every axis
+        floor = (
+            1e-3 * inertia.max() if inertia.max() > 0 else 1e-9 * total
+        )  # MuJoCo asks for a positive inertia about every axis
         inertia = np.maximum(inertia, floor)
         inertia[OUT] = min(inertia[OUT], inertia[0] + inertia[2])  # a flat body to rounding
         body.explicitinertial = True
@@ -231,8 +256,7 @@ class _Builder:
                 tendon.wrap_site(cable.at)
 
     def _transducers(self) -> None:
-        parts = (*self.structure.coil, *self.structure.sensor, *self.structure.probe)
-        for place in dict.fromkeys(part.at for part in parts):
+        for place in self.structure.transducer_places:
             tendon = self.spec.add_tendon(name=_curve(place))
             for joint, length in self.curves[place].items():
                 tendon.wrap_joint(joint, length)
@@ -245,19 +269,33 @@ class _Builder:
                 name=_curve(f"coil:{coil.name}"), target=_curve(coil.at), trntype=mujoco.mjtTrn.mjTRN_TENDON
             )
         for name, sensor in named_sensors(self.structure):
-            self._sensor(name, "FRAMELINVEL" if sensor.kind == "velocity" else "FRAMEPOS", "TENDONVEL" if sensor.kind == "velocity" else "TENDONPOS", sensor.at)
+            self._sensor(
+                name,
+                "FRAMELINVEL" if sensor.kind == "velocity" else "FRAMEPOS",
+                "TENDONVEL" if sensor.kind == "velocity" else "TENDONPOS",
+                sensor.at,
+            )
             if sensor.kind == "displacement":
                 self._sensor(f"{name}:rate", "FRAMELINVEL", "TENDONVEL", sensor.at)
 
         for sensor in self.structure.sensor:  # last, so that their values stand together
             self.spec.add_sensor(
-                name=_travel(sensor), type=mujoco.mjtSensor.mjSENS_FRAMEPOS, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=sensor.at
+                name=_travel(sensor),
+                type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
+                objtype=mujoco.mjtObj.mjOBJ_SITE,
+                objname=sensor.at,
             )
 
     def _sensor(self, name: str, site_kind: str, curve_kind: str, place: str) -> None:
         site, tendon = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_TENDON
-        for kind, objtype, target, full in ((site_kind, site, place, name), (curve_kind, tendon, _curve(place), _curve(name))):
-            self.spec.add_sensor(name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=objtype, objname=target)
+        entries: list[tuple[str, Any, str, str]] = [
+            (site_kind, site, place, name),
+            (curve_kind, tendon, _curve(place), _curve(name)),
+        ]
+        for kind, objtype, target, full in entries:
+            self.spec.add_sensor(
+                name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=objtype, objname=target
+            )
 
 
 def _travel(sensor: Sensor) -> str:
@@ -315,7 +353,9 @@ def build_composite(
             for name, sensor in named_sensors(structure)
         ),
         ports=_ports(model, structure, variant, builder.curves),
-        travel=slice(model.sensor(_travel(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3) if structure.sensor else slice(0, 0),
+        travel=slice(model.sensor(_travel(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3)
+        if structure.sensor
+        else slice(0, 0),
         left_out=(
             "cables carry a third of their mass at the end and have no modes of their own",
             "torsion of the vertical bar and roll inertia of the crosspiece",
@@ -367,7 +407,9 @@ def _ports(model: Any, structure: Structure, variant: str, curves: dict[str, dic
 
 def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
     site = model.site(name).id
-    dofs = np.array([int(model.joint(joint).dofadr[0]) for joint in curve], dtype=int)  # hinges: one position a velocity
+    dofs = np.array(
+        [int(model.joint(joint).dofadr[0]) for joint in curve], dtype=int
+    )  # hinges: one position a velocity
     entries = np.array([int(model.joint(joint).qposadr[0]) for joint in curve], dtype=int)
     lengths = np.array(list(curve.values()))
 
@@ -377,4 +419,9 @@ def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
         jacobian[OUT, dofs] += lengths
         return jacobian[OUT]
 
-    return Port(name=name, unit="m", row=row, position=lambda data: float(data.site_xpos[site, OUT] + lengths @ data.qpos[entries]))
+    return Port(
+        name=name,
+        unit="m",
+        row=row,
+        position=lambda data: float(data.site_xpos[site, OUT] + lengths @ data.qpos[entries]),
+    )

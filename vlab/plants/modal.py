@@ -42,7 +42,9 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
     if not 1 <= modes <= fe.linear.n:
         raise BadStructure(f"{modes} modes were asked of an FE model with {fe.linear.n} degrees of freedom")
     if omega[modes - 1] * timestep >= 2.0:
-        raise BadStructure(f"mode {modes} at {omega[modes - 1] / 2 / np.pi:.4g} Hz needs a step below {2 / omega[modes - 1]:.3g} s, {timestep:g} s was given")
+        raise BadStructure(
+            f"mode {modes} at {omega[modes - 1] / 2 / np.pi:.4g} Hz needs a step below {2 / omega[modes - 1]:.3g} s, {timestep:g} s was given"
+        )
     spec = mujoco.MjSpec()
     spec.modelname = f"{structure.name} modal ({fe.variant})"
     spec.option.timestep = timestep
@@ -60,8 +62,7 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
         joint.armature = 1.0
         joint.stiffness[0] = omega[j] ** 2
         joint.damping[0] = 2 * fe.linear.zeta[j] * omega[j]
-    transducers = (*structure.coil, *structure.sensor, *structure.probe)
-    for place in dict.fromkeys(part.at for part in transducers):
+    for place in structure.transducer_places:
         tendon = spec.add_tendon(name=place)
         for name, coefficient in zip(names, fe.deflection(place) @ shapes[:, :modes], strict=True):
             tendon.wrap_joint(name, coefficient)
@@ -72,7 +73,8 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
         model=model,
         spec=spec,
         actuators=tuple(
-            ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,)) for c in structure.coil
+            ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,))
+            for c in structure.coil
         ),
         sensors=tuple(
             SensorTap(
@@ -87,7 +89,10 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
         ),
         travel=slice(model.nsensordata - len(structure.sensor), model.nsensordata),
         ports={p.name: _port(p.name, fe.deflection(p.name) @ shapes[:, :modes]) for p in structure.point},
-        left_out=(f"modes above the first {modes}", "large motion: the modes are those of small motion about equilibrium"),
+        left_out=(
+            f"modes above the first {modes}",
+            "large motion: the modes are those of small motion about equilibrium",
+        ),
     )
 
 
@@ -95,10 +100,15 @@ def _transducers(spec: Any, structure: Structure) -> None:
     for coil in structure.coil:
         spec.add_actuator(name=f"coil:{coil.name}", target=coil.at, trntype=mujoco.mjtTrn.mjTRN_TENDON)
     for name, sensor in named_sensors(structure):
-        kinds = {"velocity": {name: "TENDONVEL"}, "displacement": {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}}[sensor.kind]
+        kinds = {"velocity": {name: "TENDONVEL"}, "displacement": {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}}[
+            sensor.kind
+        ]
         for full, kind in kinds.items():
             spec.add_sensor(
-                name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=mujoco.mjtObj.mjOBJ_TENDON, objname=sensor.at
+                name=full,
+                type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+                objtype=mujoco.mjtObj.mjOBJ_TENDON,
+                objname=sensor.at,
             )
     for sensor in structure.sensor:  # last, so that their values stand together
         spec.add_sensor(

@@ -202,7 +202,9 @@ class Structure:
             names = [part.name for part in getattr(self, kind)]
             for name in names:
                 if names.count(name) > 1:
-                    raise BadStructure(f"the {kind} name {name!r} stands {names.count(name)} times; names must be unique")
+                    raise BadStructure(
+                        f"the {kind} name {name!r} stands {names.count(name)} times; names must be unique"
+                    )
         for kind in ("clamp", "cable", "mass", "coil", "sensor", "probe"):
             for part in getattr(self, kind):
                 if part.at not in points:
@@ -233,6 +235,12 @@ class Structure:
         if np.any(np.abs(offset) > 1e-9 * length) or np.any(np.diff(station) <= 0):
             raise BadStructure(f"bar {bar.name!r} is not straight with its points in order: {', '.join(bar.points)}")
 
+    @property
+    def transducer_places(self) -> list[str]:
+        """Every point with a coil, a sensor or a probe, once."""
+        places = [c.at for c in self.coil] + [s.at for s in (*self.sensor, *self.probe)]
+        return list(dict.fromkeys(places))
+
     def position(self, point: str) -> tuple[float, float]:
         """Return (x, z) of a named point [m]."""
         for p in self.point:
@@ -246,7 +254,8 @@ class Structure:
 
     def point_mass(self, point: str) -> float:
         """Return the lumped mass at a point [kg]: masses, coils, clamps and the share of cables."""
-        lumps = sum(part.mass for part in (*self.mass, *self.coil, *self.clamp) if part.at == point)
+        lumped: list[Mass | Coil | Clamp] = [*self.mass, *self.coil, *self.clamp]
+        lumps = sum(part.mass for part in lumped if part.at == point)
         return lumps + sum(cable.end_mass for cable in self.cable if cable.at == point)
 
     def variant_named(self, name: str) -> Variant:

@@ -61,7 +61,9 @@ def locate(structure: Structure, place: str) -> Location:
             if math.isclose(x0, x1) and -1e-9 <= height <= upper - lower + 1e-9:
                 station = height if z0 <= z1 else upper - lower - height
                 return _on_bar(structure, bar.name, place, min(max(station, 0.0), upper - lower))
-    raise unknown_name("place", place, [*place_names(structure), "a height such as 37in"], where=f"structure {structure.name!r}")
+    raise unknown_name(
+        "place", place, [*place_names(structure), "a height such as 37in"], where=f"structure {structure.name!r}"
+    )
 
 
 def _height(place: str) -> float | None:

@@ -1,0 +1,28 @@
+"""``vlab compare``."""
+
+import argparse
+
+from vlab.cases.compare import compare_case
+from vlab.cli.common import Outcome, text_table
+from vlab.outputs import output_folder, write_manifest
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("case", help="a case folder with case.toml, or a case file")
+    parser.add_argument("--out", help="folder for report.html and run.rrd")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Simulate the case's recordings with its model and say how much they differ."""
+    comparison = compare_case(arguments.case)
+    document = comparison.to_json()
+    from vlab.views.case_report import HEADERS, misfit_rows, write_case
+
+    text = comparison.case.table.title + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
+    if arguments.out:
+        with output_folder(arguments.out) as folder:
+            write_case(comparison, folder)
+            write_manifest(folder, verb="compare", case=str(arguments.case))
+        document["out"] = str(arguments.out)
+    return Outcome(document=document, text=text)

@@ -1,0 +1,58 @@
+"""What the FE model expects of a run: the analytical response beside the measured one."""
+
+import numpy as np
+
+from controllers import DirectRateFeedback
+from vlab.fe.second_order import Quantity
+from vlab.lab.prediction import rate_feedback_response
+from vlab.lab.run_folder import PreparedRun
+from vlab.modal.frf import MeasuredFrequencyResponse
+from vlab.modal.modal_test import ModalTest, estimate_responses
+from vlab.signals import Array, FrequencyResponse, Recording
+
+SENSED: dict[str, Quantity] = {"velocity": "velocity", "displacement": "displacement"}
+
+
+def measured_response(recording: Recording) -> MeasuredFrequencyResponse | None:
+    """Return the responses of a periodic run to its excitation, or None where there is nothing to estimate.
+
+    A run of fewer than two periods, or without a periodic excitation, has no response without leakage.
+    """
+    period = recording.meta.get("period_s")
+    if period is None or not recording.inputs or (len(recording) + 0.5) / recording.rate < 2 * float(period):
+        return None
+    return estimate_responses([recording], ModalTest())[0]
+
+
+def analytical_response(prepared: PreparedRun, recording: Recording, freq: Array) -> FrequencyResponse | None:
+    """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay and filter.
+
+    None where the excitation has no input channel, or the law is not a static gain.
+    """
+    law, fe = prepared.law, prepared.fe_model()
+    if not recording.inputs or not (law is None or isinstance(law, DirectRateFeedback)):
+        return None
+    excited = fe.deflection(recording.channels[recording.index(recording.inputs[0])].at)[:, None]
+    parts, names = [], []
+    for channel in (c for c in recording.channels if c.kind in SENSED):
+        row, quantity = fe.deflection(channel.at)[None, :], SENSED[channel.kind]
+        if law is None:
+            parts.append(fe.linear.frequency_response(freq, excited, row, quantity=quantity).H)
+        else:
+            coils = fe.deflections(law.sensors).T
+            parts.append(
+                rate_feedback_response(
+                    fe.linear,
+                    coils,
+                    law.gains,
+                    prepared.hardware.converter,
+                    freq,
+                    excited=excited,
+                    outputs=row,
+                    quantity=quantity,
+                )
+            )
+        names.append(channel.name)
+    return FrequencyResponse(
+        freq=np.asarray(freq), H=np.concatenate(parts, axis=1), outputs=tuple(names), inputs=recording.inputs[:1]
+    )
