@@ -29,7 +29,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
         [
             text_table(["table", "published and ours", "within tolerance"], rows),
             "MFDRF in the loop at 2 kHz: closed-loop poles from the simulated time histories\n"
-            + text_table(["mode", "predicted Hz", "identified Hz", "predicted zeta", "identified zeta", "off %"], demo.damping_rows()),
+            + text_table(
+                ["mode", "predicted Hz", "identified Hz", "predicted zeta", "identified zeta", "off %"],
+                demo.damping_rows(),
+            ),
             "Real recordings beside their nominal model\n" + text_table(["case", "recording", "NRMSE"], misfits),
             f"{seconds:.0f} s; report: {arguments.out}/report.html; moving structure: vlab show {arguments.out}",
         ]
@@ -40,7 +43,16 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "rrd": f"{arguments.out}/run.rrd",
         "seconds": seconds,
         "tables_ok": all(t.ok for t in demo.tables),
-        "closed_loop": [dict(zip(("mode", "predicted_hz", "identified_hz", "predicted_zeta", "identified_zeta", "off_percent"), row, strict=True)) for row in demo.damping_rows()],
+        "closed_loop": [
+            dict(
+                zip(
+                    ("mode", "predicted_hz", "identified_hz", "predicted_zeta", "identified_zeta", "off_percent"),
+                    row,
+                    strict=True,
+                )
+            )
+            for row in demo.damping_rows()
+        ],
         "nrmse": {c.case.table.title: c.nrmse for c in demo.comparisons},
     }
     return Outcome(document=document, text=text, holds=all(t.ok for t in demo.tables))

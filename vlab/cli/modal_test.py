@@ -54,7 +54,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         with output_folder(arguments.out) as folder:
             for name in result.mean.outputs:
-                figure = frf_figure(result.mean, result.poles.fitted, output=name, input=result.mean.inputs[0], labels=("measured", "fitted"))
+                figure = frf_figure(
+                    result.mean,
+                    result.poles.fitted,
+                    output=name,
+                    input=result.mean.inputs[0],
+                    labels=("measured", "fitted"),
+                )
                 (folder / f"frf-{name.replace(':', '-')}.svg").write_text(to_svg(figure), encoding="utf-8")
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)

@@ -48,7 +48,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
             fe_modes = check.fe_modes()
             for name in plants:
                 plant_modes = check.plant_modes(name)
-                (folder / f"shapes-{name}.svg").write_text(to_svg(mode_shapes_figure(structure, fe_modes, plant_modes)), encoding="utf-8")
+                (folder / f"shapes-{name}.svg").write_text(
+                    to_svg(mode_shapes_figure(structure, fe_modes, plant_modes)), encoding="utf-8"
+                )
                 likeness = mac(fe_modes.shapes, plant_modes.shapes)
                 (folder / f"mac-{name}.svg").write_text(to_svg(mac_figure(likeness)), encoding="utf-8")
             write_manifest(folder, verb="modes", structure=structure.name, variant=arguments.variant)

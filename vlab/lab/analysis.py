@@ -11,30 +11,39 @@ from vlab.modal.modal_test import ModalTest, estimate_responses
 from vlab.signals import Array, FrequencyResponse, Recording
 
 SENSED: dict[str, Quantity] = {"velocity": "velocity", "displacement": "displacement"}
+UNITS = {"velocity": "m/s/N", "displacement": "m/N"}
 
 
-def measured_response(recording: Recording) -> MeasuredFrequencyResponse | None:
-    """Return the responses of a periodic run to its excitation, or None where there is nothing to estimate.
+def measured_response(recording: Recording, kind: str = "velocity") -> MeasuredFrequencyResponse | None:
+    """Return the responses of a periodic run's sensors of one kind to its excitation, or None where there are none.
 
     A run of fewer than two periods, or without a periodic excitation, has no response without leakage.
     """
     period = recording.meta.get("period_s")
-    if period is None or not recording.inputs or (len(recording) + 0.5) / recording.rate < 2 * float(period):
+    outputs = tuple(c.name for c in recording.channels if c.kind == kind)
+    if (
+        period is None
+        or not outputs
+        or not recording.inputs
+        or (len(recording) + 0.5) / recording.rate < 2 * float(period)
+    ):
         return None
-    return estimate_responses([recording], ModalTest())[0]
+    return estimate_responses([recording], ModalTest(outputs=outputs))[0]
 
 
-def analytical_response(prepared: PreparedRun, recording: Recording, freq: Array) -> FrequencyResponse | None:
+def analytical_response(
+    prepared: PreparedRun, recording: Recording, freq: Array, kind: str = "velocity"
+) -> FrequencyResponse | None:
     """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay and filter.
 
     None where the excitation has no input channel, or the law is not a static gain.
     """
     law, fe = prepared.law, prepared.fe_model()
-    if not recording.inputs or not (law is None or isinstance(law, DirectRateFeedback)):
+    if not recording.inputs or kind not in SENSED or not (law is None or isinstance(law, DirectRateFeedback)):
         return None
     excited = fe.deflection(recording.channels[recording.index(recording.inputs[0])].at)[:, None]
     parts, names = [], []
-    for channel in (c for c in recording.channels if c.kind in SENSED):
+    for channel in (c for c in recording.channels if c.kind == kind):
         row, quantity = fe.deflection(channel.at)[None, :], SENSED[channel.kind]
         if law is None:
             parts.append(fe.linear.frequency_response(freq, excited, row, quantity=quantity).H)
@@ -54,5 +63,9 @@ def analytical_response(prepared: PreparedRun, recording: Recording, freq: Array
             )
         names.append(channel.name)
     return FrequencyResponse(
-        freq=np.asarray(freq), H=np.concatenate(parts, axis=1), outputs=tuple(names), inputs=recording.inputs[:1]
+        freq=np.asarray(freq),
+        H=np.concatenate(parts, axis=1),
+        outputs=tuple(names),
+        inputs=recording.inputs[:1],
+        unit=UNITS[kind],
     )

@@ -11,8 +11,8 @@ from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf
 from vlab.modal.poles import PoleEstimate, estimate_poles
 from vlab.signals import Recording
 
-SETTLED_PERIODS = 1
-"""Periods left out at the start of a periodic record: the transient of the lightest mode has had time to decay."""
+SETTLING_SHARE = 0.5
+"""Share of the periods of a periodic record that is left out at its start, for the transient to decay."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +154,8 @@ def _estimate(recording: Recording, test: ModalTest) -> MeasuredFrequencyRespons
         return estimate_frf(
             recording, inputs=inputs, outputs=outputs, estimator=test.estimator, segment_s=test.segment_s
         )
-    periods = (len(recording) + 0.5) / recording.rate / float(period)
-    skip = SETTLED_PERIODS * float(period) if periods >= SETTLED_PERIODS + 2 else 0.0
+    periods = int((len(recording) + 0.5) / recording.rate / float(period))
+    skip = float(period) * min(int(SETTLING_SHARE * periods), max(periods - 2, 0))
     return estimate_frf(
         recording, inputs=inputs, outputs=outputs, estimator=test.estimator, period_s=float(period), skip_s=skip
     )

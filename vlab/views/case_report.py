@@ -7,7 +7,17 @@ from vlab.views.figures import comparison_figure, to_svg
 from vlab.views.report import Section, write_report
 from vlab.views.scene import write_comparison
 
-HEADERS = ("recording", "role", "channel", "NRMSE", "variance accounted for", "mean error", "rms error", "most of the error", "unit")
+HEADERS = (
+    "recording",
+    "role",
+    "channel",
+    "NRMSE",
+    "variance accounted for",
+    "mean error",
+    "rms error",
+    "most of the error",
+    "unit",
+)
 
 
 def misfit_rows(comparison: Comparison) -> list[list[object]]:
@@ -16,14 +26,18 @@ def misfit_rows(comparison: Comparison) -> list[list[object]]:
     for run in comparison.runs:
         for m in run.misfits:
             band = int(m.band_share.argmax())
-            where = f"{100 * m.band_share[band]:.0f} % in {m.band_edges_hz[band]:.3g} to {m.band_edges_hz[band + 1]:.3g} Hz"
-            rows.append([run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, m.mean_error, m.rms_error, where, m.unit])
+            where = (
+                f"{100 * m.band_share[band]:.0f} % in {m.band_edges_hz[band]:.3g} to {m.band_edges_hz[band + 1]:.3g} Hz"
+            )
+            rows.append(
+                [run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, m.mean_error, m.rms_error, where, m.unit]
+            )
     return rows
 
 
 def case_sections(comparison: Comparison) -> list[Section]:
     """Return the misfit table and one overlay a recording and channel."""
-    sections = [
+    return [
         Section(
             title=comparison.case.table.title,
             text=(
@@ -34,7 +48,6 @@ def case_sections(comparison: Comparison) -> list[Section]:
             figures=[figure for run in comparison.runs for figure in _overlays(run)],
         )
     ]
-    return sections
 
 
 def _overlays(run: RunComparison) -> list[tuple[str, str]]:
@@ -52,4 +65,6 @@ def write_case(comparison: Comparison, folder: Path) -> None:
     write_report(folder / "report.html", title=comparison.case.table.title, sections=case_sections(comparison))
     first = comparison.runs[0]
     names = [m.channel for m in first.misfits]
-    write_comparison(folder / "run.rrd", first.measured, first.simulated, channels=names, title=comparison.case.table.title)
+    write_comparison(
+        folder / "run.rrd", first.measured, first.simulated, channels=names, title=comparison.case.table.title
+    )

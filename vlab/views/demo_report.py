@@ -5,7 +5,7 @@ from pathlib import Path
 from vlab.demo import Demo
 from vlab.modal.mac import mac
 from vlab.views.case_report import case_sections
-from vlab.views.figures import frf_figure, frequencies_figure, mac_figure, mode_shapes_figure, to_svg, traces_figure
+from vlab.views.figures import frequencies_figure, frf_figure, mac_figure, mode_shapes_figure, to_svg, traces_figure
 from vlab.views.report import Section, write_report
 
 OBSERVED = "probe:30in"
@@ -14,7 +14,12 @@ OBSERVED = "probe:30in"
 
 def write_demo_report(demo: Demo, path: Path) -> None:
     """Write the demo as one HTML page."""
-    sections = [_tables(demo), _cross_check(demo), _experiments(demo), *[s for c in demo.comparisons for s in case_sections(c)]]
+    sections = [
+        _tables(demo),
+        _cross_check(demo),
+        _experiments(demo),
+        *[s for c in demo.comparisons for s in case_sections(c)],
+    ]
     summary = (
         "The Beam Cross-Cable structure in MuJoCo: cross-checked against an independent FE model and the published tables, "
         "damped by a published control law that runs at 2 kHz through delay and filter, measured as in the laboratory; "
@@ -28,7 +33,16 @@ def _tables(demo: Demo) -> Section:
     rows = []
     for table in demo.tables:
         worst = max((abs(c.ours / c.published - 1) for c in table.cells if c.published), default=0.0)
-        rows.append([table.table, table.title, len(table.cells), 100 * worst, 100 * max(c.tolerance for c in table.cells), table.ok])
+        rows.append(
+            [
+                table.table,
+                table.title,
+                len(table.cells),
+                100 * worst,
+                100 * max(c.tolerance for c in table.cells),
+                table.ok,
+            ]
+        )
     headers = ("table", "title", "cells", "largest difference %", "tolerance %", "within")
     return Section(title="Published tables", tables=[(headers, rows)])
 
@@ -37,16 +51,44 @@ def _cross_check(demo: Demo) -> Section:
     check = demo.check
     document = check.as_dict()
     names = list(check.plants)
-    headers = ["mode", "measured Hz", "published Hz", "FE Hz", *[t for n in names for t in (f"{n} Hz", f"{n} MAC")], "damping ratio"]
+    headers = [
+        "mode",
+        "measured Hz",
+        "published Hz",
+        "FE Hz",
+        *[t for n in names for t in (f"{n} Hz", "MAC")],
+        "damping",
+    ]
     rows = [
-        [r["mode"], r["measured_hz"], r["published_hz"], r["fe_hz"], *[v for n in names for v in (r["plant_hz"][n], r["mac"][n])], r["zeta"]]
+        [
+            r["mode"],
+            r["measured_hz"],
+            r["published_hz"],
+            r["fe_hz"],
+            *[v for n in names for v in (r["plant_hz"][n], r["mac"][n])],
+            r["zeta"],
+        ]
         for r in document["modes"]
     ]
     plants = [
-        [n, f["dof"], 1e3 * f["timestep_s"], f["numerical_damping_ratio"], f["real_time_factor"], "; ".join(f["left_out"])]
+        [
+            n,
+            f["dof"],
+            1e3 * f["timestep_s"],
+            f["numerical_damping_ratio"],
+            f["real_time_factor"],
+            "; ".join(f["left_out"]),
+        ]
         for n, f in document["plants"].items()
     ]
-    plant_headers = ("plant", "degrees of freedom", "step ms", "numerical damping ratio", "times real time", "leaves out")
+    plant_headers = (
+        "plant",
+        "degrees of freedom",
+        "step ms",
+        "numerical damping ratio",
+        "times real time",
+        "leaves out",
+    )
     fe_modes, composite = check.fe_modes(), check.plant_modes("composite")
     frequencies = {"published": check.published, "measured": check.measured, "FE": fe_modes.freq}
     frequencies |= {n: c.freq for n, c in check.plants.items()}
@@ -54,9 +96,18 @@ def _cross_check(demo: Demo) -> Section:
         title="FE model against MuJoCo plants",
         tables=[(headers, rows), (plant_headers, plants)],
         figures=[
-            (to_svg(mode_shapes_figure(check.structure, fe_modes, composite)), "Mode shapes, as Figure 3 of the dissertation."),
-            (to_svg(frequencies_figure({k: v for k, v in frequencies.items() if v is not None})), "Frequencies relative to the published analytical ones."),
-            (to_svg(mac_figure(mac(fe_modes.shapes, composite.shapes), rows="FE", columns="composite")), "MAC of FE and composite mode shapes."),
+            (
+                to_svg(mode_shapes_figure(check.structure, fe_modes, composite)),
+                "Mode shapes, as Figure 3 of the dissertation.",
+            ),
+            (
+                to_svg(frequencies_figure({k: v for k, v in frequencies.items() if v is not None})),
+                "Frequencies relative to the published analytical ones.",
+            ),
+            (
+                to_svg(mac_figure(mac(fe_modes.shapes, composite.shapes), rows="FE", columns="composite")),
+                "MAC of FE and composite mode shapes.",
+            ),
         ],
     )
 
@@ -65,7 +116,7 @@ def _experiments(demo: Demo) -> Section:
     opened, closed = demo.open_loop, demo.closed_loop
     excitation = closed.frf.inputs[0]
     headers = ("mode", "predicted Hz", "identified Hz", "predicted damping", "identified damping", "difference %")
-    closed_overlay = [("MFDRF, simulated", closed.frf), ("MFDRF, analytical", closed.analytical)]
+    closed_overlay = [("MFDRF, simulated", closed.displacement), ("MFDRF, analytical", closed.analytical_displacement)]
     return Section(
         title="Open and closed loop, as Figure 22",
         text=(
@@ -76,7 +127,16 @@ def _experiments(demo: Demo) -> Section:
         tables=[(headers, demo.damping_rows())],
         figures=[
             (
-                to_svg(frf_figure(opened.frf, opened.analytical, OBSERVED, excitation, labels=("open loop, simulated", "open loop, analytical"), overlays=closed_overlay)),
+                to_svg(
+                    frf_figure(
+                        opened.displacement,
+                        opened.analytical_displacement,
+                        OBSERVED,
+                        excitation,
+                        labels=("open loop, simulated", "open loop, analytical"),
+                        overlays=closed_overlay,
+                    )
+                ),
                 "Displacement frequency response, open loop and MFDRF.",
             ),
             (

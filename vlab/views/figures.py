@@ -180,7 +180,9 @@ def _stack(
 
 def _legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], *, columns: int = 4) -> None:
     if labels:
-        figure.legend(handles, [_text(s) for s in labels], loc="outside upper center", ncols=min(columns, len(labels)))
+        wide = sum(len(label) + 8 for label in labels) > 90  # characters that fit beside each other
+        columns = min(2 if wide else columns, len(labels))
+        figure.legend(handles, [_text(s) for s in labels], loc="outside upper center", ncols=columns)
 
 
 # ---- frequency responses --------------------------------------------------------------------------------------------

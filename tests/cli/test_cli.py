@@ -1,0 +1,276 @@
+"""The command line as others' scripts call it."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vlab.assets import asset
+from vlab.cli import VERBS, build_parser, main
+from vlab.errors import OutputRefused
+from vlab.outputs import output_folder, write_manifest
+from vlab.recordings import read_recording
+
+
+def run(capsys, *words: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    try:
+        status = main(list(words))
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "run"
+    words = f"experiment beam --plant modal --seconds 3 --period 1 --band 1 30 --seed 3 --law mfdrf --out {out}".split()
+    assert main(words) == 0
+    return out
+
+
+def test_modes_document_has_what_scripts_need(capsys):
+    status, out, err = run(capsys, "modes", "beam", "--json")
+    document = json.loads(out)
+    assert status == 0
+    assert err == ""
+    assert document["structure"] == "beam"
+    assert [row["mode"] for row in document["modes"]] == [1, 2, 3, 4, 5, 6]
+    for row in document["modes"]:
+        assert row["fe_hz"] == pytest.approx(row["published_hz"], rel=1e-3)  # Table 1, 0.1 %
+        assert row["plant_hz"]["composite"] == pytest.approx(row["fe_hz"], rel=2e-3)  # 0.2 %
+        assert row["mac"]["composite"] >= 0.995
+        assert set(row["plant_hz"]) == {"composite", "fe", "modal"}
+    for facts in document["plants"].values():
+        assert set(facts) >= {"dof", "timestep_s", "numerical_damping_ratio", "real_time_factor"}
+        assert abs(facts["numerical_damping_ratio"]) < 1e-4
+
+
+def test_reproduce_document_has_cells_and_reasons(capsys):
+    status, out, _ = run(capsys, "reproduce", "--json")
+    document = json.loads(out)
+    assert status == 0
+    assert [t["table"] for t in document["tables"]] == ["1", "7", "8"]
+    cell = document["tables"][0]["cells"][0]
+    assert set(cell) >= {"row", "column", "published", "ours", "tolerance", "ok"}
+    assert all(set(part) == {"table", "why"} for part in document["not_reproducible"])
+
+
+def test_reproduce_says_when_a_cell_is_out(capsys, monkeypatch):
+    monkeypatch.setattr("vlab.reproduce.tables.TABLE_1", 1e-5)
+    status, out, _ = run(capsys, "reproduce", "1")
+    assert status == 1
+    assert "no" in out
+
+
+def test_a_run_folder_is_whole(run_folder):
+    assert {p.name for p in run_folder.iterdir()} == {"recording.parquet", "run.toml", "manifest.json", "run.rrd"}
+    manifest = json.loads((run_folder / "manifest.json").read_text())
+    assert manifest["settings"]["seed"] == 3
+    assert len(manifest["recording_sha256"]) == 64
+    recording = read_recording(run_folder / "recording.parquet")
+    assert recording.rate == pytest.approx(2000.0)
+    assert recording.inputs == ("excitation:base",)
+    assert recording.meta["law"] == "mfdrf"
+
+
+def test_the_same_command_gives_the_same_bits(run_folder, tmp_path):
+    words = f"experiment beam --plant modal --seconds 3 --period 1 --band 1 30 --seed 3 --law mfdrf --out {tmp_path / 'again'}".split()
+    assert main(words) == 0
+    first, second = (json.loads((p / "manifest.json").read_text()) for p in (run_folder, tmp_path / "again"))
+    assert first["recording_sha256"] == second["recording_sha256"]
+
+
+def test_modal_test_reads_a_run_folder(capsys, run_folder, tmp_path):
+    status, out, _ = run(
+        capsys,
+        "modal-test",
+        str(run_folder),
+        "--modes",
+        "3",
+        "--band",
+        "3",
+        "20",
+        "--json",
+        "--out",
+        str(tmp_path / "test"),
+    )
+    document = json.loads(out)
+    assert status == 0
+    assert len(document["modes"]) == 3
+    assert set(document["modes"][0]) >= {"hz", "zeta", "shape", "confidence"}
+    frf = document["frf"][0]
+    assert np.shape(frf["real"]) == (len(frf["freq_hz"]), len(frf["outputs"]), 1)
+    assert (tmp_path / "test" / "manifest.json").is_file()
+
+
+def test_experiment_document_names_its_channels(capsys, tmp_path):
+    status, out, _ = run(
+        capsys, "experiment", "beam", "--plant", "modal", "--excite", "release", "--level", "0.2", "--seconds", "0.5", "--json", "--out", str(tmp_path / "r")
+    )  # fmt: skip
+    document = json.loads(out)
+    assert status == 0
+    assert document["real_time_factor"] > 0
+    assert "probe:30in" in document["channels"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["modes", "baem"], "did you mean 'beam'"),
+        (["modes", "beam", "--variant", "publsihed"], "did you mean 'published'"),
+        (["experiment", "beam", "--law", "mfdfr"], "unknown law 'mfdfr'; did you mean 'mfdrf'"),
+        (["experiment", "beam", "--plant", "compsite"], "did you mean 'composite'"),
+        (["experiment", "beam", "--excite", "noise"], "unknown excitation 'noise'"),
+        (["experiment", "beam", "--at", "bse"], "did you mean"),
+        (["experiment", "beam", "--rate", "1900"], "not a whole number; rates that fit are"),
+        (["experiment", "beam", "--rate", "5000"], "outside the converter's 2 to 2000 Hz"),
+        (["experiment", "beam", "--seconds", "nan"], "cannot be run"),
+        (["experiment", "beam", "--seconds", "-1"], "cannot be run"),
+        (["experiment", "beam", "--band", "30", "5"], "not 0 < low < high"),
+        (["experiment", "beam", "--level", "inf"], "not a finite number"),
+        (["experiment", "beam", "--seed", "-1"], "accepted: whole numbers from 0"),
+        (["experiment", "beam", "--noise", "-1"], "is negative"),
+        (["experiment", "beam", "--excite", "release", "--period", "3"], "has no setting 'period_s'"),
+        (["experiment", "beam", "--hardware", "nowhere.toml"], "nowhere.toml"),
+        (["experiment"], "required: structure"),
+        (["experiment", "beam", "--seconds", "ten"], "invalid float value: 'ten'"),
+        (["reproduce", "42"], "unknown table '42' (accepted: 1, 7, 8)"),
+        (["modal-test", "nowhere.parquet"], "nowhere.parquet"),
+        (["compare", "nowhere"], "nowhere"),
+        (["show", "nowhere"], "no run.rrd here"),
+        (["dance"], "invalid choice: 'dance'"),
+        ([], "required: VERB"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(capsys, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *words)
+    assert status == 2
+    assert out == ""
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []  # nothing half-written
+
+
+def test_a_truncated_run_is_refused(capsys, run_folder, tmp_path):
+    copy = tmp_path / "run"
+    copy.mkdir()
+    (copy / "run.toml").write_bytes((run_folder / "run.toml").read_bytes())
+    whole = (run_folder / "recording.parquet").read_bytes()
+    for damaged in (whole[: len(whole) // 2], b"", b"no parquet"):
+        (copy / "recording.parquet").write_bytes(damaged)
+        status, _, err = run(capsys, "modal-test", str(copy))
+        assert status == 2
+        assert "recording.parquet" in err
+
+
+def test_channel_names_that_match_nothing_are_refused(capsys, run_folder):
+    status, _, err = run(capsys, "modal-test", str(run_folder), "--output", "sensor:bse")
+    assert status == 2
+    assert "did you mean 'sensor:base'" in err
+
+
+def test_a_folder_with_other_files_is_never_touched(capsys, tmp_path):
+    precious = tmp_path / "results"
+    precious.mkdir()
+    (precious / "thesis.txt").write_text("three years")
+    status, _, err = run(
+        capsys,
+        "experiment",
+        "beam",
+        "--plant",
+        "modal",
+        "--seconds",
+        "0.5",
+        "--period",
+        "0.2",
+        "--band",
+        "10",
+        "30",
+        "--out",
+        str(precious),
+    )
+    assert status == 2
+    assert "files that vlab did not write" in err
+    assert [p.name for p in tmp_path.rglob("*")] == ["results", "thesis.txt"]
+
+
+def test_an_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    for out in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/nowhere/run")):
+        status, _, err = run(
+            capsys,
+            "experiment",
+            "beam",
+            "--plant",
+            "modal",
+            "--seconds",
+            "0.5",
+            "--period",
+            "0.2",
+            "--band",
+            "10",
+            "30",
+            "--out",
+            str(out),
+        )
+        assert status == 2
+        assert "output folder" in err
+
+
+def test_an_error_inside_leaves_the_old_folder(tmp_path):
+    with output_folder(tmp_path / "out") as folder:
+        (folder / "kept.txt").write_text("old")
+        write_manifest(folder)
+    with pytest.raises(ZeroDivisionError), output_folder(tmp_path / "out") as folder:  # noqa: PT012
+        (folder / "half.txt").write_text("new")
+        raise ZeroDivisionError
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["kept.txt", "manifest.json"]
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    with pytest.raises(OutputRefused), output_folder(tmp_path / "out" / "kept.txt"):
+        pass
+
+
+def test_every_verb_has_help_and_json(capsys):
+    for verb in VERBS:
+        with pytest.raises(SystemExit) as stop:
+            main([verb, "--help"])
+        assert stop.value.code == 0
+        assert build_parser(verb).parse_known_args([verb, "--json", "beam"])[0].json
+
+
+def test_help_needs_no_simulator():
+    code = (
+        "import sys, vlab.cli; vlab.cli.build_parser(); sys.exit('mujoco' in sys.modules or 'control' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.slow
+def test_demo_tells_the_whole_story(capsys, tmp_path):
+    status, out, _ = run(capsys, "demo", "--json", "--out", str(tmp_path / "demo"))
+    document = json.loads(out)
+    assert status == 0
+    assert set(document) >= {"out", "report", "rrd", "seconds"}
+    assert Path(document["report"]).stat().st_size > 1e5
+    assert Path(document["rrd"]).stat().st_size > 1e6
+    assert all(abs(row["off_percent"]) < 3.0 for row in document["closed_loop"])  # asked for: 3 % on six modes
+
+
+def test_shipped_case_is_compared(capsys):
+    status, out, _ = run(capsys, "compare", str(asset("avc_cantilever/free_decay.toml")), "--json")
+    document = json.loads(out)
+    assert status == 0
+    for recording in document["runs"]:
+        for misfit in recording["misfits"]:
+            assert misfit["unit"] == "m"
+            assert (
+                0 < misfit["nrmse"] < 2.0
+            )  # the nominal 8.0 Hz drifts off the measured 8.2 Hz: at worst opposite phase
