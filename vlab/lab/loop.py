@@ -1,5 +1,6 @@
 """The loop that MuJoCo calls: gated on the sample clock, it samples, runs the law, and turns commands into forces."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -121,16 +122,13 @@ class ControlLoop:
     def _compile(self) -> Callable[[Any, Any], None]:
         """Bind everything the callback needs to local names: it runs two thousand times a simulated second."""
         plant, data, substeps = self.plant, self.data, self.substeps
-        ctrl, qvel, qpos, sensordata, generalised = data.ctrl, data.qvel, data.qpos, data.sensordata, data.qfrc_applied
-        added, raw, frames, frame_every = self.added, self._raw, self.frames, self.frame_every
-        controls = plant.control_matrix
-        direct = controls.shape[0] == controls.shape[1] and np.array_equal(controls, np.eye(len(controls)))
-        spread = None if direct else controls.dot  # an actuator may take several of MuJoCo's controls
-        force = ctrl if direct else np.zeros(len(plant.actuators))
-        limit_forces = self._amplifier(force)
+        qvel, qpos, sensordata, generalised = data.qvel, data.qpos, data.sensordata, data.qfrc_applied
+        raw, frames, frame_every = self._raw, self.frames, self.frame_every
+        added = [(i, self.added[:, i].tolist()) for i in range(self.added.shape[1]) if np.any(self.added[:, i])]
+        limit_forces, give = self._amplifier(), self._outlet()
         dissipate = None if plant.dissipation is None else (-plant.dissipation).dot
-        tick, per_step, n_steps, add = self._feedback(), 1.0 / plant.timestep, len(added), np.add
-        forces = np.zeros((substeps, len(plant.actuators)))
+        tick, per_step, n_steps = self._feedback(), 1.0 / plant.timestep, len(self.added)
+        forces = np.zeros((substeps, len(plant.actuators)))  # of the steps until the next sample; a row serves once
         last = -1
 
         def callback(model: Any, data: Any) -> None:
@@ -146,17 +144,29 @@ class ControlLoop:
                     frames[sample // frame_every] = qpos
                 if tick is not None:
                     forces = tick(sample)
-            add(forces[part], added[step], force)
+                else:
+                    forces[:] = 0.0
+            force = forces[part]
+            for actuator, signal in added:
+                force[actuator] += signal[step]
             if limit_forces is not None:
-                limit_forces(step)
-            if spread is not None:
-                spread(force, ctrl)
+                limit_forces(force, step)
+            give(force)
             if dissipate is not None:
                 dissipate(qvel, generalised)
 
         return callback
 
-    def _amplifier(self, force: Array) -> Callable[[int], None] | None:
+    def _outlet(self) -> Callable[[Array], None]:
+        """Return the function that hands the actuators' forces to MuJoCo's controls, several of which may be alike."""
+        ctrl, controls = self.data.ctrl, self.plant.control_matrix
+        n = controls.shape[1]
+        if n and len(controls) % n == 0 and np.array_equal(controls, np.tile(np.eye(n), (len(controls) // n, 1))):
+            return functools.partial(ctrl.reshape(-1, n).__setitem__, slice(None))
+        spread = controls.dot
+        return lambda force: spread(force, ctrl)
+
+    def _amplifier(self) -> Callable[[Array, int], None] | None:
         """Return what the amplifiers do to the forces in place: their limit, and braking without current control."""
         coil, plant, sensordata = self.hardware.coil, self.plant, self.data.sensordata
         places = {tap.at: i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"}
@@ -166,7 +176,7 @@ class ControlLoop:
         velocities = plant.sensor_matrix[[places[plant.actuators[i].at] for i in braked]]
         limited = self._limited = np.zeros_like(self.added)
 
-        def limit_forces(step: int) -> None:
+        def limit_forces(force: Array, step: int) -> None:
             if coil.limit:
                 np.clip(force, -coil.limit, coil.limit, out=force)
             if braked:

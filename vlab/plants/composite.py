@@ -86,9 +86,7 @@ class _Builder:
         for clamp in self.structure.clamp:
             if clamp.at in self.bar.points:
                 return clamp
-        raise BadStructure(
-            f"the composite needs a clamp on the vertical bar {self.bar.name!r} to root its links at"
-        )
+        raise BadStructure(f"the composite needs a clamp on the vertical bar {self.bar.name!r} to root its links at")
 
     def _vertical_bar(self) -> tuple[Bar, HangingLine]:
         lines = hanging_lines(self.structure)
@@ -260,14 +258,14 @@ class _Builder:
             tendon = self.spec.add_tendon(name=_curve(place))
             for joint, length in self.curves[place].items():
                 tendon.wrap_joint(joint, length)
-        for coil in self.structure.coil:
+        for coil in self.structure.coil:  # all sites first, then all curves: the forces stand twice in the controls
             at_site = self.spec.add_actuator(
                 name=f"coil:{coil.name}", target=coil.at, refsite="world", trntype=mujoco.mjtTrn.mjTRN_SITE
             )
             at_site.gear = [0, 1, 0, 0, 0, 0]
-            self.spec.add_actuator(
-                name=_curve(f"coil:{coil.name}"), target=_curve(coil.at), trntype=mujoco.mjtTrn.mjTRN_TENDON
-            )
+        for coil in self.structure.coil:
+            curve = _curve(f"coil:{coil.name}")
+            self.spec.add_actuator(name=curve, target=_curve(coil.at), trntype=mujoco.mjtTrn.mjTRN_TENDON)
         for name, sensor in named_sensors(self.structure):
             self._sensor(
                 name,
