@@ -31,7 +31,16 @@ class ObserverFeedback:
     """
 
     def __init__(
-        self, A: Any, B: Any, C: Any, *, K: Any, M: Any, sensors: Sequence[str], actuators: Sequence[str], limit: float | None = None
+        self,
+        A: Any,
+        B: Any,
+        C: Any,
+        *,
+        K: Any,
+        M: Any,
+        sensors: Sequence[str],
+        actuators: Sequence[str],
+        limit: float | None = None,
     ) -> None:
         self.sensors, self.actuators = tuple(sensors), tuple(actuators)
         states = [f"x{i + 1}" for i in range(np.shape(A)[0] if np.ndim(A) == 2 else 0)]

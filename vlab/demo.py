@@ -142,4 +142,4 @@ def write_demo(demo: Demo, folder: Path) -> None:
         law="MFDRF, gains of Table 7",
         hardware=closed.prepared.hardware,
     )
-    write_demo_report(demo, folder / "report.html")
+    write_demo_report(demo, folder)

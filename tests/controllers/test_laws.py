@@ -41,7 +41,10 @@ def test_observer_feedback_is_its_state_space_system():
     closed = A - B @ K - M @ C
     y = np.random.default_rng(1).standard_normal(30)
     given = np.array([law.step(np.array([v]))[0] for v in y])
-    expected = [-(K @ sum((np.linalg.matrix_power(closed, k - 1 - i) @ M[:, 0] * y[i] for i in range(k)), np.zeros(2)))[0] for k in range(30)]
+    expected = [
+        -(K @ sum((np.linalg.matrix_power(closed, k - 1 - i) @ M[:, 0] * y[i] for i in range(k)), np.zeros(2)))[0]
+        for k in range(30)
+    ]
     assert given == pytest.approx(expected, abs=1e-12)
 
 
@@ -66,7 +69,12 @@ def test_reset_forgets():
 
 @pytest.mark.parametrize(
     ("gains", "message"),
-    [(np.eye(2), r"3 x 3 is needed"), (np.full((3, 3), np.nan), "not finite"), ([["a"] * 3] * 3, "not a matrix of numbers"), ([[1.0], [1.0, 2.0]], "not a matrix")],
+    [
+        (np.eye(2), r"3 x 3 is needed"),
+        (np.full((3, 3), np.nan), "not finite"),
+        ([["a"] * 3] * 3, "not a matrix of numbers"),
+        ([[1.0], [1.0, 2.0]], "not a matrix"),
+    ],
 )
 def test_gains_that_do_not_fit_are_refused(gains, message):
     with pytest.raises(BadController, match=message):

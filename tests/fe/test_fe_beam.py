@@ -77,7 +77,9 @@ def test_modal_damping_is_what_was_prescribed(fe, beam):
     assert fe.linear.zeta[:6] == pytest.approx(beam.damping.ratios, rel=1e-10)
     assert fe.linear.zeta[6:] == pytest.approx(beam.damping.higher, rel=1e-8)
     freq, zeta = fe.linear.complex_modes()
-    assert freq == pytest.approx(fe.linear.freq, rel=1e-6)  # uncoupled modes: |s| is omega; eigenvalues of a 38-state matrix to rounding
+    assert freq == pytest.approx(
+        fe.linear.freq, rel=1e-6
+    )  # uncoupled modes: |s| is omega; eigenvalues of a 38-state matrix to rounding
     assert zeta == pytest.approx(fe.linear.zeta, rel=1e-5)
 
 
@@ -102,7 +104,9 @@ def test_response_is_reciprocal_and_passive(fe):
     H = fe.linear.frequency_response(np.linspace(0.5, 60, 50), fe.coils, fe.coils.T).H
     assert pytest.approx(np.swapaxes(H, 1, 2), rel=1e-9) == H  # Maxwell-Betti
     for response in H:
-        assert np.linalg.eigvalsh((response + response.conj().T) / 2).min() > -1e-12 * np.abs(response).max()  # collocated: no power comes out
+        assert (
+            np.linalg.eigvalsh((response + response.conj().T) / 2).min() > -1e-12 * np.abs(response).max()
+        )  # collocated: no power comes out
 
 
 def test_rate_feedback_only_dissipates(fe):

@@ -53,10 +53,14 @@ def test_hanging_chain_limit_has_bessel_zeros():
     for i in range(n):  # station 0 is the free lower end
         block = slice(2 * i, 2 * i + 4)
         M[block, block] += el.consistent_mass(MU, h)
-        K[block, block] += el.geometric_stiffness(MU * g * i * h, MU * g * (i + 1) * h, h) + el.bending_stiffness(1e-9, h)
+        K[block, block] += el.geometric_stiffness(MU * g * i * h, MU * g * (i + 1) * h, h) + el.bending_stiffness(
+            1e-9, h
+        )
     omega = frequencies(M, K, {2 * n})
     exact = np.array([2.404825557695773, 5.520078110286311]) / 2 * np.sqrt(g / L)
-    assert omega[:2] == pytest.approx(exact, rel=1e-3)  # the chain's slope is singular in curvature at the free end: slow convergence
+    assert omega[:2] == pytest.approx(
+        exact, rel=1e-3
+    )  # the chain's slope is singular in curvature at the free end: slow convergence
 
 
 def test_geometric_stiffness_of_constant_tension_is_the_textbook_matrix():

@@ -10,7 +10,10 @@ from vlab.hardware.output_chain import OutputChain, delay_split, theoretical_res
 
 
 def converter(**settings) -> Converter:
-    return Converter(**{"rate": 2000.0, "lowest_rate": 2.0, "highest_rate": 2000.0, "delay_samples": 1.35, "filter_corner": 677.0} | settings)
+    return Converter(
+        **{"rate": 2000.0, "lowest_rate": 2.0, "highest_rate": 2000.0, "delay_samples": 1.35, "filter_corner": 677.0}
+        | settings
+    )
 
 
 def measured_response(parts: Converter, freq: float, substeps: int) -> complex:
@@ -39,7 +42,9 @@ def test_phase_of_delay_and_filter_is_that_of_theory(laboratory, freq, degrees, 
 def test_theory_of_the_laboratory_chain_is_known_numbers():
     # 1.35 and 0.5 samples at 2 kHz and the corner at 677 Hz, at 41 Hz: 360 * 41 * 1.85 / 2000 + atan(41/677)
     theory = theoretical_response(converter(), np.array([41.0]))[0]
-    assert np.degrees(np.angle(theory)) == pytest.approx(-(360 * 41 * 1.85 / 2000 + np.degrees(np.arctan(41 / 677))), abs=1e-9)
+    assert np.degrees(np.angle(theory)) == pytest.approx(
+        -(360 * 41 * 1.85 / 2000 + np.degrees(np.arctan(41 / 677))), abs=1e-9
+    )
 
 
 def test_delay_without_filter_moves_the_stair_exactly():
@@ -98,7 +103,11 @@ def test_rates_outside_the_converter_are_refused(laboratory, rate):
 
 def test_the_laboratory_is_that_of_the_text():
     hardware = load_hardware()
-    assert (hardware.converter.rate, hardware.converter.delay_samples, hardware.converter.filter_corner) == (2000.0, 1.35, 677.0)
+    assert (hardware.converter.rate, hardware.converter.delay_samples, hardware.converter.filter_corner) == (
+        2000.0,
+        1.35,
+        677.0,
+    )
     assert hardware.velocity_sensor.linear_range == pytest.approx(0.25 * 0.0254)
     assert hardware.displacement_probe.sensitivity == pytest.approx(1 / 0.0254)
     assert hardware.coil.back_emf_damping == 0.0

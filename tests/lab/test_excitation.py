@@ -52,7 +52,9 @@ def test_sweep_reaches_both_ends_of_its_band():
     crossings = T[1:][np.diff(np.sign(x)) != 0]
     rate, middle = 1 / (2 * np.diff(crossings)), (crossings[1:] + crossings[:-1]) / 2
     law = 1.0 + (40.0 - 1.0) * middle / 20.0
-    assert rate == pytest.approx(law, rel=0.05)  # crossings are known to a step of 0.5 ms, 4 % of half a period at 40 Hz
+    assert rate == pytest.approx(
+        law, rel=0.05
+    )  # crossings are known to a step of 0.5 ms, 4 % of half a period at 40 Hz
     assert np.abs(x).max() == pytest.approx(2.0, rel=1e-3)
 
 

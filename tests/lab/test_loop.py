@@ -23,7 +23,15 @@ PLACES = ("40in", "20in", "base")
 
 
 def experiment(plant, **settings) -> Experiment:
-    return Experiment(**{"plant": plant, "seconds": 1.0, "excitation": Multisine(level=0.2, period_s=1.0, low_hz=1.0), "excite": "base"} | settings)
+    return Experiment(
+        **{
+            "plant": plant,
+            "seconds": 1.0,
+            "excitation": Multisine(level=0.2, period_s=1.0, low_hz=1.0),
+            "excite": "base",
+        }
+        | settings
+    )
 
 
 class Counting:
@@ -60,17 +68,35 @@ def test_repeated_calls_within_a_step_change_nothing(modal, laboratory):
 
 
 def test_same_seed_same_bits(composite, beam, laboratory):
-    hardware = dataclasses.replace(laboratory, velocity_sensor=dataclasses.replace(laboratory.velocity_sensor, noise=1e-4))
-    runs = [run_experiment(experiment(composite, controller=published_law(beam, "mfdrf"), hardware=hardware, seed=5)).recording for _ in range(2)]
+    hardware = dataclasses.replace(
+        laboratory, velocity_sensor=dataclasses.replace(laboratory.velocity_sensor, noise=1e-4)
+    )
+    runs = [
+        run_experiment(
+            experiment(composite, controller=published_law(beam, "mfdrf"), hardware=hardware, seed=5)
+        ).recording
+        for _ in range(2)
+    ]
     assert np.array_equal(runs[0].data, runs[1].data)
-    other = run_experiment(experiment(composite, controller=published_law(beam, "mfdrf"), hardware=hardware, seed=6)).recording
+    other = run_experiment(
+        experiment(composite, controller=published_law(beam, "mfdrf"), hardware=hardware, seed=6)
+    ).recording
     assert not np.array_equal(runs[0].data, other.data)
 
 
 def test_threads_side_by_side_share_nothing(composite, modal, beam):
     tasks = [
-        experiment(plant, controller=published_law(beam, law) if law else None, excitation=Multisine(level=0.2, period_s=1.0, low_hz=1.0, seed=seed))
-        for plant, law, seed in ((composite, "mfdrf", 1), (composite, "lqdrf", 2), (modal, "mfdrf", 3), (composite, None, 4))
+        experiment(
+            plant,
+            controller=published_law(beam, law) if law else None,
+            excitation=Multisine(level=0.2, period_s=1.0, low_hz=1.0, seed=seed),
+        )
+        for plant, law, seed in (
+            (composite, "mfdrf", 1),
+            (composite, "lqdrf", 2),
+            (modal, "mfdrf", 3),
+            (composite, None, 4),
+        )
     ]
     alone = [run_experiment(task).recording.data for task in tasks]
     together: list[np.ndarray | None] = [None] * len(tasks)
@@ -114,7 +140,9 @@ def test_mujoco_and_scipy_run_the_same_loop(modal, beam, fe, laboratory):
     theirs = integrate_with_scipy(fe, laboratory, law, excitation, seconds=0.5)
     ours = run_experiment(experiment(modal, seconds=0.5, controller=law, excitation=excitation)).recording
     ours = np.column_stack([ours[f"sensor:{p}"] for p in PLACES])
-    assert np.abs(ours - theirs).max() < 0.03 * np.abs(theirs).max()  # the start of the signal excites the modes above the twelfth
+    assert (
+        np.abs(ours - theirs).max() < 0.03 * np.abs(theirs).max()
+    )  # the start of the signal excites the modes above the twelfth
 
 
 @pytest.mark.parametrize(("plant_name", "tolerance"), [("modal", 2e-3), ("composite", 0.03)])
@@ -143,7 +171,9 @@ def test_prediction_without_delay_and_filter_is_the_continuous_loop(beam, fe, la
 
 
 def test_release_rings_down_with_the_inherent_damping(composite, beam):
-    recording = run_experiment(experiment(composite, seconds=8.0, excitation=Release(level=0.5), excite="base")).recording
+    recording = run_experiment(
+        experiment(composite, seconds=8.0, excitation=Release(level=0.5), excite="base")
+    ).recording
     assert recording.inputs == ()
     x = recording["probe:30in"]
     assert abs(x[0]) > 1e-4
@@ -161,7 +191,10 @@ def test_release_starts_at_the_static_deflection(modal, fe):
 def test_coil_sensor_loses_gain_outside_its_travel(modal, laboratory):
     travel = laboratory.velocity_sensor.linear_range
     assert coil_gain(np.array([0.0, travel / 2, travel]), travel) == pytest.approx([1.0, 1.0, 0.5])
-    small, large = (run_experiment(experiment(modal, excitation=Release(level=level), seconds=2.0)).recording["sensor:base"] for level in (0.1, 10.0))
+    small, large = (
+        run_experiment(experiment(modal, excitation=Release(level=level), seconds=2.0)).recording["sensor:base"]
+        for level in (0.1, 10.0)
+    )
     assert np.abs(large).max() < 99 * np.abs(small).max()  # a linear sensor would give 100 times as much
 
 
@@ -175,13 +208,18 @@ def test_back_emf_adds_damping_only_without_current_control(modal, laboratory):
     hardware = dataclasses.replace(laboratory, coil=dataclasses.replace(laboratory.coil, current_controlled=False))
     assert hardware.coil.back_emf_damping == pytest.approx(25.0 / 8.0)  # Bl^2/R
     controlled, braked = (
-        run_experiment(experiment(modal, excitation=Release(level=0.5), seconds=5.0, hardware=h)).recording["probe:30in"][-2000:] for h in (laboratory, hardware)
+        run_experiment(experiment(modal, excitation=Release(level=0.5), seconds=5.0, hardware=h)).recording[
+            "probe:30in"
+        ][-2000:]
+        for h in (laboratory, hardware)
     )
     assert np.abs(braked).max() < 0.7 * np.abs(controlled).max()
 
 
 def test_an_unstable_loop_is_an_error_not_a_result(modal, laboratory):
-    endless = dataclasses.replace(laboratory, velocity_sensor=dataclasses.replace(laboratory.velocity_sensor, linear_range=1e12))
+    endless = dataclasses.replace(
+        laboratory, velocity_sensor=dataclasses.replace(laboratory.velocity_sensor, linear_range=1e12)
+    )
     anti_damper = DirectRateFeedback(-500.0 * np.eye(3), sensors=PLACES, actuators=PLACES)
     with pytest.raises(Diverged, match="unstable"):
         run_experiment(experiment(modal, controller=anti_damper, hardware=endless, seconds=20.0))

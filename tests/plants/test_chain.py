@@ -86,7 +86,9 @@ def test_the_reading_gives_the_mode_shape_at_any_place(where):
     angles = linalg.eigh(K, M)[1][:, 1]
     largest = second_mode(L)
     # the angles themselves are third order near the clamp: 1.5e-3 of the largest deflection with 14 links
-    assert abs((deflection(where) + chain.reading(where)) @ angles) == pytest.approx(second_mode(where), abs=2e-3 * largest)
+    assert abs((deflection(where) + chain.reading(where)) @ angles) == pytest.approx(
+        second_mode(where), abs=2e-3 * largest
+    )
 
 
 def test_the_reading_is_better_than_the_polygon_by_an_order():

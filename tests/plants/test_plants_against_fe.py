@@ -47,7 +47,9 @@ def test_composite_converges_to_the_physical_fe_model(beam):
     reference = build_fe_model(beam, "physical", refine=2).linear.freq[:7]
     errors = {}
     for links, arm_links in ((8, 3), (16, 6), (32, 12)):
-        plant = build_composite(beam, "physical", options=CompositeOptions(links=links, arm_links=arm_links), damped=False)
+        plant = build_composite(
+            beam, "physical", options=CompositeOptions(links=links, arm_links=arm_links), damped=False
+        )
         errors[links] = np.abs(plant.linearise().freq[:7] / reference - 1).max()
     order = -np.polyfit(np.log(list(errors)), np.log(list(errors.values())), 1)[0]
     assert order > 1.7  # at least second order over all modes; most are better
@@ -62,7 +64,7 @@ def test_frequency_responses_agree_within_half_a_decibel_away_from_resonance(com
     H = response(composite, freq).H
     for j in range(3):  # the three collocated pairs
         size = np.abs(H_fe[:, j, j])
-        turns = np.flatnonzero((np.diff(np.sign(np.diff(size))) != 0)) + 1
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(size))) != 0) + 1
         away = np.all(np.abs(freq[:, None] / freq[turns] - 1) > 0.03, axis=1)
         assert away.mean() > 0.25
         assert np.abs(20 * np.log10(np.abs(H[away, j, j]) / size[away])).max() < 0.5, PAIRS[j]
@@ -88,7 +90,9 @@ def test_response_of_a_mujoco_run_is_that_of_the_linearised_plant(composite):
     t = (np.arange(steps) + 0.5) * composite.timestep  # the impulse's middle is half a step after the first sample
     exact = impulse * np.cos(np.outer(t, omega)) @ row**2
     low = np.abs(np.fft.rfft(velocity - exact)[:30]).max() / np.abs(np.fft.rfft(exact)[:30]).max()
-    assert low < 0.02  # below 30 Hz; frequency error of the step (omega h)^2/24 = 4e-4 at 30 Hz, times 190 rad in a second
+    assert (
+        low < 0.02
+    )  # below 30 Hz; frequency error of the step (omega h)^2/24 = 4e-4 at 30 Hz, times 190 rad in a second
 
 
 def test_tension_and_gravity_are_native(beam):
@@ -97,7 +101,10 @@ def test_tension_and_gravity_are_native(beam):
         cables = tuple(dataclasses.replace(c, tension=c.tension * factor) if c.tension else c for c in beam.cable)
         other = dataclasses.replace(beam, cable=cables)
         expected = build_fe_model(other).linear.freq[:6] / build_fe_model(beam).linear.freq[:6]
-        plant = build_composite(other, damped=False).linearise().freq[:6] / build_composite(beam, damped=False).linearise().freq[:6]
+        plant = (
+            build_composite(other, damped=False).linearise().freq[:6]
+            / build_composite(beam, damped=False).linearise().freq[:6]
+        )
         assert plant == pytest.approx(expected, abs=3e-4)  # differences of 0.2 % models
         assert abs(expected[0] - 1) > 0.02  # and the effect is there to see
 
@@ -154,7 +161,9 @@ def test_native_damping_tendons_equal_the_applied_dissipation(composite):
                 data.qfrc_applied[:] = -dissipation @ data.qvel
             mujoco.mj_step(model, data)
         ends.append(data.qpos.copy())
-    assert ends[1] == pytest.approx(ends[0], rel=0, abs=1e-9 * np.abs(start).max())  # the same forces, summed in another order
+    assert ends[1] == pytest.approx(
+        ends[0], rel=0, abs=1e-9 * np.abs(start).max()
+    )  # the same forces, summed in another order
 
 
 def test_written_model_runs_by_itself(composite, tmp_path):

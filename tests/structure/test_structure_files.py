@@ -30,7 +30,9 @@ def test_every_number_states_unit_origin_and_source(beam):
 def test_published_values_are_those_of_the_dissertation(beam):
     # section 2.1, in the units of the text
     inch, lbf = 0.0254, 4.4482216152605
-    assert beam.section["steel"].bending_stiffness == pytest.approx(9060 * lbf * inch**2, rel=1e-12)  # definitions of units: rounding only
+    assert beam.section["steel"].bending_stiffness == pytest.approx(
+        9060 * lbf * inch**2, rel=1e-12
+    )  # definitions of units: rounding only
     assert beam.section["aluminium"].bending_stiffness == pytest.approx(2680 * lbf * inch**2, rel=1e-12)
     assert beam.position("top")[1] - beam.position("base")[1] == pytest.approx(80 * inch, rel=1e-12)
 
@@ -45,7 +47,11 @@ def test_published_values_are_those_of_the_dissertation(beam):
         (r'value = 0.125, unit = "in"', 'value = "thin", unit = "in"', "a number was expected"),
         (r'value = 0.125, unit = "in"', 'value = 0.125, unit = "lb"', "cannot be converted to 'm'"),
         (r'value = 0.125, unit = "in"', 'value = 0.125, unit = "cubit"', "unknown unit 'cubit'"),
-        (r'value = 0.125, unit = "in", origin = "published"', 'value = 0.125, unit = "in", origin = "guessed"', "unknown origin 'guessed'"),
+        (
+            r'value = 0.125, unit = "in", origin = "published"',
+            'value = 0.125, unit = "in", origin = "guessed"',
+            "unknown origin 'guessed'",
+        ),
         (r'value = 0.125, unit = "in", origin = "published", ', 'value = 0.125, unit = "in", ', "no 'origin'"),
         (r"thickness = \{[^}]*\}", "thickness = 0.125", "has no unit and origin"),
         (r"thickness = \{[^}]*\}\n", "", "the key 'thickness' is missing"),
@@ -53,7 +59,7 @@ def test_published_values_are_those_of_the_dissertation(beam):
         (r'section = "steel"', 'section = "stel"', "unknown section 'stel'; did you mean 'steel'"),
         (r'kind = "velocity"', 'kind = "speed"', "unknown value 'speed'"),
         (r"\[damping\]", "[damping", "malformed TOML"),
-        (r'tension = \{[^}]*\}\n', "", "states no tension"),
+        (r"tension = \{[^}]*\}\n", "", "states no tension"),
         (r'name = "10in"', 'name = "20in"', "stands 2 times"),
         (r'format = "vlab-structure-1"', 'format = "vlab-structure-9"', "unknown value 'vlab-structure-9'"),
     ],
@@ -79,7 +85,10 @@ def test_unknown_structures_list_the_known():
         load_structure("baem")
 
 
-@pytest.mark.parametrize(("place", "height_in"), [("base", 0), ("0in", 0), ("20in", 20), ("clamp", 20), ("37in", 37), ("508mm", 20), ("top", 80), ("80in", 80)])
+@pytest.mark.parametrize(
+    ("place", "height_in"),
+    [("base", 0), ("0in", 0), ("20in", 20), ("clamp", 20), ("37in", 37), ("508mm", 20), ("top", 80), ("80in", 80)],
+)
 def test_places_are_points_or_heights(beam, place, height_in):
     assert locate(beam, place).z == pytest.approx(height_in * 0.0254, abs=1e-12)  # rounding of the unit only
 

@@ -32,7 +32,7 @@ class ClosedLoop:
         """Whether every eigenvalue lies inside the unit circle."""
         return bool(np.all(np.abs(self.z) < 1))
 
-    def modes(self, near_hz: Sequence[float]) -> tuple[Array, Array]:
+    def modes(self, near_hz: Sequence[float] | Array) -> tuple[Array, Array]:
         """Return frequency |s|/2pi [Hz] and damping ratio of the oscillatory eigenvalue that continues each open-loop mode.
 
         Eigenvalues are assigned so that the sum of their distances to the open-loop frequencies, in log frequency, is

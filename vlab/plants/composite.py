@@ -55,6 +55,7 @@ class _Builder:
     options: CompositeOptions
     spec: Any = field(default_factory=mujoco.MjSpec)
     curves: dict[str, dict[str, float]] = field(default_factory=dict)
+    hung_mass: float = 0.0
 
     def build(self) -> Any:
         """Return the spec of the undamped structure."""
@@ -229,7 +230,7 @@ class _Builder:
         inertia[OUT] = min(inertia[OUT], inertia[0] + inertia[2])  # a flat body to rounding
         body.explicitinertial = True
         body.mass, body.ipos, body.inertia = total, centre, inertia
-        if body is self.root and getattr(self, "hung_mass", 0.0):
+        if body is self.root and self.hung_mass:
             body.gravcomp = -self.hung_mass / total
 
     def _site(self, body: Any, name: str, pos: Array, curve: dict[str, float]) -> None:

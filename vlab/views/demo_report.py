@@ -12,12 +12,15 @@ OBSERVED = "probe:30in"
 """Response at grid point 6 to excitation at grid point 9, as in Figures 4 and 22."""
 
 
-def write_demo_report(demo: Demo, path: Path) -> None:
-    """Write the demo as one HTML page."""
+def write_demo_report(demo: Demo, folder: Path) -> None:
+    """Write the demo as one HTML page, ``report.html``, and its two main figures by themselves."""
+    figures = {"beam-modes.svg": _modes_figure(demo), "beam-frf.svg": _response_figure(demo)}
+    for name, svg in figures.items():
+        (folder / name).write_text(svg, encoding="utf-8")
     sections = [
         _tables(demo),
-        _cross_check(demo),
-        _experiments(demo),
+        _cross_check(demo, figures["beam-modes.svg"]),
+        _experiments(demo, figures["beam-frf.svg"]),
         *[s for c in demo.comparisons for s in case_sections(c)],
     ]
     summary = (
@@ -26,7 +29,28 @@ def write_demo_report(demo: Demo, path: Path) -> None:
         "and a real cantilever with piezo actuators beside its nominal model.",
         f"Computed in {demo.seconds:.0f} s.",
     )
-    write_report(path, title="vlab demo", sections=sections, summary=summary)
+    write_report(folder / "report.html", title="vlab demo", sections=sections, summary=summary)
+
+
+def _modes_figure(demo: Demo) -> str:
+    check = demo.check
+    return to_svg(
+        mode_shapes_figure(
+            check.structure, check.fe_modes(), check.plant_modes("composite"), labels=("FE", "composite")
+        )
+    )
+
+
+def _response_figure(demo: Demo) -> str:
+    opened, closed = demo.open_loop, demo.closed_loop
+    overlays = [("MFDRF, simulated", closed.displacement), ("MFDRF, analytical", closed.analytical_displacement)]
+    labels = ("open loop, simulated", "open loop, analytical")
+    excitation = closed.frf.inputs[0]
+    return to_svg(
+        frf_figure(
+            opened.displacement, opened.analytical_displacement, OBSERVED, excitation, labels=labels, overlays=overlays
+        )
+    )
 
 
 def _tables(demo: Demo) -> Section:
@@ -47,7 +71,7 @@ def _tables(demo: Demo) -> Section:
     return Section(title="Published tables", tables=[(headers, rows)])
 
 
-def _cross_check(demo: Demo) -> Section:
+def _cross_check(demo: Demo, modes_svg: str) -> Section:
     check = demo.check
     document = check.as_dict()
     names = list(check.plants)
@@ -97,7 +121,7 @@ def _cross_check(demo: Demo) -> Section:
         tables=[(headers, rows), (plant_headers, plants)],
         figures=[
             (
-                to_svg(mode_shapes_figure(check.structure, fe_modes, composite)),
+                modes_svg,
                 "Mode shapes, as Figure 3 of the dissertation.",
             ),
             (
@@ -112,11 +136,9 @@ def _cross_check(demo: Demo) -> Section:
     )
 
 
-def _experiments(demo: Demo) -> Section:
+def _experiments(demo: Demo, response_svg: str) -> Section:
     opened, closed = demo.open_loop, demo.closed_loop
-    excitation = closed.frf.inputs[0]
     headers = ("mode", "predicted Hz", "identified Hz", "predicted damping", "identified damping", "difference %")
-    closed_overlay = [("MFDRF, simulated", closed.displacement), ("MFDRF, analytical", closed.analytical_displacement)]
     return Section(
         title="Open and closed loop, as Figure 22",
         text=(
@@ -127,16 +149,7 @@ def _experiments(demo: Demo) -> Section:
         tables=[(headers, demo.damping_rows())],
         figures=[
             (
-                to_svg(
-                    frf_figure(
-                        opened.displacement,
-                        opened.analytical_displacement,
-                        OBSERVED,
-                        excitation,
-                        labels=("open loop, simulated", "open loop, analytical"),
-                        overlays=closed_overlay,
-                    )
-                ),
+                response_svg,
                 "Displacement frequency response, open loop and MFDRF.",
             ),
             (
