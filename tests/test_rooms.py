@@ -22,9 +22,9 @@ ROOMS = [
     "vlab.lab",
     "vlab.cases",
     "vlab.reproduce",
-    "vlab.views",
-    "vlab.bench",
     "vlab.demo",
+    "vlab.bench",
+    "vlab.views",
     "vlab.cli",
     "vlab.__main__",
 ]
@@ -78,4 +78,12 @@ def test_control_laws_know_nothing_of_the_simulator():
 
 def test_top_level_is_what_the_readme_promises():
     visible = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} - {"out", "dist", "build"}
-    assert visible - {"MUJOCO_LOG.TXT"} == {"pyproject.toml", "assets", "vlab", "controllers", "tests", "README.md", "LICENSE"}
+    assert visible - {"MUJOCO_LOG.TXT"} == {
+        "pyproject.toml",
+        "assets",
+        "vlab",
+        "controllers",
+        "tests",
+        "README.md",
+        "LICENSE",
+    }

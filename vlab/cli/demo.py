@@ -5,7 +5,7 @@ import sys
 import time
 
 from vlab.cli.common import Outcome, text_table
-from vlab.demo import run_demo, write_demo
+from vlab.demo import run_demo
 from vlab.outputs import output_folder, write_manifest
 
 
@@ -20,6 +20,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     with output_folder(arguments.out) as folder:
         demo = run_demo(progress=lambda text: print(f"vlab demo: {text} ...", file=sys.stderr, flush=True))
         print("vlab demo: report ...", file=sys.stderr, flush=True)
+        from vlab.views.demo_report import write_demo
+
         write_demo(demo, folder)
         write_manifest(folder, verb="demo")
     seconds = time.perf_counter() - begun

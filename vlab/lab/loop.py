@@ -4,7 +4,6 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from controllers import Controller
@@ -50,7 +49,7 @@ class ControlLoop:
     ) -> None:
         self.plant, self.hardware, self.controller, self.sampling = plant, hardware, controller, sampling
         self.added, self.substeps, self.frame_every = added, substeps, frame_every
-        self.data = mujoco.MjData(plant.model)
+        self.data = plant.new_data()
         n_actuators = len(plant.actuators)
         self._raw = np.zeros((samples, plant.model.nsensordata))
         self._limited: Array | None = None

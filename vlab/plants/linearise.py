@@ -16,8 +16,8 @@ POSITION_STEP = 1e-5
 def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
     """Return M, C and K of a MuJoCo model about a configuration at rest.
 
-    M is MuJoCo's own inertia matrix; K and C are central differences of the passive and bias forces, which hold gravity,
-    springs, tendons and dampers. Joints with quaternions are perturbed in their tangent space.
+    M is MuJoCo's own inertia matrix; K and C are central differences of all smooth forces: gravity, springs, tendons,
+    dampers, and servos at zero command. Joints with quaternions are perturbed in their tangent space.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
 
 
 def _force(model: Any, data: Any) -> Array:
-    return np.array(data.qfrc_passive - data.qfrc_bias)
+    return np.array(data.qfrc_smooth)  # passive, bias and actuator forces; controls are at rest
 
 
 def _dof_name(model: Any, dof: int) -> str:

@@ -7,13 +7,25 @@ from vlab.modal.mac import mac
 from vlab.views.case_report import case_sections
 from vlab.views.figures import frequencies_figure, frf_figure, mac_figure, mode_shapes_figure, to_svg, traces_figure
 from vlab.views.report import Section, write_report
+from vlab.views.scene import write_run
 
 OBSERVED = "probe:30in"
 """Response at grid point 6 to excitation at grid point 9, as in Figures 4 and 22."""
 
 
-def write_demo_report(demo: Demo, folder: Path) -> None:
-    """Write the demo as one HTML page, ``report.html``, and its two main figures by themselves."""
+def write_demo(demo: Demo, folder: Path) -> None:
+    """Write the demo's page ``report.html``, its Rerun file ``run.rrd``, and its two main figures by themselves."""
+    closed = demo.closed_loop
+    write_run(
+        folder / "run.rrd",
+        closed.prepared.structure,
+        closed.prepared.plant,
+        closed.result,
+        frf=closed.frf,
+        analytical=closed.analytical,
+        law="MFDRF, gains of Table 7",
+        hardware=closed.prepared.hardware,
+    )
     figures = {"beam-modes.svg": _modes_figure(demo), "beam-frf.svg": _response_figure(demo)}
     for name, svg in figures.items():
         (folder / name).write_text(svg, encoding="utf-8")

@@ -1,0 +1,344 @@
+"""Running a plant step by step beside a recording: true states in, channel values at exact times out.
+
+MuJoCo's semi-implicit steps keep the position half a step ahead of the velocity (see `vlab.plants.base`). States here are
+true ones, position and velocity at the same time: a run starts with the position moved on by half a step, and every
+reading is taken from a copy of the state with that half step undone, so that positions, velocities and accelerations of
+any sensor belong to the time they are labelled with.
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from vlab.cases.wiring import Compared, Drive, Law, Run
+from vlab.errors import BadCase
+from vlab.hardware.laboratory import Converter
+from vlab.hardware.output_chain import OutputChain
+from vlab.hardware.sensing import coil_gain
+from vlab.plants.base import Plant, check_run
+from vlab.signals import Array
+
+CHECK_EVERY = 500
+"""Integration steps between two looks at the state: a diverged run stops here."""
+MAX_STEPS = 100_000_000
+"""Longest run [integration steps]; at 5 us a step it takes minutes."""
+_STAGGERED = (
+    mujoco.mjtIntegrator.mjINT_EULER,
+    mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+)
+
+
+@dataclass(frozen=True)
+class State:
+    """A true state: position and velocity at the same time."""
+
+    qpos: Array
+    qvel: Array
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How the integration steps fit the samples and the law.
+
+    Parameters
+    ----------
+    timestep : float
+        Integration step [s], the plant's own or a little shorter.
+    steps : int
+        Integration steps between two readings.
+    law_every : int
+        Readings between two steps of the law.
+    readings : int
+        How many readings cover the recording.
+    on_time : bool
+        Whether every sample of the recording is a reading, so that nothing is interpolated.
+    """
+
+    timestep: float
+    steps: int
+    law_every: int
+    readings: int
+    on_time: bool
+
+    @property
+    def times(self) -> Array:
+        """Times of the readings from the start [s]."""
+        return np.arange(self.readings) * (self.steps * self.timestep)
+
+    @property
+    def middles(self) -> Array:
+        """Middles of the integration steps from the start [s]."""
+        return (np.arange((self.readings - 1) * self.steps) + 0.5) * self.timestep
+
+
+def plan_clock(timestep: float, run: Run) -> Clock:
+    """Fit the integration step to the samples and the law: shorter where it must be, never longer.
+
+    Raises
+    ------
+    BadCase
+        The run would take more than `MAX_STEPS` steps.
+    """
+    time = run.measured.time - run.measured.time[0]
+    sample = 1.0 / run.measured.rate if run.measured.is_uniform else None
+    law = None if run.law is None else 1.0 / run.law.rate_hz
+    period, law_every, dense = sample or law, 1, sample is None
+    if sample is not None and law is not None:
+        if _is_whole(law / sample):
+            law_every = round(law / sample)
+        else:
+            period, dense = law, not _is_whole(sample / law)
+    steps = 1 if period is None else int(np.ceil(period / timestep - 1e-9))
+    step = timestep if period is None else period / steps
+    if dense:
+        law_every, steps = steps, 1
+    if time[-1] / step > MAX_STEPS:
+        raise BadCase(
+            f"{run.name}: {time[-1]:g} s at a step of {step:g} s are {time[-1] / step:.3g} steps; at most {MAX_STEPS} are run"
+        )
+    block = steps * step
+    readings = int(np.ceil(time[-1] / block - 1e-6)) + 1
+    readings += -(readings - 1) % law_every
+    on_time = bool(np.all(np.abs(time - np.rint(time / block) * block) <= 1e-4 * block))
+    return Clock(step, steps, law_every, max(readings, 2), on_time)
+
+
+def _is_whole(ratio: float) -> bool:
+    return ratio > 0.5 and abs(ratio - round(ratio)) <= 1e-6 * ratio
+
+
+class Bench:
+    """A plant with its readings.
+
+    Parameters
+    ----------
+    plant : Plant
+        With the timestep that it runs at.
+    linear_range : float or None
+        Travel over which coil sensors are linear [m]; None where the hardware is not a laboratory's.
+    """
+
+    def __init__(self, plant: Plant, linear_range: float | None = None) -> None:
+        self.plant, self.model = plant, plant.model
+        self.data, self._copy = plant.new_data(), plant.new_data()
+        self.rest = State(self.data.qpos.copy(), np.zeros(self.model.nv))
+        self._ahead = self.model.opt.timestep / 2 if self.model.opt.integrator in _STAGGERED else 0.0
+        self._sum = np.zeros((len(plant.sensors), self.model.nsensordata))
+        for i, tap in enumerate(plant.sensors):
+            self._sum[i, list(tap.addresses)] = 1.0
+        self._range = linear_range
+        self._coils = [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
+
+    def start(self, state: State) -> None:
+        """Put the plant into a true state at time zero."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = state.qpos, state.qvel
+        if self._ahead:
+            mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
+        mujoco.mj_forward(self.model, self.data)
+
+    def look(self, ctrl: Array) -> None:
+        """Evaluate the present true state in the copy, under given controls and the applied forces."""
+        data, model = self._copy, self.model
+        mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        if self._ahead:
+            mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
+        data.ctrl[:] = ctrl
+        mujoco.mj_forward(model, data)
+
+    def sensors(self) -> Array:
+        """Return the plant's sensor values at what `look` saw."""
+        values = self._sum @ self._copy.sensordata
+        travel = self._copy.sensordata[self.plant.travel]
+        if self._range is not None and travel.size == len(self._coils):
+            values[self._coils] *= coil_gain(travel, self._range)
+        return np.asarray(values)
+
+    def values(self, compared: tuple[Compared, ...], sensors: Array) -> Array:
+        """Return the values of compared channels at what `look` saw; those of commands are left at zero."""
+        return np.array([self._value(c, sensors) for c in compared])
+
+    def _value(self, compared: Compared, sensors: Array) -> float:
+        if compared.sensor is not None:
+            return float(sensors[compared.sensor])
+        if not compared.port:
+            return 0.0
+        port, data = self.plant.port(compared.port), self._copy
+        if compared.order == 0:
+            return port.position(data)
+        return float(port.row(data) @ (data.qvel if compared.order == 1 else data.qacc))
+
+    def rest_values(self, compared: tuple[Compared, ...]) -> Array:
+        """Return the values of compared channels at rest."""
+        self.start(self.rest)
+        self.look(np.zeros(self.model.nu))
+        return self.values(compared, self.sensors())
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """What the compared channels were at the readings, commands included."""
+
+    times: Array
+    values: Array
+
+    def at(self, time: Array, clock: Clock, column: int, *, is_held: bool = False) -> Array:
+        """Return a channel at times from the start: the readings where all times are readings, else interpolated."""
+        values = self.values[:, column]
+        if clock.on_time:
+            return np.asarray(values[np.rint(time / (clock.steps * clock.timestep)).astype(int)])
+        if is_held:
+            return np.asarray(values[np.searchsorted(self.times, time + 1e-9 * clock.timestep, side="right") - 1])
+        return np.asarray(CubicSpline(self.times, values)(time))
+
+
+def at_timestep(plant: Plant, timestep: float) -> Plant:
+    """Return the plant with another integration step."""
+    if plant.timestep == timestep:
+        return plant
+    model = copy.copy(plant.model)
+    model.opt.timestep = timestep
+    return replace(plant, model=model)
+
+
+def bench_for(plant: Plant, run: Run) -> Bench:
+    """Return the bench for a run of a plant that has the run's timestep."""
+    return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
+
+
+def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) -> Played:
+    """Run a plant from a true state under a recording's inputs and a law.
+
+    Parameters
+    ----------
+    law : Law or None
+        With its memory as it is at the start; it is stepped.
+
+    Raises
+    ------
+    Diverged
+        The run left the finite world or MuJoCo reset it.
+    """
+    plant, model, data = bench.plant, bench.model, bench.data
+    means, present = _drives(run, clock, plant)
+    loads = [drive for drive in run.drives if drive.port]
+    load_means, _ = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
+    push = None if law is None else _chain(law, run, clock)
+    controls, every = plant.control_matrix, bool(loads) or plant.dissipation is not None
+    feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
+    command = np.zeros(len(plant.actuators))
+    out = np.zeros((clock.readings, len(run.compared)))
+    bench.start(state)
+    last_check = 0
+    for k in range(clock.readings):
+        part = (k % clock.law_every) * clock.steps
+        bench.look(controls @ (present[k] + feedback[part - 1]))
+        sensors = bench.sensors()
+        out[k] = bench.values(run.compared, sensors)
+        if law is not None and push is not None and part == 0:
+            command[list(law.actuators)] = law.step(sensors)
+            feedback[:, list(law.actuators)] = push(command[list(law.actuators)])
+        for i, c in enumerate(run.compared):
+            if c.actuator is not None:
+                out[k, i] = command[c.actuator]
+        if k == clock.readings - 1:
+            break
+        first = k * clock.steps
+        force = means[first : first + clock.steps] + feedback[part : part + clock.steps]
+        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, loads)
+        if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
+            last_check = (k + 1) * clock.steps
+            check_run(model, data, last_check * clock.timestep)
+    return Played(clock.times, out)
+
+
+def _advance(bench: Bench, controls: Array, force: Array, loads: Array | None, drives: Sequence[Drive]) -> None:
+    """Take the integration steps between two readings."""
+    plant, data = bench.plant, bench.data
+    if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
+        data.ctrl[:] = controls @ force[0]
+        mujoco.mj_step(plant.model, data, nstep=len(force))
+        return
+    for i, row in enumerate(force):
+        data.ctrl[:] = controls @ row
+        if loads is not None:
+            data.qfrc_applied[:] = 0.0 if plant.dissipation is None else -plant.dissipation @ data.qvel
+            for load, drive in zip(loads[i], drives, strict=True):
+                data.qfrc_applied += plant.port(drive.port).row(data) * load
+        mujoco.mj_step(plant.model, data)
+
+
+def _chain(law: Law, run: Run, clock: Clock) -> Callable[[Array], Array]:
+    """Return what turns a command into the forces of the steps until the next one."""
+    substeps = clock.steps * clock.law_every
+    converter = _ideal(law.rate_hz) if run.hardware is None else run.hardware.at_rate(law.rate_hz).converter
+    return OutputChain(converter, channels=len(law.actuators), substeps=substeps).push
+
+
+def _ideal(rate: float) -> Converter:
+    return Converter(rate=rate, lowest_rate=rate, highest_rate=rate, delay_samples=0.0, filter_corner=0.0)
+
+
+def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
+    """Return the inputs of all actuators: means over the integration steps, and present values at the readings."""
+    means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
+    present = np.zeros((clock.readings, len(plant.actuators)))
+    drives = [drive for drive in run.drives if drive.actuator is not None]
+    each, now = _channels(run, clock, [d.channel for d in drives], [d.is_held for d in drives])
+    for i, drive in enumerate(drives):
+        if drive.actuator is None:
+            continue
+        if drive.through_chain and run.hardware is not None:
+            each[:, i] = _through_chain(run, clock, drive.channel)
+            now[1:, i] = each[clock.steps - 1 :: clock.steps, i]
+        means[:, drive.actuator] += each[:, i]
+        present[:, drive.actuator] += now[:, i]
+    return means, present
+
+
+def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
+    if run.hardware is None or not (clock.on_time and run.measured.is_uniform):
+        raise BadCase(f"{run.name}: commands {channel!r} must be sampled evenly to pass the hardware's converter")
+    converter = run.hardware.converter
+    if abs(run.measured.rate / converter.rate - 1) > 1e-6 or clock.times[1] * run.measured.rate > 1 + 1e-6:
+        raise BadCase(
+            f"{run.name}: commands {channel!r} are recorded at {run.measured.rate:g} Hz, the converter runs at "
+            f'{converter.rate:g} Hz; record them at that rate, or give the forces instead (kind = "force")'
+        )
+    chain = OutputChain(converter, channels=1, substeps=clock.steps)
+    forces = chain.response(run.measured[channel][:, None])[:, 0]
+    steps = (clock.readings - 1) * clock.steps
+    return np.resize(forces, steps) if forces.size >= steps else np.pad(forces, (0, steps - forces.size), mode="edge")
+
+
+def _channels(run: Run, clock: Clock, names: list[str], held: list[bool]) -> tuple[Array, Array]:
+    """Return channels as means over the integration steps and as values just before the readings."""
+    time = run.measured.time - run.measured.time[0]
+    steps = (clock.readings - 1) * clock.steps
+    means, present = np.zeros((steps, len(names))), np.zeros((clock.readings, len(names)))
+    for i, (name, is_held) in enumerate(zip(names, held, strict=True)):
+        values = run.measured[name]
+        if not is_held:
+            means[:, i] = np.interp(clock.middles, time, values)
+            present[:, i] = np.interp(clock.times, time, values)
+        elif clock.on_time:
+            at = np.searchsorted(time, clock.middles, side="right") - 1
+            means[:, i] = values[np.maximum(at, 0)]
+            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+        else:
+            means[:, i] = _held_means(time, values, np.arange(steps + 1) * clock.timestep)
+            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+    return means, present
+
+
+def _held_means(time: Array, values: Array, edges: Array) -> Array:
+    """Return the means between edges of a staircase that takes a new value at every time stamp."""
+    end = max(edges[-1], time[-1]) + 1.0
+    stamps = np.append(time, end)
+    integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])
+    return np.diff(np.interp(edges, stamps, integral)) / np.diff(edges)

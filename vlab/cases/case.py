@@ -1,0 +1,194 @@
+"""A case: a model and what was measured on the thing that it is a model of.
+
+A case is a TOML file, ``case.toml`` in its folder or any other file by its own name, so that several cases can share one
+folder. Every file that it names lies in the folder of the case file; nothing is read from elsewhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vlab.cases.description import CaseTable, RecordingTable
+from vlab.cases.wiring import Run, find_input, find_output, find_place, make_run, wire
+from vlab.errors import BadCase, VlabError, unknown_name
+from vlab.hardware import Hardware, load_hardware
+from vlab.plants.base import Plant
+from vlab.plants.build import build_plant
+from vlab.plants.mjcf import build_mjcf
+from vlab.recordings import open_table
+from vlab.recordings.assemble import ColumnSpec, to_recording
+from vlab.schema import Reader
+from vlab.structure.reader import BUILT_IN, load_structure
+
+_NAMED = ("body", "geom", "joint", "tendon", "actuator", "sensor", "site")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """A case whose names all match its model; its recordings are read when they are asked for.
+
+    Parameters
+    ----------
+    path : Path
+        The case file.
+    table : CaseTable
+        What it says.
+    plant : Plant
+        The nominal model.
+    hardware : Hardware or None
+        What stands between law and structure; None for an MJCF model, whose converters are ideal.
+    """
+
+    path: Path
+    table: CaseTable
+    plant: Plant
+    hardware: Hardware | None
+
+    @property
+    def folder(self) -> Path:
+        """The folder that all files of the case lie in."""
+        return self.path.parent
+
+    def recordings(self, roles: Sequence[str] = ("fit", "holdout")) -> list[tuple[str, RecordingTable]]:
+        """Return name and description of the recordings in some roles; nothing is read from them yet."""
+        named = [(r.name or f"recording{i + 1}", r) for i, r in enumerate(self.table.recording)]
+        return [(name, r) for name, r in named if r.role in roles]
+
+    def runs(self, roles: Sequence[str] = ("fit", "holdout")) -> list[Run]:
+        """Read the recordings in some roles and wire them to the model.
+
+        Raises
+        ------
+        BadRecording
+            A file is damaged or not what the case says.
+        BadCase
+            A recording that the model cannot be driven with.
+        """
+        return [self._read(name, table) for name, table in self.recordings(roles)]
+
+    def _read(self, name: str, table: RecordingTable) -> Run:
+        columns = [channel.column for channel in table.channel]
+        wanted = list(dict.fromkeys([*columns, *([] if table.time is None else [table.time])]))
+        file = open_table(table.file, folder=self.folder, columns=wanted)
+        specs = [
+            ColumnSpec(column=c.column, kind=c.kind, unit=c.unit, at=c.at, name=label, scale=c.scale, is_input=c.input)
+            for c, label in zip(table.channel, table.channel_names, strict=True)
+        ]
+        whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
+        return make_run(self.plant, name, table, whole, self.hardware)
+
+
+def load_case(path: Path | str) -> Case:
+    """Load a case from its folder or its file and check every name in it against the model.
+
+    Raises
+    ------
+    BadCase
+        The file is malformed, a key is unknown, a file is missing or outside the folder, a name matches nothing.
+    BadStructure
+        The model cannot be built.
+    """
+    path = Path(path)
+    path = path / "case.toml" if path.is_dir() else path
+    reader = Reader(path, provenance_required=False, error=BadCase)
+    table = reader.table(CaseTable, reader.load())
+    for i, recording in enumerate(table.recording):
+        _check_inside(reader, f"recording[{i}].file", recording.file)
+    for i, frf in enumerate(table.frf):
+        _check_inside(reader, f"frf[{i}].file", frf.file)
+    plant, hardware = _build(reader, table)
+    _check_names(reader, table, plant)
+    return Case(path=path, table=table, plant=plant, hardware=hardware)
+
+
+def _check_inside(reader: Reader, key: str, file: str) -> None:
+    folder = Path(reader.file).parent
+    try:
+        real = (folder / file).resolve()
+        if not real.is_relative_to(folder.resolve()):
+            raise reader.fail(key, f"{file!r} lies outside the case's folder; copy it into that folder")
+        if not real.is_file():
+            raise reader.fail(key, f"there is no file {file!r} in the case's folder; check its name")
+    except (OSError, ValueError, RuntimeError) as error:  # a null byte, a name too long, a loop of links
+        if isinstance(error, BadCase):
+            raise
+        raise reader.fail(key, f"{file!r} is no file name: {error}") from error
+
+
+def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None]:
+    folder, model = Path(reader.file).parent, table.model
+    if model.mjcf:
+        _check_inside(reader, "model.mjcf", model.mjcf)
+        for key in ("hardware", "plant", "variant"):
+            if getattr(model, key) != type(model).__dataclass_fields__[key].default:
+                raise reader.fail(f"model.{key}", "this key belongs to a structure; an MJCF model is used as it is")
+        return build_mjcf(model.mjcf, folder=folder), None
+    if model.structure in BUILT_IN:
+        structure = load_structure(model.structure)
+    elif model.structure.endswith(".toml"):
+        _check_inside(reader, "model.structure", model.structure)
+        structure = load_structure(folder / model.structure)
+    else:
+        known = [*BUILT_IN, "the name of a structure file in the case's folder"]
+        raise reader.fail("model.structure", str(unknown_name("structure", model.structure, known)))
+    if model.hardware:
+        _check_inside(reader, "model.hardware", model.hardware)
+    try:
+        plant = build_plant(structure, model.plant, model.variant)
+    except LookupError as error:
+        raise reader.fail("model", str(error)) from error
+    return plant, load_hardware(folder / model.hardware if model.hardware else None)
+
+
+def _check_names(reader: Reader, table: CaseTable, plant: Plant) -> None:
+    for name in table.model.uncertain:
+        _check_uncertain(reader, name, table, plant)
+    for i, recording in enumerate(table.recording):
+        for j, channel in enumerate(recording.channel):
+            find = find_input if channel.input else find_output
+            try:
+                find(plant, channel, recording)
+            except VlabError as error:
+                raise reader.fail(f"recording[{i}].channel[{j}]", str(error)) from error
+        try:
+            wire(plant, recording)
+        except VlabError as error:
+            raise reader.fail(f"recording[{i}].controller", str(error)) from error
+    places = [(f"frf[{i}]", (frf.input, *frf.outputs)) for i, frf in enumerate(table.frf)]
+    places += [(f"modal[{i}].at", modal.at) for i, modal in enumerate(table.modal)]
+    for key, names in places:
+        for name in names:
+            try:
+                find_place(plant, name)
+            except VlabError as error:
+                raise reader.fail(key, str(error)) from error
+
+
+def _check_uncertain(reader: Reader, name: str, table: CaseTable, plant: Plant) -> None:
+    """Check a name such as ``geom:arm:mass`` against an MJCF model; a structure's names are its own tables'."""
+    if ":" not in name or not table.model.mjcf:
+        return
+    kind, _, rest = name.partition(":")
+    given, _, quantity = rest.rpartition(":")
+    key = "model.uncertain"
+    if kind not in _NAMED:
+        raise reader.fail(key, str(unknown_name("type of element", kind, _NAMED, where=name)))
+    if not given or not quantity:
+        raise reader.fail(key, f"{name!r} is not type:name:quantity, such as geom:arm:mass")
+    known = [
+        n for n in (getattr(plant.model, kind)(i).name for i in range(getattr(plant.model, f"n{_COUNT[kind]}"))) if n
+    ]
+    if given not in known:
+        raise reader.fail(key, str(unknown_name(kind, given, known, where=name)))
+
+
+_COUNT = {
+    "body": "body",
+    "geom": "geom",
+    "joint": "jnt",
+    "tendon": "tendon",
+    "actuator": "u",
+    "sensor": "sensor",
+    "site": "site",
+}
+"""What MuJoCo calls the number of each type of element."""

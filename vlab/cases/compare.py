@@ -1,0 +1,140 @@
+"""A case's model beside its recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.case import Case, load_case
+from vlab.cases.misfit import Misfit, misfit
+from vlab.cases.simulate import Simulation, simulate
+from vlab.cases.wiring import Run
+from vlab.errors import BadCase
+from vlab.plants.base import Plant
+from vlab.signals import Recording
+
+OVERLAY_POINTS = 2000
+"""Samples of an overlay in a JSON document; longer recordings are thinned to every n-th sample."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunComparison:
+    """One recording beside its simulation.
+
+    Parameters
+    ----------
+    run : Run
+        The recording as it was wired to the model.
+    simulation : Simulation
+        What the model does.
+    misfits : tuple of Misfit
+        One a compared channel that moves.
+    constant : tuple of str
+        Compared channels that never change in the recording; no misfit can be measured against them.
+    """
+
+    run: Run
+    simulation: Simulation
+    misfits: tuple[Misfit, ...]
+    constant: tuple[str, ...] = ()
+
+    @property
+    def measured(self) -> Recording:
+        """The part of the recording that is compared, all channels."""
+        return self.run.measured
+
+    @property
+    def simulated(self) -> Recording:
+        """The same channels at the same times from the model; inputs as recorded."""
+        return self.simulation.recording
+
+    def overlay(self, points: int = OVERLAY_POINTS) -> list[dict[str, Any]]:
+        """Return measured and simulated samples of every compared channel for a plot, thinned to at most `points`."""
+        every = max(1, -(-len(self.measured) // points))
+        return [
+            {
+                "channel": m.channel,
+                "unit": m.unit,
+                "time_s": self.measured.time[::every].tolist(),
+                "measured": self.measured[m.channel][::every].tolist(),
+                "simulated": self.simulated[m.channel][::every].tolist(),
+            }
+            for m in self.misfits
+        ]
+
+    def to_json(self, *, overlay: bool = False) -> dict[str, Any]:
+        """Return plain values for a JSON document, with the samples where `overlay` asks for them."""
+        out: dict[str, Any] = {
+            "name": self.run.name,
+            "role": self.run.role,
+            "samples": len(self.measured),
+            "start_s": float(self.measured.time[0]),
+            "stop_s": float(self.measured.time[-1]),
+            "timestep_s": self.simulation.timestep_s,
+            "initial": self.simulation.initial.to_json(),
+            "notes": list(self.simulation.notes),
+            "misfits": [m.to_json() for m in self.misfits],
+            "constant": list(self.constant),
+        }
+        if overlay:
+            out["overlay"] = self.overlay()
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """A case's model beside its recordings."""
+
+    case: Case
+    runs: tuple[RunComparison, ...]
+
+    @property
+    def nrmse(self) -> dict[str, float]:
+        """Root mean square over channels of the NRMSE, by recording that has a channel that moves."""
+        return {r.run.name: float(np.sqrt(np.mean([m.nrmse**2 for m in r.misfits]))) for r in self.runs if r.misfits}
+
+    def to_json(self, *, overlay: bool = False) -> dict[str, Any]:
+        """Return plain values for a JSON document."""
+        return {
+            "title": self.case.table.title,
+            "model": self.case.table.model.mjcf or self.case.table.model.structure,
+            "model_notes": [*getattr(self.case.plant, "notes", ()), *self.case.plant.left_out],
+            "runs": [r.to_json(overlay=overlay) for r in self.runs],
+        }
+
+
+def compare_run(plant: Plant, run: Run) -> RunComparison:
+    """Simulate one recording with a plant and measure the misfit of every compared channel."""
+    simulation = simulate(plant, run)
+    channels = [c.channel for c in run.compared]
+    constant = tuple(name for name in channels if np.ptp(run.measured[name]) == 0.0)
+    return RunComparison(
+        run=run,
+        simulation=simulation,
+        misfits=tuple(misfit(run.measured, simulation.recording, name) for name in channels if name not in constant),
+        constant=constant,
+    )
+
+
+def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout")) -> Comparison:
+    """Simulate a case's recordings with its nominal model and say how far they are apart.
+
+    Parameters
+    ----------
+    path : path
+        The case's folder or file.
+    roles : sequence of str
+        Which recordings to use; those of other roles are not opened.
+
+    Raises
+    ------
+    BadCase
+        The case does not fit its model or has no recording in these roles.
+    """
+    case = load_case(path)
+    runs = case.runs(roles)
+    if not runs:
+        raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
+    return Comparison(case=case, runs=tuple(compare_run(case.plant, run) for run in runs))

@@ -1,0 +1,307 @@
+"""What a ``case.toml`` may say: its tables as frozen dataclasses, read strictly by `vlab.schema.Reader`."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from vlab import units
+from vlab.errors import BadCase, unknown_name
+from vlab.signals import KIND_UNITS
+
+Role = Literal["fit", "holdout"]
+Matrix = tuple[tuple[float, ...], ...]
+
+UNCERTAIN_KINDS = ("stiffness", "damping", "mass", "inertia", "length", "tension", "gain", "sensor", "delay")
+"""Kinds of what may be off in a model; anything more particular is named as type:name:quantity."""
+
+HELD_KINDS = ("command", "voltage", "current")
+"""Kinds of input that a converter holds from one sample to the next; the others are sampled from a smooth signal."""
+
+
+def _same_length(what: str, values: tuple[object, ...], n: int, against: str) -> None:
+    if len(values) != n:
+        raise BadCase(f"{what} has {len(values)} entries, {against} has {n}")
+
+
+def check_unit(unit: str, si: str) -> None:
+    """Refuse a unit that is unknown or not of the dimension of `si`."""
+    units.factor(unit, si)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelTable:
+    """``[model]``: an MJCF file in the case's folder, or a structure by name or file.
+
+    Parameters
+    ----------
+    plant, variant : str
+        Of a structure: which of its plants, and which variant.
+    hardware : str
+        Of a structure: a hardware description in the case's folder; the laboratory's own by default.
+    uncertain : mapping
+        Relative standard deviation by kind (`UNCERTAIN_KINDS`) or by name (``geom:arm:mass``).
+    """
+
+    mjcf: str = ""
+    structure: str = ""
+    plant: str = "composite"
+    variant: str = "published"
+    hardware: str = ""
+    uncertain: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if bool(self.mjcf) == bool(self.structure):
+            raise BadCase('give either mjcf = "FILE.xml" or structure = "NAME or FILE.toml"')
+        for name, value in self.uncertain.items():
+            if not 0 < value <= 10:
+                raise BadCase(f"uncertain.{name} is {value:g}; a relative standard deviation is above 0 and at most 10")
+            if ":" not in name and name not in UNCERTAIN_KINDS:
+                known = [*UNCERTAIN_KINDS, "or type:name:quantity, such as geom:arm:mass"]
+                raise unknown_name("kind", name, known, where="uncertain")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelTable:
+    """``[[recording.channel]]``: what a column of the file is.
+
+    Parameters
+    ----------
+    from_rest : bool
+        The file counts from the equilibrium: the model's value there is subtracted before comparing.
+    hold : str
+        How an input goes on between its samples; ``"zero"`` for what a converter holds (`HELD_KINDS`), else
+        ``"linear"``.
+    """
+
+    column: str
+    at: str
+    kind: str
+    unit: str = ""
+    name: str = ""
+    scale: float | None = None
+    input: bool = False
+    from_rest: bool = False
+    hold: Literal["", "zero", "linear"] = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KIND_UNITS:
+            raise unknown_name("kind of channel", self.kind, KIND_UNITS)
+        if self.scale is not None and self.scale == 0.0:
+            raise BadCase("the scale is 0; it must be model unit per file unit")
+        if self.input and self.from_rest:
+            raise BadCase("from_rest is for what is compared with the model, not for its inputs")
+        si = KIND_UNITS[self.kind]
+        if self.scale is None and si is not None:
+            check_unit(self.unit, si)
+        elif self.unit:
+            check_unit(self.unit, self.unit)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether an input stays constant between its samples."""
+        return self.hold == "zero" or (not self.hold and self.kind in HELD_KINDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerTable:
+    """``[recording.controller]``: the law that was in the loop.
+
+    Either static rate feedback u = -gains y, or an observer u = -K x, x+ = A x + B u + M (y - C x) with |u| <= limit.
+
+    Parameters
+    ----------
+    gains_unit : str
+        Unit of the gains, such as ``"lbf s/in"``.
+    sensor_unit, actuator_unit : str
+        Units in which the law takes y and gives u; the model's own by default.
+    sensor_scale, actuator_scale : float
+        Model unit per unit of the law, where it is not a unit conversion; they take the place of the units.
+    """
+
+    sensors: tuple[str, ...]
+    actuators: tuple[str, ...]
+    rate_hz: float
+    gains: Matrix = ()
+    gains_unit: str = ""
+    A: Matrix = ()
+    B: Matrix = ()
+    C: Matrix = ()
+    K: Matrix = ()
+    M: Matrix = ()
+    limit: float | None = None
+    sensor_unit: str = ""
+    actuator_unit: str = ""
+    sensor_scale: float | None = None
+    actuator_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.sensors or not self.actuators:
+            raise BadCase("sensors and actuators must each name at least one")
+        if not self.rate_hz > 0:
+            raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive")
+        missing = [name for name in "ABCKM" if not getattr(self, name)]
+        if bool(self.gains) == (len(missing) < 5) or (not self.gains and missing):
+            raise BadCase(
+                "give either gains, or all of A, B, C, K and M"
+                + (f" (missing: {', '.join(missing)})" if 0 < len(missing) < 5 else "")
+            )
+        if self.gains and self.limit is not None:
+            raise BadCase("limit belongs to the observer form (A, B, C, K, M); static gains have none")
+        for side in ("sensor", "actuator"):
+            if getattr(self, f"{side}_unit") and getattr(self, f"{side}_scale") is not None:
+                raise BadCase(f"{side}_unit and {side}_scale are both given; one of them says how it is converted")
+            if getattr(self, f"{side}_scale") == 0.0:
+                raise BadCase(f"{side}_scale is 0; it must be model unit per unit of the law")
+        if self.gains_unit and (self.sensor_unit or self.sensor_scale is not None or self.actuator_scale is not None):
+            raise BadCase("gains_unit says the units of y and u already; leave out sensor_unit and the scales")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingTable:
+    """``[[recording]]``: a file, what it is for and what its columns are.
+
+    Parameters
+    ----------
+    rate_hz, time : float, str
+        The sample rate, or the name of the time column.
+    start_s, stop_s : float
+        The part of the file that is compared, start <= t < stop; what stands before it warms up a law's memory.
+    initial : str
+        How the model starts: ``"rest"``, ``"estimated"`` from the first samples, or ``"auto"``: estimated unless the
+        recording begins at rest.
+    """
+
+    file: str
+    role: Role
+    name: str = ""
+    rate_hz: float | None = None
+    time: str | None = None
+    time_unit: str = "s"
+    start_s: float | None = None
+    stop_s: float | None = None
+    initial: Literal["auto", "rest", "estimated"] = "auto"
+    channel: tuple[ChannelTable, ...]
+    controller: ControllerTable | None = None
+
+    def __post_init__(self) -> None:
+        if (self.rate_hz is None) == (self.time is None):
+            raise BadCase("give rate_hz, or time = the name of the time column, and not both")
+        if self.rate_hz is not None and not self.rate_hz > 0:
+            raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive")
+        check_unit(self.time_unit, "s")
+        start = -np.inf if self.start_s is None else self.start_s
+        if not start < (np.inf if self.stop_s is None else self.stop_s):
+            raise BadCase(f"start_s is {self.start_s} and stop_s is {self.stop_s}; the start must come first")
+        if all(channel.input for channel in self.channel):
+            raise BadCase("no channel is compared with the model; give at least one without input = true")
+        names = self.channel_names
+        for name in names:
+            if names.count(name) > 1:
+                raise BadCase(f"two channels are called {name!r}; give one of them another name")
+
+    @property
+    def channel_names(self) -> list[str]:
+        """The channels' names in the recording: as given, or the place, with the kind where a place repeats."""
+        places = [channel.at for channel in self.channel]
+        return [c.name or (c.at if places.count(c.at) == 1 else f"{c.kind}:{c.at}") for c in self.channel]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrfChannelTable:
+    """``[[frf.channel]]``: a column with the response at one output; `imaginary` names a second column of a pair."""
+
+    column: str
+    at: str
+    imaginary: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrfTable:
+    """``[[frf]]``: measured frequency responses of some outputs to one input.
+
+    Parameters
+    ----------
+    form_db : bool
+        The columns hold 20 log10 of the magnitude.
+    frequency : str
+        Name of the frequency column.
+    unit : str
+        Unit of the response; the SI unit of the form by default.
+    """
+
+    file: str
+    role: Role
+    form: Literal["receptance", "mobility", "accelerance"]
+    form_db: bool = False
+    input: str
+    outputs: tuple[str, ...]
+    frequency: str = "f"
+    frequency_unit: str = "Hz"
+    unit: str = ""
+    channel: tuple[FrfChannelTable, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_unit(self.frequency_unit, "Hz")
+        if self.unit:
+            check_unit(self.unit, {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}[self.form])
+        if not self.outputs:
+            raise BadCase("outputs must name at least one place")
+        for channel in self.channel:
+            if channel.at not in self.outputs:
+                raise unknown_name("output", channel.at, self.outputs, where=f"channel {channel.column!r}")
+            if channel.imaginary and self.form_db:
+                raise BadCase(f"channel {channel.column!r}: a magnitude in dB has no imaginary part")
+        if self.channel:
+            _same_length("channel", self.channel, len(self.outputs), "outputs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalTable:
+    """``[[modal]]``: measured natural frequencies, damping ratios and shapes.
+
+    Parameters
+    ----------
+    at : tuple of str
+        Places of the shapes' entries.
+    shape : tuple of tuples
+        One row a mode, one entry a place.
+    frequency_sd_hz, zeta_sd, shape_sd : tuple of float
+        Standard deviations, one a mode.
+    """
+
+    role: Role
+    frequency_hz: tuple[float, ...]
+    zeta: tuple[float, ...] = ()
+    at: tuple[str, ...] = ()
+    shape: Matrix = ()
+    frequency_sd_hz: tuple[float, ...] = ()
+    zeta_sd: tuple[float, ...] = ()
+    shape_sd: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.frequency_hz)
+        if not n or not all(f > 0 for f in self.frequency_hz):
+            raise BadCase("frequency_hz must hold at least one positive frequency")
+        if not all(0 <= z < 1 for z in self.zeta):
+            raise BadCase("zeta is a ratio from 0 to below 1, not a percentage")
+        for name in ("zeta", "shape", "frequency_sd_hz", "zeta_sd", "shape_sd"):
+            if getattr(self, name):
+                _same_length(name, getattr(self, name), n, "frequency_hz")
+        for row in self.shape:
+            _same_length("a row of shape", row, len(self.at), "at")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseTable:
+    """The whole file."""
+
+    title: str = ""
+    model: ModelTable
+    recording: tuple[RecordingTable, ...] = ()
+    frf: tuple[FrfTable, ...] = ()
+    modal: tuple[ModalTable, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.recording or self.frf or self.modal):
+            raise BadCase("the case has no [[recording]], [[frf]] or [[modal]]: there is nothing to compare with")

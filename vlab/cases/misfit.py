@@ -1,0 +1,165 @@
+"""How far a simulation is from a recording: per channel, over time and over frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from vlab.errors import BadRecording
+from vlab.signals import Array, Recording
+
+WINDOWS = 20
+"""Moving windows over a recording by default; they overlap by half."""
+BANDS = 12
+"""Frequency bands by default, of equal width in log frequency."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Misfit:
+    """The misfit of one channel.
+
+    Parameters
+    ----------
+    channel, unit : str
+        The channel and the SI unit of its numbers.
+    nrmse : float
+        Rms of the error over the rms of the recording about its mean.
+    vaf : float
+        Variance accounted for, 1 - var(error)/var(recording); a constant error does not lower it.
+    mean_error, rms_error : float
+        Of simulation minus recording [unit].
+    window_time_s, window_nrmse : array
+        Middles of moving windows, and the rms of the error there over the rms of the whole recording about its mean.
+    window_rms : array
+        Rms of the recording about its mean in the windows [unit].
+    band_edges_hz : (n + 1,) array
+        Edges of the frequency bands, the first one the resolution of the spectrum.
+    band_share : (n,) array
+        Share of the error's power about its mean in each band; they sum to one.
+    band_nrmse : (n,) array
+        Root of the error's over the recording's power in each band.
+    """
+
+    channel: str
+    unit: str
+    nrmse: float
+    vaf: float
+    mean_error: float
+    rms_error: float
+    window_time_s: Array
+    window_nrmse: Array
+    window_rms: Array
+    band_edges_hz: Array
+    band_share: Array
+    band_nrmse: Array
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values for a JSON document."""
+        return {
+            "channel": self.channel,
+            "unit": self.unit,
+            "nrmse": self.nrmse,
+            "vaf": self.vaf,
+            "mean_error": self.mean_error,
+            "rms_error": self.rms_error,
+            "windows": [
+                {"time_s": t, "nrmse": e, "recording_rms": r}
+                for t, e, r in zip(
+                    self.window_time_s.tolist(), self.window_nrmse.tolist(), self.window_rms.tolist(), strict=True
+                )
+            ],
+            "bands": [
+                {"low_hz": a, "high_hz": b, "error_share": s, "nrmse": e}
+                for a, b, s, e in zip(
+                    self.band_edges_hz[:-1].tolist(),
+                    self.band_edges_hz[1:].tolist(),
+                    self.band_share.tolist(),
+                    self.band_nrmse.tolist(),
+                    strict=True,
+                )
+            ],
+        }
+
+
+def misfit(
+    measured: Recording,
+    simulated: Recording,
+    channel: str,
+    *,
+    windows: int = WINDOWS,
+    band_edges_hz: Sequence[float] | None = None,
+) -> Misfit:
+    """Compare one channel of a simulation with the recording.
+
+    Parameters
+    ----------
+    windows : int
+        How many moving windows lie over the recording, overlapping by half.
+    band_edges_hz : sequence of float, optional
+        Edges of the frequency bands; `BANDS` even steps in log frequency up to half the sample rate by default.
+
+    Raises
+    ------
+    BadRecording
+        The time stamps differ, or the recorded channel is constant: there is nothing to measure the error by.
+    """
+    if not np.array_equal(measured.time, simulated.time):
+        raise BadRecording(f"channel {channel!r}: recording and simulation have different time stamps")
+    y, error = measured[channel], simulated[channel] - measured[channel]
+    size = float(np.std(y))
+    if size <= 1e-12 * float(np.abs(y).max(initial=0.0)):
+        raise BadRecording(f"channel {channel!r} is constant; a misfit is measured against what moves")
+    times, parts = _windows(measured.time, windows)
+    edges, error_power, power = _bands(measured.time, error, y, band_edges_hz)
+    total = error_power.sum()
+    return Misfit(
+        channel=channel,
+        unit=measured.channels[measured.index(channel)].unit,
+        nrmse=_rms(error) / size,
+        vaf=1.0 - float(np.var(error)) / size**2,
+        mean_error=float(np.mean(error)),
+        rms_error=_rms(error),
+        window_time_s=times,
+        window_nrmse=np.array([_rms(error[part]) for part in parts]) / size,
+        window_rms=np.array([_rms(y[part] - np.mean(y)) for part in parts]),
+        band_edges_hz=edges,
+        band_share=error_power / total if total > 0 else np.zeros_like(error_power),
+        band_nrmse=np.sqrt(np.divide(error_power, power, out=np.zeros_like(power), where=power > 0)),
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def _windows(time: Array, count: int) -> tuple[Array, list[slice]]:
+    """Return middles and index ranges of windows that overlap by half."""
+    half = (time[-1] - time[0]) / (count + 1)
+    middles = time[0] + half * np.arange(1, count + 1)
+    first = np.searchsorted(time, middles - half)
+    last = np.searchsorted(time, middles + half, side="right")
+    return middles, [slice(int(a), int(b)) for a, b in zip(first, last, strict=True)]
+
+
+def _bands(time: Array, error: Array, y: Array, edges: Sequence[float] | None) -> tuple[Array, Array, Array]:
+    """Return the bands' edges and the power of error and recording in them (Welch, Hann, eight segments)."""
+    rate = (time.size - 1) / (time[-1] - time[0])
+    grid = time[0] + np.arange(time.size) / rate
+    even = [v if np.allclose(grid, time, rtol=0, atol=1e-4 / rate) else np.interp(grid, time, v) for v in (error, y)]
+    segment = max(min(time.size, 16), 2 * time.size // 9)  # eight segments that overlap by half
+    powers = []
+    for values in even:
+        freq, density = signal.welch(values - values.mean(), rate, nperseg=segment, detrend=False)
+        powers.append(density * freq[1])
+    if edges is None:
+        bounds = np.geomspace(freq[1], rate / 2, BANDS + 1)
+    else:
+        bounds = np.asarray(edges, dtype=float)
+        if bounds.size < 2 or not np.all(np.diff(bounds) > 0) or bounds[0] < 0:
+            raise BadRecording(f"the band edges {list(edges)} do not increase from zero or above")
+    at = np.searchsorted(bounds, freq, side="right") - 1
+    at = np.clip(at, 0, bounds.size - 2)  # what lies beyond the outer edges belongs to the outer bands
+    sums = [np.bincount(at, weights=p, minlength=bounds.size - 1) for p in powers]
+    return bounds, sums[0], sums[1]

@@ -1,0 +1,108 @@
+"""Simulating a recording: the model driven as the thing was, sampled at the same time stamps."""
+
+import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.bench import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
+from vlab.cases.initial import InitialState, find_initial_state
+from vlab.cases.wiring import Law, Run, compared_with_sensors
+from vlab.plants.base import Plant
+from vlab.signals import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulation:
+    """What the model does where a recording was made.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording's channels and time stamps: inputs as recorded, the compared channels from the model.
+    initial : InitialState
+        How the model started.
+    timestep_s : float
+        Integration step.
+    notes : tuple of str
+        What a reader should know of how it was simulated.
+    """
+
+    recording: Recording
+    initial: InitialState
+    timestep_s: float
+    notes: tuple[str, ...] = ()
+
+
+def simulate(plant: Plant, run: Run, *, initial: InitialState | None = None) -> Simulation:
+    """Simulate a recording.
+
+    The inputs act as they were recorded; where a law was in the loop, it acts on the simulated sensors at its own rate and
+    the inputs are added to it. Irregular time stamps are kept: the response is computed at every integration step and
+    interpolated (cubic splines) at the recording's times.
+
+    Parameters
+    ----------
+    initial : InitialState, optional
+        Where the model starts; found from the recording by default, see `find_initial_state`.
+
+    Raises
+    ------
+    Diverged
+        The run left the finite world or MuJoCo reset it.
+    BadCase
+        An initial state cannot be found, or the run is too long.
+    """
+    clock = plan_clock(plant.timestep, run)
+    notes = []
+    if clock.timestep < (1 - 1e-9) * plant.timestep:
+        notes.append(
+            f"integration step {clock.timestep:g} s instead of {plant.timestep:g} s, so that it fits the samples"
+        )
+    plant = at_timestep(plant, clock.timestep)
+    bench = bench_for(plant, run)
+    law = None
+    if run.law is not None:
+        law, warmed = warmed_up(run.law, run, bench)
+        notes.append(warmed)
+    if initial is None:
+        initial = find_initial_state(plant, run, law)
+    played = play(bench, run, clock, State(initial.qpos, initial.qvel), law)
+    return Simulation(
+        recording=_record(bench, run, clock, played), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
+    )
+
+
+def warmed_up(law: Law, run: Run, bench: Bench) -> tuple[Law, str]:
+    """Return a law of its own whose memory is what the samples before the recording's part leave in it, and in words."""
+    law = replace(law, controller=copy.deepcopy(law.controller))
+    law.controller.reset()
+    channels = compared_with_sensors(run, law.sensors)
+    if run.before is None or channels is None:
+        why = "nothing stands before it in the file" if run.before is None else "not all of its sensors were recorded"
+        return law, f"the law starts without memory: {why}"
+    rest = bench.rest_values(tuple(channels))
+    start = run.measured.time[0]
+    count = int((start - run.before.time[0]) * law.rate_hz + 1e-6)
+    ticks = start - np.arange(count, 0, -1) / law.rate_hz
+    samples = np.column_stack(
+        [
+            np.interp(ticks, run.before.time, run.before[c.channel]) + (r if c.from_rest else 0.0)
+            for c, r in zip(channels, rest, strict=True)
+        ]
+    )
+    y = np.zeros(len(bench.plant.sensors))
+    for row in samples:
+        y[list(law.sensors)] = row
+        law.step(y)
+    return law, f"the law's memory at the start comes from the {count} samples before it"
+
+
+def _record(bench: Bench, run: Run, clock: Clock, played: Played) -> Recording:
+    time = run.measured.time - run.measured.time[0]
+    data = run.measured.data.copy()
+    rest = bench.rest_values(run.compared)
+    for i, c in enumerate(run.compared):
+        values = played.at(time, clock, i, is_held=c.actuator is not None)
+        data[:, run.measured.index(c.channel)] = values - (rest[i] if c.from_rest else 0.0)
+    return replace(run.measured, data=data, meta={"simulated": run.name})

@@ -1,0 +1,109 @@
+"""Where a model rests: the configuration in which its forces balance."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.signals import Array
+
+RELAXING_STEPS = 60_000
+"""Integration steps after which the search for an equilibrium by motion gives up."""
+
+
+def settle(model: Any) -> tuple[Array, list[str]]:
+    """Return the configuration at rest and what was found on the way.
+
+    The keyframe ``rest``, or else the first one, or else ``qpos0``, where the forces balance; otherwise what it moves to
+    when its kinetic energy is taken out at every peak (dynamic relaxation), polished by Newton's method.
+    """
+    names = [model.key(i).name for i in range(model.nkey)]
+    key = names.index("rest") if "rest" in names else 0
+    start = model.key_qpos[key].copy() if names else model.qpos0.copy()
+    left, tolerance = _residual(model, start)
+    if np.abs(left).max() <= tolerance:
+        return start, _free_motion(model, start)
+    rest = _newton(model, _relax(model, start))
+    left, tolerance = _residual(model, rest)
+    if np.abs(left).max() > tolerance:
+        return start, [
+            f"no equilibrium was found (a force of {np.abs(left).max():.3g} is left over): the model falls or slides "
+            "freely, or rests on contacts; it starts from its initial configuration and has no linearisation"
+        ]
+    moved = np.zeros(model.nv)
+    mujoco.mj_differentiatePos(model, moved, 1.0, start, rest)
+    note = f"the initial configuration is no equilibrium: settled, moving joints by up to {np.abs(moved).max():.4g} (m or rad)"
+    return rest, [note, *_free_motion(model, rest)]
+
+
+def _residual(model: Any, qpos: Array) -> tuple[Array, float]:
+    """Return the forces left over at rest and how small they must be, as `linearise` has it."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
+    return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
+
+
+def _relax(model: Any, start: Array) -> Array:
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    kinetic = 0.0
+    for _ in range(RELAXING_STEPS):
+        mujoco.mj_step(model, data)
+        mujoco.mj_energyVel(model, data)
+        if data.energy[1] < kinetic:
+            data.qvel[:] = 0.0
+            left, tolerance = _residual(model, data.qpos)
+            if np.abs(left).max() <= 1e3 * tolerance:
+                break
+            kinetic = 0.0
+        else:
+            kinetic = float(data.energy[1])
+    return np.array(data.qpos) if np.all(np.isfinite(data.qpos)) else start
+
+
+def _stiffness(model: Any, qpos: Array) -> Array:
+    step = 1e-6
+    K = np.zeros((model.nv, model.nv))
+    for i in range(model.nv):
+        sides = []
+        for sign in (1.0, -1.0):
+            moved, unit = qpos.copy(), np.zeros(model.nv)
+            unit[i] = 1.0
+            mujoco.mj_integratePos(model, moved, unit, sign * step)
+            sides.append(_residual(model, moved)[0])
+        K[:, i] = (sides[1] - sides[0]) / (2 * step)
+    return K
+
+
+def _newton(model: Any, qpos: Array) -> Array:
+    left, tolerance = _residual(model, qpos)
+    for _ in range(30):
+        if np.abs(left).max() <= 1e-3 * tolerance:
+            break
+        step = np.linalg.lstsq(_stiffness(model, qpos), left, rcond=1e-10)[0]
+        for fraction in 0.5 ** np.arange(8):
+            moved = qpos.copy()
+            mujoco.mj_integratePos(model, moved, step, fraction)
+            trial = _residual(model, moved)[0]
+            if np.abs(trial).max() < np.abs(left).max():
+                qpos, left = moved, trial
+                break
+        else:
+            break
+    return qpos
+
+
+def _free_motion(model: Any, rest: Array) -> list[str]:
+    """Say what the springs do not hold at the configuration at rest."""
+    K = _stiffness(model, rest)
+    stiffness = np.linalg.eigvalsh((K + K.T) / 2)
+    largest = np.abs(stiffness).max()
+    loose, unstable = int(np.sum(np.abs(stiffness) <= 1e-9 * largest)), int(np.sum(stiffness < -1e-9 * largest))
+    notes = []
+    if largest == 0.0 or loose:
+        notes.append(f"{model.nv if largest == 0.0 else loose} directions are free to move: no spring holds them")
+    if unstable:
+        notes.append(f"the equilibrium is unstable in {unstable} directions")
+    return notes

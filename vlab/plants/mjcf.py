@@ -1,0 +1,368 @@
+"""Any user's MJCF as a plant: guarded loading, named actuators and sensors as taps, joints, tendons and sites as ports.
+
+The file is untrusted. Everything it refers to must lie in its own folder, its numbers must be finite, and what MuJoCo has
+to say about it comes out as one line. MuJoCo itself compiles NaN with a warning only and opens absolute paths.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
+from vlab.plants.equilibrium import settle
+from vlab.plants.linearise import linearise
+from vlab.signals import Array
+
+MAX_BYTES = 50 * 1024**2
+"""Largest MJCF file that is read [bytes]; meshes are files of their own."""
+MAX_COUNT = 10_000
+"""Largest ``count`` of a replicated element: more would fill the memory before the compiler says anything."""
+
+AXES = ("x", "y", "z")
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
+_POSITION, _RATE, _FORCE = 0, 1, 2
+_LINEAR = (("displacement", "m"), ("velocity", "m/s"), ("force", "N"))
+_ANGULAR = (("angle", "rad"), ("angular-velocity", "rad/s"), ("moment", "N m"))
+_OTHER = ("other", "")
+_FIXED = {
+    "FRAMEPOS": _LINEAR[_POSITION],
+    "FRAMELINVEL": _LINEAR[_RATE],
+    "FRAMELINACC": ("acceleration", "m/s^2"),
+    "FRAMEANGVEL": _ANGULAR[_RATE],
+    "FRAMEANGACC": ("angular-acceleration", "rad/s^2"),
+    "SUBTREECOM": _LINEAR[_POSITION],
+    "SUBTREELINVEL": _LINEAR[_RATE],
+    "VELOCIMETER": _LINEAR[_RATE],
+    "ACCELEROMETER": ("acceleration", "m/s^2"),
+    "GYRO": _ANGULAR[_RATE],
+    "BALLANGVEL": _ANGULAR[_RATE],
+    "FORCE": _LINEAR[_FORCE],
+    "TORQUE": _ANGULAR[_FORCE],
+    "TOUCH": _LINEAR[_FORCE],
+    "RANGEFINDER": _LINEAR[_POSITION],
+}
+_BY_OBJECT = {"POS": _POSITION, "VEL": _RATE, "FRC": _FORCE, "ACTFRC": _FORCE}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MjcfPlant(Plant):
+    """A user's MJCF model.
+
+    Parameters
+    ----------
+    rest : (nq,) array
+        The configuration of `new_data` and of the linearisation: an equilibrium unless `notes` says otherwise. It need
+        not be ``qpos0``, which the joints' angles are counted from.
+    notes : sequence of str
+        What was done and found while loading: settling, free motion, parts without a name.
+    """
+
+    rest: Array
+    notes: tuple[str, ...] = ()
+
+    def new_data(self) -> Any:
+        """Return fresh `MjData` at the rest configuration."""
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.rest
+        mujoco.mj_forward(self.model, data)
+        return data
+
+    def linearise(self) -> SecondOrderModel:
+        """Return M, C and K about the rest configuration; see `vlab.plants.linearise`."""
+        return linearise(self.model, self.rest)
+
+
+def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfPlant:
+    """Build the plant of a user's MJCF.
+
+    Parameters
+    ----------
+    source : str or path
+        The file, or the XML text itself (it starts with ``<`` and may refer to no files).
+    folder : path, optional
+        The file must lie in this folder; `source` is then relative to it.
+
+    Raises
+    ------
+    BadStructure
+        The file is missing, not MJCF, refers to files outside its folder, holds numbers that are not finite, or does
+        not compile.
+    """
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        label = "MJCF text"
+        _check_tree(_parse(source, label), label, None)
+        spec = _compiled(lambda: mujoco.MjSpec.from_string(source), label)
+    else:
+        path = (Path(source) if folder is None else Path(folder) / source).resolve()
+        label = _one_line(source)
+        if folder is not None and not path.is_relative_to(Path(folder).resolve()):
+            raise BadStructure(f"{label}: the model lies outside {_one_line(folder)}; copy it into that folder")
+        _check_file(path, label, path.parent, set())
+        spec = _compiled(lambda: mujoco.MjSpec.from_file(str(path)), label)
+    step = spec.option.timestep
+    if not (np.isfinite(step) and 0 < step <= 1):
+        raise BadStructure(f"{label}: the timestep is {step} s; accepted: above 0 up to 1 s")
+    model = _compiled(spec.compile, label)
+    _check_finite(model, label)
+    if model.nv == 0:
+        raise BadStructure(f"{label}: nothing in the model can move; it needs at least one joint")
+    rest, notes = settle(model)
+    sensors, unread = _sensor_taps(model)
+    unnamed = sum(not model.actuator(i).name for i in range(model.nu))
+    if unnamed:
+        notes.append(f"{unnamed} actuators have no name and cannot be used")
+    return MjcfPlant(
+        name="mjcf",
+        model=model,
+        spec=spec,
+        actuators=tuple(_actuator_tap(model, i) for i in range(model.nu)),
+        sensors=tuple(sensors),
+        ports=_ports(model),
+        rest=rest,
+        notes=(*notes, *unread),
+    )
+
+
+# ---- loading -------------------------------------------------------------------------------------------------------
+
+
+def _one_line(text: object) -> str:
+    line = " ".join("".join(c if c.isprintable() else " " for c in str(text)[:800]).split())
+    return line if len(line) <= 400 else line[:400] + "..."
+
+
+def _compiled(make: Callable[[], Any], label: str) -> Any:
+    try:
+        return make()
+    except Exception as error:  # MuJoCo raises ValueError, its FatalError and a few others; all mean the same here
+        raise BadStructure(f"{label}: MuJoCo refuses the model: {_one_line(error)}") from error
+
+
+def _parse(text: str, label: str) -> Any:
+    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
+        raise BadStructure(f"{label}: the XML declares a document type or entities; MJCF needs neither, remove them")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise BadStructure(f"{label}: malformed XML: {_one_line(error)}") from error
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise BadStructure(f"{label}: the root element is <{_one_line(root.tag)}>; an MJCF file starts with <mujoco>")
+    return root
+
+
+def _check_file(path: Path, label: str, folder: Path, seen: set[Path]) -> None:
+    """Check an MJCF file and those that it includes, everything inside `folder`."""
+    if path in seen:
+        return
+    seen.add(path)
+    if not path.is_file():
+        raise BadStructure(f"{label}: there is no such model file; check the name and the folder")
+    if path.stat().st_size > MAX_BYTES:
+        raise BadStructure(f"{label}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are read")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadStructure(f"{label}: cannot be read as a text file: {_one_line(error)}") from error
+    for included in _check_tree(_parse(text, label), label, folder):
+        for base in {folder, path.parent}:
+            if (base / included).is_file():
+                _check_file((base / included).resolve(), _one_line(included), folder, seen)
+
+
+def _check_tree(root: Any, label: str, folder: Path | None) -> list[str]:
+    """Refuse what a model file must not hold; return the model files it refers to."""
+    directories = [""]
+    files: list[tuple[str, str]] = []
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            where = f"{label}: <{_one_line(element.tag)} {key}={_one_line(value)!r}>"
+            if {token.strip("+-").lower() for token in value.split()} & {"nan", "inf", "infinity"}:
+                raise BadStructure(f"{where}: numbers must be finite")
+            if key == "count" and any(token.isdigit() and int(token) > MAX_COUNT for token in value.split()):
+                raise BadStructure(f"{where}: at most {MAX_COUNT} copies are accepted")
+            if key.startswith("file") or key in _DIRECTORIES:
+                if folder is None:
+                    raise BadStructure(f"{where}: a model given as text cannot refer to files; write it into a folder")
+                if _leaves(value):
+                    raise BadStructure(
+                        f"{where}: the path is absolute or leaves the model's folder; copy the file into it"
+                    )
+                if key in _DIRECTORIES:
+                    directories.append(value)
+                else:
+                    files.append((element.tag, value))
+    for _, value in files:
+        for directory in directories:
+            path = Path(folder or "") / directory / value
+            if folder is not None and path.exists() and not path.resolve().is_relative_to(folder.resolve()):
+                raise BadStructure(
+                    f"{label}: {_one_line(value)!r} is a link that leaves the model's folder; copy the file"
+                )
+    return [value for tag, value in files if tag in ("include", "model")]
+
+
+def _leaves(value: str) -> bool:
+    windows, posix = PureWindowsPath(value), PurePosixPath(value)
+    return bool(posix.is_absolute() or windows.drive or windows.root or ".." in windows.parts or value.startswith("~"))
+
+
+def _check_finite(model: Any, label: str) -> None:
+    for holder, prefix in ((model, ""), (model.opt, "option ")):
+        for name in dir(holder):
+            if name.startswith("_"):
+                continue
+            value = getattr(holder, name)
+            is_number = isinstance(value, float | np.ndarray) and np.asarray(value).dtype.kind == "f"
+            if is_number and not np.all(np.isfinite(value)):
+                raise BadStructure(f"{label}: {prefix}{name} of the compiled model is not finite; check its numbers")
+
+
+# ---- taps and ports ------------------------------------------------------------------------------------------------
+
+
+def _joint_is_angular(model: Any, joint: int) -> bool | None:
+    kinds = {mujoco.mjtJoint.mjJNT_HINGE: True, mujoco.mjtJoint.mjJNT_SLIDE: False}
+    return kinds.get(int(model.jnt_type[joint]))
+
+
+def _tendon_is_angular(model: Any, tendon: int) -> bool | None:
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    wraps = range(first, first + count)
+    if any(model.wrap_type[i] != mujoco.mjtWrap.mjWRAP_JOINT for i in wraps):
+        return False
+    kinds = {_joint_is_angular(model, int(model.wrap_objid[i])) for i in wraps}
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def _transmission(model: Any, actuator: int) -> tuple[bool | None, bool]:
+    """Return whether an actuator turns (None: unknown), and whether its transmission has a gear of one."""
+    gear = model.actuator_gear[actuator]
+    used = np.flatnonzero(gear)
+    is_unit = used.size == 1 and abs(gear[used[0]]) == 1.0
+    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+    if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        angular = _joint_is_angular(model, target)
+        if angular is None and used.size:  # a ball turns; a free joint moves along its first three axes
+            is_ball = model.jnt_type[target] == mujoco.mjtJoint.mjJNT_BALL
+            angular = bool(is_ball or used[0] >= 3)
+        return angular, is_unit
+    if kind == mujoco.mjtTrn.mjTRN_TENDON:
+        return _tendon_is_angular(model, target), is_unit
+    if kind == mujoco.mjtTrn.mjTRN_SITE and used.size:
+        return bool(used[0] >= 3), is_unit
+    return None, False
+
+
+def _actuator_tap(model: Any, i: int) -> ActuatorTap:
+    name = model.actuator(i).name
+    angular, is_unit = _transmission(model, i)
+    is_plain = (
+        model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_gainprm[i, 0] == 1.0
+        and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
+    )
+    if is_plain and is_unit and angular is not None:
+        kind, unit = (_ANGULAR if angular else _LINEAR)[_FORCE]
+        return ActuatorTap(name=name, at=name, kind=kind, unit=unit, controls=(i,))
+    return ActuatorTap(name=name, at=name, kind="command", unit="command", controls=(i,))
+
+
+def _sensor_kind(model: Any, i: int) -> tuple[str, str]:
+    name = mujoco.mjtSensor(int(model.sensor_type[i])).name.removeprefix("mjSENS_")
+    if name in _FIXED:
+        return _FIXED[name]
+    target = int(model.sensor_objid[i])
+    for prefix in ("JOINT", "TENDON", "ACTUATOR"):
+        quantity = _BY_OBJECT.get(name.removeprefix(prefix)) if name.startswith(prefix) else None
+        if quantity is None:
+            continue
+        if prefix == "JOINT":
+            angular = _joint_is_angular(model, target)
+        elif prefix == "TENDON":
+            angular = _tendon_is_angular(model, target)
+        else:
+            angular, is_unit = _transmission(model, target)
+            angular = angular if is_unit else None
+        return _OTHER if angular is None else (_ANGULAR if angular else _LINEAR)[quantity]
+    return _OTHER
+
+
+def _sensor_taps(model: Any) -> tuple[list[SensorTap], list[str]]:
+    """Return the taps of scalar and three-vector sensors, and what could not become one."""
+    taps, notes = [], []
+    for i in range(model.nsensor):
+        name, size, address = model.sensor(i).name, int(model.sensor_dim[i]), int(model.sensor_adr[i])
+        if not name:
+            notes.append(f"sensor {i} has no name and cannot be used")
+        elif size not in (1, 3):
+            notes.append(f"sensor {name!r} has {size} values and cannot be used")
+        else:
+            kind, unit = _sensor_kind(model, i)
+            for k in range(size):
+                label = name if size == 1 else f"{name}.{AXES[k]}"
+                taps.append(SensorTap(name=label, at=label, kind=kind, unit=unit, addresses=(address + k,)))
+    return taps, notes
+
+
+def _ports(model: Any) -> dict[str, Port]:
+    ports = [_joint_port(model, i) for i in range(model.njnt)]
+    ports += [_tendon_port(model, i) for i in range(model.ntendon)]
+    ports += [_site_port(model, i, axis) for i in range(model.nsite) for axis in range(3)]
+    return {port.name: port for port in ports if port is not None}
+
+
+def _joint_port(model: Any, i: int) -> Port | None:
+    name, angular, address = model.joint(i).name, _joint_is_angular(model, i), int(model.jnt_qposadr[i])
+    if not name or angular is None:
+        return None
+    unit = np.zeros(model.nv)
+    unit[model.jnt_dofadr[i]] = 1.0
+
+    def row(data: Any) -> Array:
+        return unit.copy()
+
+    def position(data: Any) -> float:
+        return float(data.qpos[address])
+
+    return Port(name=f"joint:{name}", unit="rad" if angular else "m", row=row, position=position)
+
+
+def _tendon_port(model: Any, i: int) -> Port | None:
+    name = model.tendon(i).name
+    if not name:
+        return None
+
+    def row(data: Any) -> Array:
+        first, count = int(model.ten_J_rowadr[i]), int(model.ten_J_rownnz[i])
+        out = np.zeros(model.nv)
+        out[model.ten_J_colind[first : first + count]] = data.ten_J[first : first + count]
+        return out
+
+    def position(data: Any) -> float:
+        return float(data.ten_length[i])
+
+    return Port(name=f"tendon:{name}", unit="rad" if _tendon_is_angular(model, i) else "m", row=row, position=position)
+
+
+def _site_port(model: Any, i: int, axis: int) -> Port | None:
+    name = model.site(i).name
+    if not name:
+        return None
+
+    def row(data: Any) -> Array:
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, i)
+        return jacobian[axis]
+
+    def position(data: Any) -> float:
+        return float(data.site_xpos[i, axis])
+
+    return Port(name=f"site:{name}.{AXES[axis]}", unit="m", row=row, position=position)
