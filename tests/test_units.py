@@ -29,7 +29,9 @@ def test_conversion_there_and_back_is_the_identity():
     assert units.from_si(units.to_si(3.7, "lbf s/in", "N s/m"), "lbf s/in", "N s/m") == pytest.approx(3.7, rel=1e-15)
 
 
-@pytest.mark.parametrize("unit", ["furlongs per fortnight", "m**", "__import__('os')", "in;rm", "x" * 100, "degC", "[length]", "9**9**9"])
+@pytest.mark.parametrize(
+    "unit", ["furlongs per fortnight", "m**", "__import__('os')", "in;rm", "x" * 100, "degC", "[length]", "9**9**9"]
+)
 def test_what_is_no_unit_is_refused(unit):
     with pytest.raises(BadUnit):
         units.factor(unit, "m")

@@ -46,7 +46,9 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
     for name in ("composite", "modal"):
         progress(f"{name} plant")
         plant = build_plant(structure, name)
-        experiment = Experiment(plant=plant, seconds=OURS_S, excitation=excitation, excite="base", controller=law, hardware=hardware)
+        experiment = Experiment(
+            plant=plant, seconds=OURS_S, excitation=excitation, excite="base", controller=law, hardware=hardware
+        )
         ours_s = _best(lambda: run_experiment(experiment), 3) / OURS_S  # noqa: B023 - called at once
         rows.append(
             Row(
@@ -76,7 +78,9 @@ def _best(work: Callable[[], Any], times: int) -> float:
     return float(best)
 
 
-def integrate_with_scipy(fe: FeModel, hardware: Hardware, law: Controller, excitation: Multisine, *, seconds: float) -> Array:
+def integrate_with_scipy(
+    fe: FeModel, hardware: Hardware, law: Controller, excitation: Multisine, *, seconds: float
+) -> Array:
     """Run the same loop on the FE state space with scipy, sample by sample; return the sampled velocities.
 
     This is the way of a user without vlab: a state-space model, `solve_ivp` from sample to sample, the law in between.
@@ -96,5 +100,7 @@ def integrate_with_scipy(fe: FeModel, hardware: Hardware, law: Controller, excit
     for k in range(samples):
         y[k] = C @ x
         drive = B @ chain.push(law.step(y[k]))[0] + added * signal[k]
-        x = solve_ivp(lambda t, x, drive=drive: A @ x + drive, (0.0, 1.0 / rate), x, method="RK45", rtol=1e-6, atol=1e-12).y[:, -1]
+        x = solve_ivp(
+            lambda t, x, drive=drive: A @ x + drive, (0.0, 1.0 / rate), x, method="RK45", rtol=1e-6, atol=1e-12
+        ).y[:, -1]
     return y

@@ -32,14 +32,18 @@ def output_folder(path: Path | str) -> Iterator[Path]:
     """
     target = Path(path)
     if target.is_dir() and any(target.iterdir()) and not _is_ours(target):
-        raise OutputRefused(f"the output folder {target} holds files that vlab did not write; name an empty or new folder with --out")
+        raise OutputRefused(
+            f"the output folder {target} holds files that vlab did not write; name an empty or new folder with --out"
+        )
     if target.exists() and not target.is_dir():
         raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     except OSError as error:
-        raise OutputRefused(f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out") from error
+        raise OutputRefused(
+            f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out"
+        ) from error
     try:
         yield fresh
         fresh.chmod(0o755)

@@ -39,7 +39,9 @@ class PublishedTable:
     def __post_init__(self) -> None:
         shape = np.shape(self.cells)
         if shape != (len(self.rows), len(self.columns)) or len(self.units) != len(self.columns):
-            raise BadStructure(f"table {self.number}: cells of shape {shape} do not fit {len(self.rows)} rows and {len(self.columns)} columns")
+            raise BadStructure(
+                f"table {self.number}: cells of shape {shape} do not fit {len(self.rows)} rows and {len(self.columns)} columns"
+            )
 
     def column(self, name: str) -> Array:
         """Return a column as printed."""
@@ -77,4 +79,6 @@ def published_table(structure: str, number: str, part: str = "") -> PublishedTab
     for table in tables:
         if table.number == number and table.part == part:
             return table
-    raise unknown_name("published table", f"{number} {part}".strip(), [f"{t.number} {t.part}".strip() for t in tables], where=structure)
+    raise unknown_name(
+        "published table", f"{number} {part}".strip(), [f"{t.number} {t.part}".strip() for t in tables], where=structure
+    )

@@ -35,7 +35,9 @@ class Provenance:
     source: str
 
 
-def number(si: str, *, default: Any = dataclasses.MISSING, positive: bool = False, at_least: float | None = None) -> Any:
+def number(
+    si: str, *, default: Any = dataclasses.MISSING, positive: bool = False, at_least: float | None = None
+) -> Any:
     """Declare a dataclass field that holds a physical number (or a tuple of them) in the SI unit `si`."""
     metadata = {"si": si, "positive": positive, "at_least": at_least}
     return dataclasses.field(default=default, metadata=metadata)
@@ -107,7 +109,10 @@ class Reader:
     def _value(self, hint: Any, metadata: Mapping[str, Any], raw: Any, path: str) -> Any:
         if "si" in metadata:
             return self._number(raw, metadata, path)
-        if typing.get_origin(hint) in (types.UnionType, typing.Union):  # Optional[...]: the key may only be absent, never null
+        if typing.get_origin(hint) in (
+            types.UnionType,
+            typing.Union,
+        ):  # Optional[...]: the key may only be absent, never null
             hint = next(part for part in typing.get_args(hint) if part is not type(None))
         if dataclasses.is_dataclass(hint):
             return self.table(cast(type, hint), raw, path)
@@ -148,13 +153,19 @@ class Reader:
                     raise self.fail(path, str(unknown_name("key", str(key), allowed)))
             for key in ("value", "unit", *(("origin", "source") if self.provenance_required else ())):
                 if key not in raw:
-                    raise self.fail(path, f"the number has no {key!r}; write {{ value = ..., unit = {si!r}, origin = ..., source = ... }}")
+                    raise self.fail(
+                        path,
+                        f"the number has no {key!r}; write {{ value = ..., unit = {si!r}, origin = ..., source = ... }}",
+                    )
             value, unit = raw["value"], raw["unit"]
             origin, source = raw.get("origin", "assumed"), raw.get("source", "")
             if origin not in ORIGINS:
                 raise self.fail(path, str(unknown_name("origin", str(origin), ORIGINS)))
         elif self.provenance_required:
-            raise self.fail(path, f"the bare value {raw!r} has no unit and origin; write {{ value = ..., unit = {si!r}, origin = ..., source = ... }}")
+            raise self.fail(
+                path,
+                f"the bare value {raw!r} has no unit and origin; write {{ value = ..., unit = {si!r}, origin = ..., source = ... }}",
+            )
         else:
             value, unit, origin, source = raw, si, "assumed", ""
         if not isinstance(unit, str):

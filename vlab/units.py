@@ -30,7 +30,9 @@ def _parse(unit: str) -> tuple[float, Any]:
     """Return the factor to SI base units and the dimensionality of a unit expression."""
     text = _ALIASES.get(unit.strip(), unit.strip())
     if len(text) > 60:
-        raise BadUnit(f"unit {unit[:20]!r}... is {len(text)} characters long; a unit is a short expression like 'lbf s/in'")
+        raise BadUnit(
+            f"unit {unit[:20]!r}... is {len(text)} characters long; a unit is a short expression like 'lbf s/in'"
+        )
     if any(sign in text for sign in ("__", "@", "=", "[", "{", "**")):
         raise BadUnit(f"unit {unit!r} is not a unit expression; write it like 'lbf s/in' or 'm/s^2'")
     try:
@@ -62,7 +64,9 @@ def factor(unit: str, si: str) -> float:
         return STANDARD_GRAVITY
     value, dimension = _parse(unit)
     if dimension != target_dimension:
-        raise BadUnit(f"unit {unit!r} cannot be converted to {si!r}: its dimension is {dimension}, not {target_dimension}")
+        raise BadUnit(
+            f"unit {unit!r} cannot be converted to {si!r}: its dimension is {dimension}, not {target_dimension}"
+        )
     return value / target
 
 

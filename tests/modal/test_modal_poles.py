@@ -10,7 +10,7 @@ from vlab.modal.mac import mac
 from vlab.modal.poles import estimate_poles
 from vlab.signals import Channel, FrequencyResponse, Recording
 
-LINES = np.linspace(0.1, 12, 500)
+LINES = np.linspace(0.1, 12, 400)
 
 
 def chain(n=8):
@@ -108,7 +108,7 @@ def noisy_estimates():
     zeta = np.array([0.002, 0.01, 0.005, 0.03, 0.01, 0.02, 0.004, 0.01])
     H = mobility(freq, zeta, shapes, shapes[:1])
     runs = []
-    for seed in range(6):
+    for seed in range(4):
         sd, error = noise(np.random.default_rng(seed), H, 0.01)
         known = {"variance": sd**2, "n_averages": 100.0} if seed % 2 else {}
         runs.append(estimate_poles(response(H + error, **known)))
@@ -129,7 +129,7 @@ def test_standard_deviations_are_those_of_the_estimates(noisy_estimates):
     freq, zeta, _, runs = noisy_estimates
     freq_error = np.array([(found.freq - freq) / found.freq_sd for found in runs])
     zeta_error = np.array([(found.zeta - zeta) / found.zeta_sd for found in runs])
-    # the rms of 48 normal numbers is 1 within 10 %; three deviations
+    # the rms of 32 normal numbers is 1 within 12.5 %; 2.4 deviations
     assert np.sqrt(np.mean(freq_error**2)) == pytest.approx(1.0, abs=0.3)
     assert np.sqrt(np.mean(zeta_error**2)) == pytest.approx(1.0, abs=0.3)
 
@@ -163,7 +163,7 @@ def test_two_inputs_give_participation_and_residues():
 def test_modes_outside_the_band_do_not_spoil_those_inside(low, high):
     freq, shapes = chain()
     zeta = np.array([0.004, 0.002, 0.01, 0.003, 0.005, 0.02, 0.001, 0.01])
-    lines = np.linspace(0.1, 12, 900)
+    lines = np.linspace(0.1, 12, 600)
     found = estimate_poles(response(mobility(freq, zeta, shapes, shapes[:1], lines), lines), band_hz=(low, high))
     inside = (freq > low) & (freq < high)
     # five powers of s stand for what is outside; near the edge of the band a pole outside joins the fit

@@ -34,7 +34,9 @@ class Converter:
 
     def __post_init__(self) -> None:
         if not self.lowest_rate <= self.rate <= self.highest_rate:
-            raise BadExperiment(f"the rate {self.rate:g} Hz is outside the converter's {self.lowest_rate:g} to {self.highest_rate:g} Hz")
+            raise BadExperiment(
+                f"the rate {self.rate:g} Hz is outside the converter's {self.lowest_rate:g} to {self.highest_rate:g} Hz"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

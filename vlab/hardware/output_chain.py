@@ -83,7 +83,10 @@ class OutputChain:
         (n_samples * substeps, channels) array
             What `push` gives one by one.
         """
-        lagged = [np.concatenate([np.zeros((lag, commands.shape[1])), commands[: len(commands) - lag]]) for lag in range(1, self._whole + 2)]
+        lagged = [
+            np.concatenate([np.zeros((lag, commands.shape[1])), commands[: len(commands) - lag]])
+            for lag in range(1, self._whole + 2)
+        ]
         inputs = np.stack([*lagged, commands])  # in the order of the matrix's columns after the filter state
         means, state_row = self._matrix[: self.substeps], self._matrix[self.substeps]
         drive = np.einsum("i,ikc->kc", state_row[1:], inputs)

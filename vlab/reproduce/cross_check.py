@@ -117,7 +117,9 @@ def _cell(values: Array | None, i: int) -> float | None:
     return float(values[i]) if values is not None and i < len(values) else None
 
 
-def cross_check(structure: Structure, variant: str = "published", *, modes: int = 6, plants: Sequence[str] = ()) -> CrossCheck:
+def cross_check(
+    structure: Structure, variant: str = "published", *, modes: int = 6, plants: Sequence[str] = ()
+) -> CrossCheck:
     """Compare frequencies and shapes of the FE model, every plant and the published table.
 
     Modes of the FE model that no coil can drive (arms swinging against each other) are passed over: no experiment
@@ -186,7 +188,9 @@ def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seco
             mujoco.mj_differentiatePos(model, offset, 1.0, model.qpos0, data.qpos)
             amplitudes[i] = momentum @ offset
     check_run(model, data, steps * plant.timestep)
-    discrete = 2 / plant.timestep * np.arcsin(omega[mode] * plant.timestep / 2)  # frequency of the semi-implicit Euler step
+    discrete = (
+        2 / plant.timestep * np.arcsin(omega[mode] * plant.timestep / 2)
+    )  # frequency of the semi-implicit Euler step
     sizes = []
     for window in (slice(0, second), slice(steps - second, steps)):
         t = np.arange(steps)[window] * plant.timestep

@@ -96,7 +96,9 @@ def _rate_feedback_damping(structure: Structure) -> ReproducedTable:
     return ReproducedTable(table="8", title=table.title + ", direct rate feedback", cells=tuple(cells))
 
 
-def _compare(table: PublishedTable, column: str, ours: Sequence[float] | np.ndarray, tolerance: float) -> ReproducedTable:
+def _compare(
+    table: PublishedTable, column: str, ours: Sequence[float] | np.ndarray, tolerance: float
+) -> ReproducedTable:
     unit = table.units[table.columns.index(column)]
     cells = tuple(
         Cell(row=row, column=column, published=float(printed), ours=float(value), tolerance=tolerance, unit=unit)
@@ -105,7 +107,11 @@ def _compare(table: PublishedTable, column: str, ours: Sequence[float] | np.ndar
     return ReproducedTable(table=table.number, title=table.title, cells=cells)
 
 
-REPRODUCED: dict[str, Callable[[Structure], ReproducedTable]] = {"1": _frequencies, "7": _gains, "8": _rate_feedback_damping}
+REPRODUCED: dict[str, Callable[[Structure], ReproducedTable]] = {
+    "1": _frequencies,
+    "7": _gains,
+    "8": _rate_feedback_damping,
+}
 """The beam's tables that vlab reproduces, by number."""
 
 NOT_REPRODUCIBLE = {
