@@ -246,14 +246,28 @@ def test_number_of_modes_can_be_asked_for_and_the_chart_marks_stable_poles():
     np.testing.assert_allclose(np.max(np.abs(model.shapes), axis=0), 1.0)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e6])
+def test_units_and_a_dead_channel_do_not_matter(unit):
+    freq, shapes = chain(3)
+    H = mobility(freq, [0.01, 0.1, 0.003], shapes, shapes[:1])
+    H = H + noise(np.random.default_rng(8), H, 0.01)[1]
+    plain = estimate_poles(response(H))
+    other = estimate_poles(response(unit * np.concatenate([H, 0 * H[:, :1]], axis=1)))
+    # the dead channel counts as data, which moves nothing but the deviations; the fit stops within 1 % of one
+    assert np.max(np.abs(other.freq - plain.freq) / plain.freq_sd) < 0.02
+    assert np.max(np.abs(other.zeta - plain.zeta) / plain.zeta_sd) < 0.02
+    np.testing.assert_allclose(other.shapes[3], 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"band_hz": (20.0, 30.0)}, "0 lines"),
+        ({"band_hz": (20.0, 30.0)}, "0 usable lines"),
         ({"band_hz": (5.0, 4.0)}, "not a band"),
         ({"orders": [2, 1000]}, "can carry"),
         ({"orders": []}, "can carry"),
-        ({"sample_rate": 0.1}, "lines"),
+        ({"sample_rate": 0.1}, "0 usable lines"),
+        ({"sample_rate": -1.0}, "must be positive"),
     ],
 )
 def test_refuses_what_cannot_give_poles(arguments, match):

@@ -17,7 +17,6 @@ from scipy.optimize import linear_sum_assignment
 
 from vlab.errors import BadRecording
 from vlab.modal.frf import MeasuredFrequencyResponse
-from vlab.modal.mac import mac
 from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
@@ -139,7 +138,7 @@ def estimate_poles(
     orders : sequence of int
         Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60.
     n_modes : int
-        How many to report, the most significant ones, however low their confidence. None: as many as the data support.
+        Report at most so many, the most significant ones, however low their confidence. None: what the data support.
     min_confidence : float
         Below, a pole is not reported (only without `n_modes`).
     residual_powers : sequence of int
@@ -180,12 +179,15 @@ def _checked(
     low, high = (0.0, np.inf) if band_hz is None else band_hz
     if not 0 <= low < high:
         raise BadRecording(f"band_hz = ({low:g}, {high:g}) is not a band; give (low, high) in Hz")
+    if sample_rate is not None and not sample_rate > 0:
+        raise BadRecording(f"sample_rate = {sample_rate:g} Hz must be positive (None for continuous responses)")
     nyquist = np.inf if sample_rate is None else sample_rate / 2
     used = frf.between(max(low, np.finfo(float).tiny), min(high, nyquist * (1 - 1e-12)))
     if used.freq.size < 8:
+        span = f"{frf.freq[0]:g} to {frf.freq[-1]:g} Hz" if frf.freq.size else "none"
         raise BadRecording(
-            f"{used.freq.size} lines between {low:g} and {high:g} Hz (the response has {frf.freq.size}, "
-            f"{frf.freq[0]:g} to {frf.freq[-1]:g} Hz); at least 8 are needed: widen band_hz or measure longer"
+            f"{used.freq.size} usable lines between {low:g} and {high:g} Hz (the response has {frf.freq.size}: {span}); "
+            "at least 8 are needed: widen band_hz or measure longer"
         )
     if not np.any(used.H):
         raise BadRecording("all responses in the band are zero")
@@ -210,8 +212,9 @@ def _known_variance(used: FrequencyResponse) -> Array | None:
         return None
     H, variance = used.H.reshape(used.freq.size, -1), used.variance.reshape(used.freq.size, -1)
     smooth = _noise_model(variance, H)
-    width = int(min(used.freq.size, np.ceil(80 / max(used.n_averages - len(used.inputs), 1)) + 1))
-    return smooth * uniform_filter1d(variance / smooth, width, axis=0, mode="nearest") + _floor(H)
+    spare = max(np.nan_to_num(used.n_averages) - len(used.inputs), 1.0)  # degrees of freedom of each variance
+    width = int(min(used.freq.size, np.ceil(80 / spare) + 1))
+    return smooth * uniform_filter1d(variance / (smooth + 1e-300), width, axis=0, mode="nearest") + _floor(H)
 
 
 def _roughness(used: FrequencyResponse) -> Array:
@@ -230,14 +233,16 @@ def _floor(H: ComplexArray) -> Array:
 
 def _noise_model(squares: Array, H: ComplexArray) -> Array:
     """Fit variance = a + b abs(H)^2 to squared errors, per column (Itakura-Saito distance, multiplicative updates)."""
-    power = np.abs(H) ** 2
-    a, b = 0.5 * squares.mean(axis=0), 0.5 * squares.mean(axis=0) / np.maximum(power.mean(axis=0), 1e-300)
+    level = squares.mean(axis=0)
+    y, x = squares / (level + 1e-300), np.abs(H) ** 2
+    x = x / (x.mean(axis=0) + 1e-300)
+    a, b = np.full(level.shape, 0.5), np.full(level.shape, 0.5)
     for _ in range(60):
-        v = a + b * power + 1e-300
-        a = a * np.sqrt(np.sum(squares / v**2, axis=0) / np.sum(1 / v, axis=0))
-        v = a + b * power + 1e-300
-        b = b * np.sqrt(np.sum(squares * power / v**2, axis=0) / np.maximum(np.sum(power / v, axis=0), 1e-300))
-    return a + b * power
+        v = a + b * x + 1e-30
+        a = a * np.sqrt(np.sum(y / v**2, axis=0) / np.sum(1 / v, axis=0))
+        v = a + b * x + 1e-30
+        b = b * np.sqrt(np.sum(y * x / v**2, axis=0) / (np.sum(x / v, axis=0) + 1e-30))
+    return level * (a + b * x)
 
 
 def _plscf(problem: "_Problem", orders: Sequence[int], known: ComplexArray | None = None) -> list[ComplexArray]:
@@ -280,11 +285,10 @@ def _plscf(problem: "_Problem", orders: Sequence[int], known: ComplexArray | Non
     for n in sorted(orders, reverse=True):
         exposed = R[n + 1 : below + 1].reshape(-1, size)
         gram, below = gram + exposed.conj().T @ exposed, n
-        alpha = np.linalg.lstsq(gram[: n * n_in, : n * n_in], -gram[: n * n_in, n * n_in : (n + 1) * n_in], rcond=None)[
-            0
-        ]
-        companion = np.eye(n * n_in, k=n_in, dtype=alpha.dtype)
-        companion[-n_in:] = -np.hstack([alpha[j : j + n_in] for j in range(0, n * n_in, n_in)])
+        m = n * n_in
+        alpha = np.linalg.lstsq(gram[:m, :m], -gram[:m, m : m + n_in], rcond=None)[0]  # the highest coefficient is 1
+        companion = np.eye(m, k=n_in, dtype=alpha.dtype)
+        companion[-n_in:] = -np.hstack([alpha[j : j + n_in] for j in range(0, m, n_in)])
         roots = np.linalg.eigvals(companion).astype(complex)
         s = -np.log(roots[np.abs(roots) > 1]) / T + 1j * centre
         chart[n] = s[s.imag > 0]
@@ -299,7 +303,8 @@ def _common_weight(variance: Array) -> tuple[Array, Array]:
 
 def _in_blocks(A: NDArray[Any], area: int) -> NDArray[Any]:
     """Cut a tall matrix (padded with zeros) into blocks of rows of which products with `area` results stay small."""
-    rows = min(len(A), max(8, PRODUCT_SIZE // area))
+    size = PRODUCT_SIZE // 4 if np.iscomplexobj(A) else PRODUCT_SIZE  # a complex product is four real ones
+    rows = min(len(A), max(8, size // area))
     n_blocks = -(-len(A) // rows)
     return np.vstack([A, np.zeros((n_blocks * rows - len(A), A.shape[1]))]).reshape(n_blocks, rows, A.shape[1])
 
@@ -374,7 +379,8 @@ class _Problem:
         self.step = step
         self.q = 1j * self.omega if step == 0 else -np.expm1(-1j * self.omega * step) / step
         self.powers = np.stack([(1j * self.omega / self.omega[-1]) ** p for p in powers], axis=1)
-        self.reach = (0.3 * self.omega[0], min(3 * self.omega[-1], np.inf if step == 0 else 0.99 * np.pi / step))
+        highest = 3 * self.omega[-1] if step == 0 else min(3 * self.omega[-1], 0.99 * np.pi / step)
+        self.limits = np.log([(0.3 * self.omega[0], ZETA_RANGE[0]), (highest, ZETA_RANGE[1])])
         self.is_known = variance is not None
         self.weigh(_roughness(used) if variance is None else variance, is_shared=True)
 
@@ -387,6 +393,10 @@ class _Problem:
             self.weight = np.outer(*_common_weight(variance))
             self.groups = [list(range(variance.shape[1]))]
         self.exact_cost = EXACT**2 * float(np.sum(np.abs(self.weight * self.H) ** 2))
+
+    def bounded(self, theta: Array) -> Array:
+        """Return the parameters moved into where the fit may go."""
+        return np.clip(theta, *self.limits)
 
     def noise(self, state: _State) -> float:
         """Return the variance of a real weighted error, more where neighbouring lines err alike (windows, misfit)."""
@@ -516,16 +526,14 @@ def _gains(inverse: Array, pairs: Array) -> Array:
 
 def _descend(problem: _Problem, theta: Array, steps: int = 40) -> _State:
     """Levenberg-Marquardt in (log omega, log zeta)."""
-    state = problem.evaluate(theta)
+    state = problem.evaluate(problem.bounded(theta))
     damping = 1e-4
     for _ in range(steps if len(theta) else 0):
         scale = np.diag(state.normal) + 1e-12 * np.diag(state.normal).max() + 1e-300
         for _ in range(8):
             step = np.linalg.solve(state.normal + damping * np.diag(scale), state.gradient)
             moved = state.theta + np.clip(step.reshape(-1, 2), (-0.2, -1.0), (0.2, 1.0))
-            moved[:, 0] = np.clip(moved[:, 0], *np.log(problem.reach))
-            moved[:, 1] = np.clip(moved[:, 1], *np.log(ZETA_RANGE))
-            trial = problem.evaluate(moved)
+            trial = problem.evaluate(problem.bounded(moved))
             if trial.cost < state.cost:
                 break
             damping *= 10
@@ -677,12 +685,11 @@ def _is_ghost(state: _State, residues: ComplexArray, used: FrequencyResponse) ->
     poles, gain = state.poles, state.gain
     window = used.resolution_hz if isinstance(used, MeasuredFrequencyResponse) else 0.0
     reach = 2 * np.pi * np.maximum(window, np.interp(np.abs(poles) / (2 * np.pi), used.freq, np.gradient(used.freq)))
-    shapes = residues.reshape(poles.size, used.H[0].size).T
-    ghosts = np.zeros(poles.size, bool)
-    for k in range(poles.size):
-        stronger = (gain > gain[k]) & (np.abs(poles.imag - poles[k].imag) < reach[k])
-        ghosts[k] = np.any(mac(shapes[:, [k]], shapes[:, stronger]) > GHOST_MAC)
-    return ghosts
+    shapes = residues.reshape(poles.size, used.H[0].size)
+    shapes = shapes / (np.linalg.norm(shapes, axis=1)[:, None] + 1e-300)
+    is_alike = np.abs(shapes.conj() @ shapes.T) ** 2 > GHOST_MAC
+    is_near = np.abs(poles.imag[:, None] - poles.imag) < reach[:, None]
+    return np.any(is_alike & is_near & (gain > gain[:, None]), axis=1)
 
 
 def _shapes(residues: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
