@@ -118,6 +118,16 @@ def test_experiment_document_names_its_channels(capsys, tmp_path):
     assert "probe:30in" in document["channels"]
 
 
+def test_csv_says_the_same_as_parquet(tmp_path):
+    words = (
+        f"experiment beam --plant modal --seconds 0.2 --period 0.1 --band 10 30 --csv --out {tmp_path / 'run'}".split()
+    )
+    assert main(words) == 0
+    parquet, csv = (read_recording(tmp_path / "run" / f"recording.{kind}") for kind in ("parquet", "csv"))
+    assert np.array_equal(parquet.data, csv.data)
+    assert parquet.channels == csv.channels
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

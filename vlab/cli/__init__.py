@@ -59,7 +59,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     chosen = next((word for word in words if word in VERBS), None)
     arguments = build_parser(chosen).parse_args(words)
     try:
-        outcome: Outcome = _module(arguments.verb).run(arguments)
+        module = _module(arguments.verb)
+        if (
+            "mujoco" in sys.modules
+        ):  # its warnings would go to a log file in the user's folder; `check_run` reports them
+            sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
+        outcome: Outcome = module.run(arguments)
     except VlabError as error:
         print("error: " + " ".join(str(error).split()), file=sys.stderr)
         return 2

@@ -6,6 +6,7 @@ from vlab.cli.common import Outcome, progress_bar
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.run_folder import RunSettings, perform
 from vlab.outputs import output_folder
+from vlab.recordings import write_recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--noise", type=float, default=default.noise, help="rms noise of the velocity sensors in m/s (default 0)"
     )
     parser.add_argument("--hardware", default=default.hardware, help="a hardware file instead of the laboratory's own")
+    parser.add_argument("--csv", action="store_true", help="write the recording as recording.csv, too")
     parser.add_argument("--out", default="out/run", help="run folder (default out/run)")
 
 
@@ -68,6 +70,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         from vlab.views.run_view import write_run_view
 
         write_run_view(folder / "run.rrd", prepared, done.result)
+        if arguments.csv:
+            write_recording(done.result.recording, folder / "recording.csv")
         done.finish(folder)
     names = done.result.recording.names
     document = {"out": str(arguments.out), "real_time_factor": done.real_time_factor, "channels": list(names)}
