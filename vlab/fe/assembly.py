@@ -7,6 +7,7 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
 from vlab.fe.damping import modal_ratios
+from vlab.fe.in_plane import Resultants, in_plane_resultants
 from vlab.fe.mesh import Element, Mesh, build_mesh
 from vlab.fe.model import FeModel, bending_map, torsion_map
 from vlab.fe.one_mode import OneModeBar, one_mode_bar
@@ -57,23 +58,21 @@ def _columns(element: Element) -> list[int]:
     return [3 * element.start + i for i in range(3)] + [3 * element.end + i for i in range(3)]
 
 
-def _assemble(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None) -> tuple[Array, Array]:
+def _assemble(
+    structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None
+) -> tuple[Array, Array]:
     n = 3 * len(mesh.nodes) + (one_mode is not None)
     M, K = np.zeros((n, n)), np.zeros((n, n))
     lines = hanging_lines(structure)
-    for element in mesh.elements:
+    hanging = in_plane_resultants(structure, mesh)
+    for i, element in enumerate(mesh.elements):
         m, k = _element_matrices(element, mesh, lines.get(element.bar))
+        if i in hanging:
+            k += _hanging_stiffness(element, mesh, hanging[i], variant)
         block = np.ix_(_columns(element), _columns(element))
         M[block] += m
         K[block] += k
-    points = {p.name for p in structure.point}
-    for node, record in enumerate(mesh.nodes):
-        if record.name in points:
-            M[3 * node, 3 * node] += structure.point_mass(record.name)
-    tensions = cable_tensions(structure)
-    for cable in structure.cable:
-        node = mesh.node(cable.at)
-        K[3 * node, 3 * node] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
+    _add_points(structure, mesh, M, K)
     if one_mode is not None:
         block = np.ix_([3 * mesh.node(one_mode.root), n - 1], [3 * mesh.node(one_mode.root), n - 1])
         M[block] += one_mode.mass_matrix
@@ -81,6 +80,38 @@ def _assemble(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneM
     if variant.in_plane_moments:
         K += _hanging_moments(structure, mesh, set(lines))
     return M, K
+
+
+def _add_points(structure: Structure, mesh: Mesh, M: Array, K: Array) -> None:
+    """Add masses, cables and plates to the nodes they sit at."""
+    for point in structure.point:
+        if point.name in {node.name for node in mesh.nodes}:
+            node = 3 * mesh.node(point.name)
+            M[node, node] += structure.point_mass(point.name)
+    for mass in structure.mass:
+        if mass.rotary_inertia:
+            for turn in (1, 2):
+                M[3 * mesh.node(mass.at) + turn, 3 * mesh.node(mass.at) + turn] += mass.rotary_inertia
+    tensions = cable_tensions(structure)
+    for cable in structure.cable:
+        node = 3 * mesh.node(cable.at)
+        K[node, node] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
+    for plate in structure.plate:
+        node = 3 * mesh.node(plate.at)
+        K[node + 1, node + 1] += plate.weight_moment
+        M[node + 1, node + 1] += plate.inertia_about_beam
+        M[node + 2, node + 2] += plate.inertia_about_vertical
+
+
+def _hanging_stiffness(element: Element, mesh: Mesh, resultants: Resultants, variant: Variant) -> Array:
+    """Return the 6 x 6 geometric stiffness of gravity's in-plane forces in (v, rx, rz) of both nodes."""
+    L, direction = element.length, mesh.direction(element)
+    bend, twist = bending_map(direction), torsion_map(direction)
+    k = bend.T @ el.geometric_stiffness(resultants.axial_at(0.0), resultants.axial_at(L), L) @ bend
+    if variant.in_plane_moments:
+        both = np.vstack([bend, twist])
+        k += both.T @ el.moment_stiffness(resultants.moment_at, L, variant.moment_boundary_factor) @ both
+    return np.asarray(k)
 
 
 def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Array:
@@ -124,7 +155,7 @@ def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) ->
         share = np.array([element.rigid_start, element.length - element.rigid_end]) / element.length
         start_tension, end_tension = low + (high - low) * share
         start_rigid_tension, end_rigid_tension = (low + start_tension) / 2, (high + end_tension) / 2
-    k = el.bending_stiffness(section.bending_stiffness, flexible) + el.geometric_stiffness(
+    k = el.bending_stiffness(section.bending_stiffness, flexible, section.shear_stiffness) + el.geometric_stiffness(
         start_tension, end_tension, flexible
     )
     m = el.consistent_mass(section.mass_per_length, flexible)
@@ -142,9 +173,8 @@ def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) ->
     k, m = bend.T @ k @ bend, bend.T @ m @ bend
     if section.torsion_stiffness:
         twist = torsion_map(direction)
-        polar = section.density * section.width * section.thickness * (section.width**2 + section.thickness**2) / 12
         k += twist.T @ el.torsion_stiffness(section.torsion_stiffness, element.length) @ twist
-        m += twist.T @ el.torsion_mass(polar, element.length) @ twist
+        m += twist.T @ el.torsion_mass(section.polar_inertia_per_length, element.length) @ twist
     return m, k
 
 
@@ -162,4 +192,6 @@ def _moving(structure: Structure, mesh: Mesh, M: Array) -> list[int]:
         for bar in structure.bar
         if clamp.at in bar.points and bar.name in vertical and not structure.section[bar.section].torsion_stiffness
     }
+    motions = {"v": 0, "rx": 1, "rz": 2}
+    held |= {3 * mesh.node(s.at) + motions[motion] for s in structure.support for motion in s.holds}
     return [i for i in massive if i not in held]

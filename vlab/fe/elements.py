@@ -10,6 +10,8 @@ References
 .. [2] J. S. Przemieniecki, *Theory of Matrix Structural Analysis*, 1968, chapter 15.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from vlab.signals import Array
@@ -39,15 +41,32 @@ def hermite_slope(xi: float, length: float) -> Array:
     )
 
 
-def bending_stiffness(EI: float, length: float) -> Array:
-    """Return the 4 x 4 Euler-Bernoulli stiffness; EI [N m^2], length [m]."""
+def hermite_curvature(xi: float, length: float) -> Array:
+    """Return the second derivatives of the shape functions with respect to s [1/m^2, 1/m, 1/m^2, 1/m]."""
+    return np.array(
+        [
+            (-6 + 12 * xi) / length**2,
+            (-4 + 6 * xi) / length,
+            (6 - 12 * xi) / length**2,
+            (-2 + 6 * xi) / length,
+        ]
+    )
+
+
+def bending_stiffness(EI: float, length: float, GA: float = 0.0) -> Array:
+    """Return the 4 x 4 bending stiffness; EI [N m^2], length [m], GA the shear stiffness [N], zero for rigid in shear.
+
+    With shear flexibility it is the exact stiffness of a Timoshenko beam, Phi = 12 EI/(GA L^2) (Przemieniecki, section
+    5.6): translations are divided by 1 + Phi, rotations become 4 + Phi and 2 - Phi.
+    """
     L = length
-    return (EI / L**3) * np.array(
+    Phi = 12 * EI / (GA * L**2) if GA > 0 else 0.0
+    return (EI / (L**3 * (1 + Phi))) * np.array(
         [
             [12, 6 * L, -12, 6 * L],
-            [6 * L, 4 * L**2, -6 * L, 2 * L**2],
+            [6 * L, (4 + Phi) * L**2, -6 * L, (2 - Phi) * L**2],
             [-12, -6 * L, 12, -6 * L],
-            [6 * L, 2 * L**2, -6 * L, 4 * L**2],
+            [6 * L, (2 - Phi) * L**2, -6 * L, (4 + Phi) * L**2],
         ]
     )
 
@@ -74,6 +93,31 @@ def geometric_stiffness(tension_start: float, tension_end: float, length: float)
         tension = tension_start + (tension_end - tension_start) * point
         K += weight * tension * np.outer(slope, slope)
     return K
+
+
+def moment_stiffness(moment: Callable[[float], float], length: float, boundary_factor: float) -> Array:
+    """Return the 6 x 6 geometric stiffness of an in-plane moment, in (v1, s1, v2, s2, twist 1, twist 2).
+
+    The moment M(s) does work on the product of twist phi and curvature,
+    U = -(integral of M phi w'' - b [M phi w']), b the boundary factor: 1 for a plate strip, in which in-plane shear acts
+    on w' phi, 0.5 for end moments that turn half with each of the two rotations (semitangential).
+
+    Parameters
+    ----------
+    moment : callable
+        s [m] -> M [N m]; positive where it pulls the fibres that a positive twist lifts.
+    """
+    points, weights = np.polynomial.legendre.leggauss(4)  # exact to degree 7: quadratic moment, linear twist and curvature
+    U = np.zeros((6, 6))
+    for xi, weight in zip((points + 1) / 2, weights * length / 2, strict=True):
+        twist = np.concatenate([np.zeros(4), [1 - xi, xi]])
+        curvature = np.concatenate([hermite_curvature(xi, length), [0.0, 0.0]])
+        U -= weight * moment(xi * length) * np.outer(twist, curvature)
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        row = np.zeros((6, 6))
+        row[4 + end, 1 + 2 * end] = 1.0
+        U += boundary_factor * sign * moment(end * length) * row
+    return U + U.T
 
 
 def torsion_stiffness(GJ: float, length: float) -> Array:

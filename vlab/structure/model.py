@@ -18,24 +18,58 @@ from vlab.schema import Provenance, number
 class Section:
     """Cross-section of a bar; `width` lies in the plane of the structure, `thickness` along y.
 
+    A rectangular section states width, thickness and density; one whose build-up is not known states its mass per
+    length instead.
+
     Parameters
     ----------
     bending_stiffness : float
         EI of bending out of the plane [N m^2].
     torsion_stiffness : float
         GJ [N m^2]; zero where the model carries no torsion.
+    shear_stiffness : float
+        Shear stiffness of bending out of the plane, shear coefficient included [N]; zero for rigid in shear.
+    mass_per_length : float
+        [kg/m]; follows from the rectangle where not stated.
+    polar_inertia_per_length : float
+        Rotary inertia about the bar's axis [kg m]; follows from the rectangle where not stated.
     """
 
-    width: float = number("m", positive=True)
-    thickness: float = number("m", positive=True)
-    density: float = number("kg/m^3", positive=True)
+    width: float | None = number("m", default=None, positive=True)
+    thickness: float | None = number("m", default=None, positive=True)
+    density: float | None = number("kg/m^3", default=None, positive=True)
     bending_stiffness: float = number("N m^2", positive=True)
     torsion_stiffness: float = number("N m^2", default=0.0, at_least=0.0)
+    shear_stiffness: float = number("N", default=0.0, at_least=0.0)
+    mass_per_length: float = number("kg/m", default=0.0, at_least=0.0)
+    polar_inertia_per_length: float = number("kg m", default=0.0, at_least=0.0)
+
+    def __post_init__(self) -> None:
+        if self.width and self.thickness and self.density:
+            mass = self.density * self.width * self.thickness
+            if self.mass_per_length == 0.0:
+                object.__setattr__(self, "mass_per_length", mass)
+            if self.polar_inertia_per_length == 0.0:
+                object.__setattr__(self, "polar_inertia_per_length", mass * (self.width**2 + self.thickness**2) / 12)
+        if self.mass_per_length == 0.0:
+            missing = [name for name in ("width", "thickness", "density") if getattr(self, name) is None]
+            raise BadStructure(
+                f"the key {missing[0]!r} is missing; state width, thickness and density, or mass_per_length"
+            )
 
     @property
-    def mass_per_length(self) -> float:
-        """Mass per unit length [kg/m]."""
-        return self.density * self.width * self.thickness
+    def in_plane_ratio(self) -> float:
+        """EI_z/EA of bending in the plane, the square of the radius of gyration [m^2]: width^2/12 of a rectangle."""
+        if self.width is None:
+            raise BadStructure("a section without width has no in-plane stiffness; state width and thickness")
+        return self.width**2 / 12
+
+    @property
+    def axial_stiffness(self) -> float:
+        """EA [N], from the measured EI of the rectangle: 12 EI/thickness^2."""
+        if self.thickness is None:
+            raise BadStructure("a section without thickness has no axial stiffness; state width and thickness")
+        return 12 * self.bending_stiffness / self.thickness**2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,11 +84,18 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True)
 class Bar:
-    """A straight bar through named points, in order."""
+    """A straight bar through named points, in order.
+
+    Parameters
+    ----------
+    carries : bool
+        Whether it is held in the plane, so that other bars hang from it.
+    """
 
     name: str
     section: str
     points: tuple[str, ...]
+    carries: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,11 +153,43 @@ class Cable:
 
 @dataclass(frozen=True, kw_only=True)
 class Mass:
-    """A point mass."""
+    """A point mass, with the same rotary inertia about both axes in the plane [kg m^2]."""
 
     name: str
     at: str
     mass: float = number("kg", at_least=0.0)
+    rotary_inertia: float = number("kg m^2", default=0.0, at_least=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """A bearing that holds some motions of a point: ``v`` along y, ``rx`` and ``rz`` about x and z."""
+
+    name: str
+    at: str
+    holds: tuple[Literal["v", "rx", "rz"], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plate:
+    """A rigid plate that hangs from a bar's end and swings with the bar's rotation about x.
+
+    Parameters
+    ----------
+    weight_moment : float
+        Weight times the distance of its centre below the axis [N m]: a pendulous rotational stiffness.
+    offset : float
+        That distance [m].
+    inertia_about_beam, inertia_about_vertical : float
+        About the bar's axis and about the vertical [kg m^2].
+    """
+
+    name: str
+    at: str
+    weight_moment: float = number("N m", positive=True)
+    offset: float = number("m", positive=True)
+    inertia_about_beam: float = number("kg m^2", positive=True)
+    inertia_about_vertical: float = number("kg m^2", positive=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,16 +230,24 @@ class Variant:
         A bar that is carried by its first symmetric mode alone, with the deflection of its tips as the coordinate.
     in_plane_moments : bool
         Whether the in-plane bending moments of gravity act on the out-of-plane motion.
+    moment_boundary_factor : float
+        Factor of the boundary term of their geometric stiffness; 0.5 is what a rigid rotation demands (semitangential
+        end moments), 1 a plate strip.
     """
 
     note: str = ""
     elements_per_span: int = 1
     one_mode_bar: str = ""
     in_plane_moments: bool = False
+    moment_boundary_factor: float = 0.5
 
     def __post_init__(self) -> None:
         if not 1 <= self.elements_per_span <= 200:
             raise BadStructure(f"elements_per_span is {self.elements_per_span}; accepted: 1 to 200")
+
+
+ATTACHED = ("clamp", "cable", "mass", "support", "plate", "coil", "sensor", "probe")
+"""The kinds of parts that sit at a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,6 +270,8 @@ class Structure:
     clamp: tuple[Clamp, ...] = ()
     cable: tuple[Cable, ...] = ()
     mass: tuple[Mass, ...] = ()
+    support: tuple[Support, ...] = ()
+    plate: tuple[Plate, ...] = ()
     coil: tuple[Coil, ...] = ()
     sensor: tuple[Sensor, ...] = ()
     probe: tuple[Sensor, ...] = ()
@@ -198,14 +281,14 @@ class Structure:
 
     def __post_init__(self) -> None:
         points = [p.name for p in self.point]
-        for kind in ("point", "bar", "clamp", "cable", "mass", "coil", "sensor", "probe"):
+        for kind in ("point", "bar", *ATTACHED):
             names = [part.name for part in getattr(self, kind)]
             for name in names:
                 if names.count(name) > 1:
                     raise BadStructure(
                         f"the {kind} name {name!r} stands {names.count(name)} times; names must be unique"
                     )
-        for kind in ("clamp", "cable", "mass", "coil", "sensor", "probe"):
+        for kind in ATTACHED:
             for part in getattr(self, kind):
                 if part.at not in points:
                     raise unknown_name("point", part.at, points, where=f"{kind} {part.name!r}")

@@ -7,7 +7,7 @@ from vlab.errors import unknown_name
 from vlab.schema import Reader
 from vlab.structure.model import Structure
 
-BUILT_IN = ("beam",)
+BUILT_IN = ("beam", "grid")
 """Structures that come with vlab, by name."""
 
 
