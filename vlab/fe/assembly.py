@@ -1,5 +1,6 @@
 """Assembly of the FE model of a structure."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from vlab.fe import elements as el
 from vlab.fe.damping import modal_ratios
 from vlab.fe.in_plane import Resultants, in_plane_resultants
 from vlab.fe.mesh import Element, Mesh, build_mesh
-from vlab.fe.model import FeModel, bending_map, torsion_map
+from vlab.fe.model import FeModel, Piece, bending_map, torsion_map
 from vlab.fe.one_mode import OneModeBar, one_mode_bar
 from vlab.fe.second_order import SecondOrderModel
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines
@@ -35,7 +36,12 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
     choice = structure.variant_named(variant)
     mesh = build_mesh(structure, choice, refine=refine)
     one_mode = one_mode_bar(structure, choice.one_mode_bar) if choice.one_mode_bar else None
-    M, K = _assemble(structure, mesh, choice, one_mode)
+    pieces = tuple(_pieces(structure, mesh, choice, one_mode))
+    n = 3 * len(mesh.nodes) + (one_mode is not None)
+    M, K = np.zeros((n, n)), np.zeros((n, n))
+    for piece in pieces:
+        M[np.ix_(piece.columns, piece.columns)] += piece.M
+        K[np.ix_(piece.columns, piece.columns)] += piece.K
     keep = _moving(structure, mesh, M)
     names = [f"{_MOTIONS[i % 3]}:{mesh.nodes[i // 3].name}" for i in keep if i < 3 * len(mesh.nodes)]
     if one_mode is not None:
@@ -49,58 +55,65 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         linear=undamped,
         expand=np.eye(len(M))[:, keep],
         one_mode=one_mode,
+        pieces=_kept(pieces, keep),
     )
     zeta = modal_ratios(structure.damping, model.coils.T @ undamped.eigen[1])
     return replace(model, linear=undamped.with_modal_damping(zeta))
+
+
+def _kept(pieces: tuple[Piece, ...], keep: list[int]) -> tuple[Piece, ...]:
+    """Return the pieces in the coordinates that move."""
+    place = {column: i for i, column in enumerate(keep)}
+    out = []
+    for piece in pieces:
+        inside = [k for k, column in enumerate(piece.columns) if column in place]
+        if inside:
+            block = np.ix_(inside, inside)
+            columns = tuple(place[piece.columns[k]] for k in inside)
+            out.append(Piece(piece.name, columns, piece.M[block], piece.K[block]))
+    return tuple(out)
 
 
 def _columns(element: Element) -> list[int]:
     return [3 * element.start + i for i in range(3)] + [3 * element.end + i for i in range(3)]
 
 
-def _assemble(
-    structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None
-) -> tuple[Array, Array]:
-    n = 3 * len(mesh.nodes) + (one_mode is not None)
-    M, K = np.zeros((n, n)), np.zeros((n, n))
+def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None) -> Iterator[Piece]:
+    """Yield what mass and stiffness are the sum of: elements, points, supports of cables and plates."""
     lines = hanging_lines(structure)
     hanging = in_plane_resultants(structure, mesh)
     for i, element in enumerate(mesh.elements):
         m, k = _element_matrices(element, mesh, lines.get(element.bar))
         if i in hanging:
             k += _hanging_stiffness(element, mesh, hanging[i], variant)
-        block = np.ix_(_columns(element), _columns(element))
-        M[block] += m
-        K[block] += k
-    _add_points(structure, mesh, M, K)
+        yield Piece(f"{element.bar}:{i}", tuple(_columns(element)), m, k)
+    yield from _points(structure, mesh)
     if one_mode is not None:
-        block = np.ix_([3 * mesh.node(one_mode.root), n - 1], [3 * mesh.node(one_mode.root), n - 1])
-        M[block] += one_mode.mass_matrix
-        K[block] += one_mode.stiffness_matrix
+        columns = (3 * mesh.node(one_mode.root), 3 * len(mesh.nodes))
+        yield Piece(one_mode.bar, columns, one_mode.mass_matrix, one_mode.stiffness_matrix)
     if variant.in_plane_moments:
-        K += _hanging_moments(structure, mesh, set(lines))
-    return M, K
+        K = _hanging_moments(structure, mesh, set(lines))
+        columns = tuple(np.flatnonzero(np.any(K, axis=0)).tolist())
+        if columns:
+            yield Piece("weight of crossing bars", columns, np.zeros((len(columns),) * 2), K[np.ix_(columns, columns)])
 
 
-def _add_points(structure: Structure, mesh: Mesh, M: Array, K: Array) -> None:
-    """Add masses, cables and plates to the nodes they sit at."""
-    for point in structure.point:
-        if point.name in {node.name for node in mesh.nodes}:
-            node = 3 * mesh.node(point.name)
-            M[node, node] += structure.point_mass(point.name)
-    for mass in structure.mass:
-        if mass.rotary_inertia:
-            for turn in (1, 2):
-                M[3 * mesh.node(mass.at) + turn, 3 * mesh.node(mass.at) + turn] += mass.rotary_inertia
+def _points(structure: Structure, mesh: Mesh) -> Iterator[Piece]:
+    """Yield the masses, cables and plates at the nodes they sit at."""
     tensions = cable_tensions(structure)
-    for cable in structure.cable:
-        node = 3 * mesh.node(cable.at)
-        K[node, node] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
-    for plate in structure.plate:
-        node = 3 * mesh.node(plate.at)
-        K[node + 1, node + 1] += plate.weight_moment
-        M[node + 1, node + 1] += plate.inertia_about_beam
-        M[node + 2, node + 2] += plate.inertia_about_vertical
+    for point in structure.point:
+        if point.name not in {node.name for node in mesh.nodes}:
+            continue
+        node = 3 * mesh.node(point.name)
+        M, K = np.zeros(3), np.zeros(3)
+        M[0] = structure.point_mass(point.name)
+        M[1:] += sum(mass.rotary_inertia for mass in structure.mass if mass.at == point.name)
+        for cable in (c for c in structure.cable if c.at == point.name):
+            K[0] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
+        for plate in (p for p in structure.plate if p.at == point.name):
+            K[1] += plate.weight_moment
+            M[1:] += [plate.inertia_about_beam, plate.inertia_about_vertical]
+        yield Piece(point.name, (node, node + 1, node + 2), np.diag(M), np.diag(K))
 
 
 def _hanging_stiffness(element: Element, mesh: Mesh, resultants: Resultants, variant: Variant) -> Array:

@@ -14,6 +14,24 @@ from vlab.structure.model import Structure
 from vlab.structure.places import locate
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One of the parts whose sum mass and stiffness are: an element, a point, a cable.
+
+    Parameters
+    ----------
+    columns : tuple of int
+        Its coordinates in the model.
+    M, K : (k, k) array
+        Its mass and stiffness in them.
+    """
+
+    name: str
+    columns: tuple[int, ...]
+    M: Array
+    K: Array
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeModel:
     """A structure's matrices with the map from mesh to generalised coordinates.
@@ -26,6 +44,8 @@ class FeModel:
         Motion (v, rx, rz) of every node, and the tip of a one-mode bar, per generalised coordinate.
     one_mode : OneModeBar or None
         The bar that is carried by one mode.
+    pieces : tuple of Piece
+        Elements and points that add up to M and K, in the generalised coordinates.
     """
 
     structure: Structure
@@ -34,6 +54,7 @@ class FeModel:
     linear: SecondOrderModel
     expand: Array
     one_mode: OneModeBar | None = None
+    pieces: tuple[Piece, ...] = ()
 
     def deflection(self, place: str) -> Array:
         """Return the (n,) row that gives the deflection along y [m] at a place, from the shape functions of its element."""

@@ -6,11 +6,13 @@ from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.plants.base import Plant
 from vlab.plants.composite import build_composite
+from vlab.plants.fe_matrices import build_fe_plant
 from vlab.plants.modal import build_modal
 from vlab.structure.model import Structure
 
 PLANTS: dict[str, Callable[[Structure, str], Plant]] = {
     "composite": lambda structure, variant: build_composite(structure, variant),
+    "fe": lambda structure, variant: build_fe_plant(build_fe_model(structure, variant)),
     "modal": lambda structure, variant: build_modal(build_fe_model(structure, variant)),
 }
 """The plants of a structure, by name."""

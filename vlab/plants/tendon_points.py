@@ -1,0 +1,121 @@
+"""What the plants in generalised coordinates share: physical points as fixed tendons, with coils and sensors on them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
+from vlab.signals import Array
+from vlab.structure.model import Structure
+
+CARRIER_MASS = 1e-9
+"""Mass of a body that only carries coordinates [kg], against masses of grams to kilograms."""
+LINEAR = "large motion: the coordinates are those of small motion about equilibrium"
+
+
+def linear_spec(title: str, timestep: float) -> Any:
+    """Return an empty spec for coordinates of small motion: no gravity, contacts or constraints, semi-implicit Euler."""
+    spec = mujoco.MjSpec()
+    spec.modelname = title
+    spec.option.timestep = timestep
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return spec
+
+
+def add_carrier(parent: Any, name: str) -> Any:
+    """Add a body of negligible mass to carry coordinates."""
+    body = parent.add_body(name=name)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.inertia = CARRIER_MASS, [0, 0, 0], [CARRIER_MASS] * 3
+    return body
+
+
+def add_points(spec: Any, structure: Structure, rows: Mapping[str, Array], joints: Sequence[str]) -> None:
+    """Add a tendon for every point with a transducer, and the transducers on it.
+
+    Parameters
+    ----------
+    rows : mapping of str to (n_joints,) array
+        Deflection of each point per joint coordinate.
+    """
+    for place in structure.transducer_places:
+        tendon = spec.add_tendon(name=place)
+        largest = np.abs(rows[place]).max()
+        for name, coefficient in zip(joints, rows[place], strict=True):
+            if abs(coefficient) > 1e-14 * largest:
+                tendon.wrap_joint(name, coefficient)
+    for coil in structure.coil:
+        spec.add_actuator(name=f"coil:{coil.name}", target=coil.at, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    for name, sensor in named_sensors(structure):
+        if sensor.kind == "velocity":
+            _sensor(spec, name, "TENDONVEL", sensor.at)
+        else:
+            _sensor(spec, name, "TENDONPOS", sensor.at)
+            _sensor(spec, f"{name}:rate", "TENDONVEL", sensor.at)
+    for sensor in structure.sensor:  # last, so that their values stand together
+        _sensor(spec, f"sensor:{sensor.name}:travel", "TENDONPOS", sensor.at)
+
+
+def _sensor(spec: Any, name: str, kind: str, place: str) -> None:
+    kind_code = getattr(mujoco.mjtSensor, f"mjSENS_{kind}")
+    spec.add_sensor(name=name, type=kind_code, objtype=mujoco.mjtObj.mjOBJ_TENDON, objname=place)
+
+
+def point_plant(
+    name: str,
+    spec: Any,
+    structure: Structure,
+    rows: Mapping[str, Array],
+    *,
+    left_out: tuple[str, ...],
+    written: Any = None,
+    dissipation: Array | None = None,
+) -> Plant:
+    """Compile a spec with points into a plant.
+
+    Parameters
+    ----------
+    rows : mapping of str to (n_joints,) array
+        Deflection of every point of the drawing per joint coordinate.
+    written : mujoco.MjSpec or None
+        The spec that is written out, where it has more than the running model (dampers).
+    dissipation : (nv, nv) array or None
+        Acts as -C qvel while the plant runs.
+    """
+    model = spec.compile()
+
+    def address(sensor: str) -> int:
+        return int(model.sensor(sensor).adr[0])
+
+    return Plant(
+        name=name,
+        model=model,
+        spec=spec if written is None else written,
+        dissipation=dissipation,
+        actuators=tuple(
+            ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,))
+            for c in structure.coil
+        ),
+        sensors=tuple(
+            SensorTap(
+                name=full,
+                at=sensor.name,
+                kind=sensor.kind,
+                unit=SENSOR_UNITS[sensor.kind],
+                addresses=(address(full),),
+                rates=(address(f"{full}:rate"),) if sensor.kind == "displacement" else (),
+            )
+            for full, sensor in named_sensors(structure)
+        ),
+        travel=slice(model.nsensordata - len(structure.sensor), model.nsensordata),
+        ports={point: _port(point, row) for point, row in rows.items()},
+        left_out=left_out,
+    )
+
+
+def _port(name: str, row: Array) -> Port:
+    return Port(name=name, unit="m", row=lambda data: row.copy(), position=lambda data: float(row @ data.qpos))
