@@ -21,7 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})"
     )
-    parser.add_argument("--at", default=default.at, help="the coil that excites besides controlling (default base)")
+    parser.add_argument(
+        "--at",
+        default=default.at,
+        help="the coil that excites besides controlling (by default the structure's exciter)",
+    )
     parser.add_argument(
         "--level",
         type=float,

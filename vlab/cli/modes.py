@@ -10,12 +10,16 @@ from vlab.structure import load_structure
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure (beam) or a structure file")
+    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
     parser.add_argument(
         "--variant", default="published", help="how the structure is modelled: published (default) or physical"
     )
     parser.add_argument(
-        "--modes", type=int, default=6, choices=range(1, 13), metavar="N", help="how many modes (1 to 12, default 6)"
+        "--modes",
+        type=int,
+        choices=range(1, 13),
+        metavar="N",
+        help="how many modes (1 to 12; by default all published)",
     )
     parser.add_argument("--out", help="folder for mode shapes and MAC as figures")
 

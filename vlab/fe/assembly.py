@@ -93,9 +93,9 @@ def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneMod
         yield Piece(one_mode.bar, columns, one_mode.mass_matrix, one_mode.stiffness_matrix)
     if variant.in_plane_moments:
         K = _hanging_moments(structure, mesh, set(lines))
-        columns = tuple(np.flatnonzero(np.any(K, axis=0)).tolist())
-        if columns:
-            yield Piece("weight of crossing bars", columns, np.zeros((len(columns),) * 2), K[np.ix_(columns, columns)])
+        moved = tuple(np.flatnonzero(np.any(K, axis=0)).tolist())
+        if moved:
+            yield Piece("weight of crossing bars", moved, np.zeros((len(moved),) * 2), K[np.ix_(moved, moved)])
 
 
 def _points(structure: Structure, mesh: Mesh) -> Iterator[Piece]:

@@ -107,7 +107,9 @@ def moment_stiffness(moment: Callable[[float], float], length: float, boundary_f
     moment : callable
         s [m] -> M [N m]; positive where it pulls the fibres that a positive twist lifts.
     """
-    points, weights = np.polynomial.legendre.leggauss(4)  # exact to degree 7: quadratic moment, linear twist and curvature
+    points, weights = np.polynomial.legendre.leggauss(
+        4
+    )  # exact to degree 7: quadratic moment, linear twist and curvature
     U = np.zeros((6, 6))
     for xi, weight in zip((points + 1) / 2, weights * length / 2, strict=True):
         twist = np.concatenate([np.zeros(4), [1 - xi, xi]])

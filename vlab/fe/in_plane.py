@@ -74,7 +74,9 @@ def in_plane_resultants(structure: Structure, mesh: Mesh) -> dict[int, Resultant
     free = sorted(used - {3 * k for k in held} - {3 * k + 1 for k in held})
     block = K[np.ix_(free, free)]
     if np.linalg.cond(block) > 1e14:
-        raise BadStructure("the hanging bars are a mechanism in the plane: gravity cannot be carried; hang them from more points")
+        raise BadStructure(
+            "the hanging bars are a mechanism in the plane: gravity cannot be carried; hang them from more points"
+        )
     motion = np.zeros(n)
     motion[free] = np.linalg.solve(block, load[free])
     return {i: _recover(structure, mesh, mesh.elements[i], motion) for i in hanging}
@@ -95,7 +97,9 @@ def _frame_element(structure: Structure, mesh: Mesh, element: Element) -> tuple[
     end = np.array([[tx, tz, 0.0], [tz, -tx, 0.0], [0.0, 0.0, 1.0]])
     T = np.block([[end, np.zeros((3, 3))], [np.zeros((3, 3)), end]])
     along, across = _loads(structure, mesh, element)
-    weight = np.array([along * L / 2, across * L / 2, across * L**2 / 12, along * L / 2, across * L / 2, -across * L**2 / 12])
+    weight = np.array(
+        [along * L / 2, across * L / 2, across * L**2 / 12, along * L / 2, across * L / 2, -across * L**2 / 12]
+    )
     return k, weight, T
 
 

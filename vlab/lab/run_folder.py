@@ -34,7 +34,7 @@ class RunSettings:
     variant: str = "published"
     law: str = ""
     excite: str = "multisine"
-    at: str = "base"
+    at: str = ""
     level: float | None = None
     low_hz: float | None = None
     high_hz: float | None = None
@@ -71,12 +71,13 @@ class RunSettings:
         law = published_law(structure, self.law) if self.law else None
         plant = build_plant(structure, self.plant, self.variant)
         plant.substeps(hardware.converter.rate)
-        plant.actuator_index(self.at)
+        at = self.at or structure.exciter
+        plant.actuator_index(at)
         experiment = Experiment(
             plant=plant,
             seconds=self.seconds,
             excitation=excitation,
-            excite=self.at,
+            excite=at,
             controller=law,
             hardware=hardware,
             seed=self.seed,

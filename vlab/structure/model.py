@@ -254,6 +254,11 @@ ATTACHED = ("clamp", "cable", "mass", "support", "plate", "coil", "sensor", "pro
 class Structure:
     """Everything on the bench, checked for consistency.
 
+    Parameters
+    ----------
+    exciter : str
+        The coil that excites besides controlling, where an experiment names none.
+
     Raises
     ------
     BadStructure, UnknownName
@@ -263,6 +268,7 @@ class Structure:
     format: Literal["vlab-structure-1"]
     name: str
     title: str
+    exciter: str
     gravity: float = number("m/s^2", at_least=0.0)
     section: dict[str, Section]
     point: tuple[Point, ...]
@@ -304,6 +310,8 @@ class Structure:
         for name, variant in self.variant.items():
             if variant.one_mode_bar and variant.one_mode_bar not in [b.name for b in self.bar]:
                 raise unknown_name("bar", variant.one_mode_bar, [b.name for b in self.bar], where=f"variant {name!r}")
+        if self.exciter not in [c.name for c in self.coil]:
+            raise unknown_name("coil", self.exciter, [c.name for c in self.coil], where="exciter")
         if not self.variant:
             raise BadStructure("no [variant.NAME] says how the structure is discretised")
 
