@@ -54,7 +54,7 @@ def test_reproduce_document_has_cells_and_reasons(capsys):
     status, out, _ = run(capsys, "reproduce", "--json")
     document = json.loads(out)
     assert status == 0
-    assert [t["table"] for t in document["tables"]] == ["1", "7", "8"]
+    assert [t["table"] for t in document["tables"]] == ["1", "3", "5", "7", "8"]
     cell = document["tables"][0]["cells"][0]
     assert set(cell) >= {"row", "column", "published", "ours", "tolerance", "ok"}
     assert all(set(part) == {"table", "why"} for part in document["not_reproducible"])
@@ -149,7 +149,7 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--hardware", "nowhere.toml"], "nowhere.toml"),
         (["experiment"], "required: structure"),
         (["experiment", "beam", "--seconds", "ten"], "invalid float value: 'ten'"),
-        (["reproduce", "42"], "unknown table '42' (accepted: 1, 7, 8)"),
+        (["reproduce", "42"], "unknown table '42' (accepted: 1, 3, 5, 7, 8)"),
         (["modal-test", "nowhere.parquet"], "nowhere.parquet"),
         (["compare", "nowhere"], "nowhere"),
         (["show", "nowhere"], "no run.rrd here"),
