@@ -14,7 +14,7 @@ from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.plants import Plant
 from vlab.signals import Channel, FrequencyResponse, Recording
-from vlab.views import scene
+from vlab.views import documents, scene
 
 HOSTILE = "<script>/../$x ![a](http://b)"
 
@@ -123,7 +123,7 @@ def test_hostile_channel_names_are_only_names(tmp_path, beam, composite, run):
     path = scene.write_run(tmp_path / "h.rrd", beam, composite, result, law=HOSTILE)
     traces = [entity for entity in rows_of(path)[0] if entity.startswith("/traces/")]
     assert len(traces) == len(channels)
-    assert scene._cell("![a](http://b) <i>|\n") == r"\!\[a\]\(http://b\) \<i\>\| "
+    assert documents.cell("![a](http://b) <i>|\n") == r"\!\[a\]\(http://b\) \<i\>\| "
 
 
 def test_comparison_overlays_and_subtracts(tmp_path):
@@ -200,7 +200,7 @@ def test_a_failure_on_the_way_leaves_nothing(tmp_path, beam, composite, run, mon
     def fail(*_args):
         raise KeyError("inside")
 
-    monkeypatch.setattr(scene, "_log_document", fail)
+    monkeypatch.setattr(scene, "log_document", fail)
     with pytest.raises(KeyError):
         scene.write_run(tmp_path / "run.rrd", beam, composite, run)
     assert list(tmp_path.iterdir()) == []

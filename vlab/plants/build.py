@@ -7,15 +7,23 @@ from vlab.fe import build_fe_model
 from vlab.plants.base import Plant
 from vlab.plants.composite import build_composite
 from vlab.plants.fe_matrices import build_fe_plant
+from vlab.plants.grillage import build_grillage
 from vlab.plants.modal import build_modal
 from vlab.structure.model import Structure
 
 PLANTS: dict[str, Callable[[Structure, str], Plant]] = {
-    "composite": lambda structure, variant: build_composite(structure, variant),
+    "composite": lambda structure, variant: _build_native(structure, variant),
     "fe": lambda structure, variant: build_fe_plant(build_fe_model(structure, variant)),
     "modal": lambda structure, variant: build_modal(build_fe_model(structure, variant)),
 }
 """The plants of a structure, by name."""
+
+
+def _build_native(structure: Structure, variant: str) -> Plant:
+    """Build the physical plant: bars that hang from a carrying bar, or a bar between cables."""
+    if any(bar.carries for bar in structure.bar):
+        return build_grillage(structure, variant)
+    return build_composite(structure, variant)
 
 
 def build_plant(structure: Structure, plant: str = "composite", variant: str = "published") -> Plant:

@@ -19,6 +19,8 @@ from vlab.published import published_tables
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
+CLOSE = 0.006
+"""Modes within this share of each other are compared as a group: models that agree within 0.6 % cannot tell them apart."""
 SILENT = 1e-6
 """Modes whose motion at every point of the drawing is below this share are not modes of the drawing (bounce on cables)."""
 
@@ -30,7 +32,7 @@ class PlantCheck:
     Parameters
     ----------
     freq, mac : (n_modes,) array
-        Of the plant's mode that matches each FE mode.
+        Of the plant's mode that matches each FE mode; within a close group the MAC with the subspace of the group.
     shapes : (n_points, n_modes) array
         Its shapes at the points of the drawing, unit maximum.
     numerical_damping : float
@@ -155,12 +157,28 @@ def check_plant(plant: Plant, fe: FeModel, modes: Array) -> PlantCheck:
     return PlantCheck(
         plant=plant,
         freq=linear.freq[chosen],
-        mac=likeness[np.arange(len(modes)), columns[np.argsort(rows)]],
+        mac=np.array(
+            [_subspace_mac(t, shapes[:, _close(linear.freq, k, seen)]) for t, k in zip(target.T, chosen, strict=True)]
+        ),
         shapes=matched / scale,
         zeta=linear.zeta[chosen],
         numerical_damping=numerical_damping(plant, linear, int(chosen[-1])),
         real_time_factor=real_time_factor(plant),
     )
+
+
+def _close(freq: Array, mode: int, among: Array) -> Array:
+    """Return the modes of a close group: those within `CLOSE` of one, itself included."""
+    return among[np.abs(freq[among] / freq[mode] - 1) < CLOSE]
+
+
+def _subspace_mac(target: Array, shapes: Array) -> float:
+    """Return the MAC of a shape with the subspace of a group of shapes; with one shape it is the MAC.
+
+    Modes closer than the models agree mix arbitrarily, while the subspace that they span is well defined.
+    """
+    basis = np.linalg.qr(shapes)[0]
+    return float(np.sum((basis.T @ target) ** 2) / np.sum(target**2))
 
 
 def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seconds: float = 10.0) -> float:

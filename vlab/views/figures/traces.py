@@ -1,0 +1,197 @@
+"""Recordings: time histories, spectra, and a measurement beside its simulation."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import signal
+
+from vlab.errors import BadRecording, unknown_name
+from vlab.signals import Array, Channel, Recording
+from vlab.views.figures.style import DASHES, POINTS, axis_label, decimate, draw_legend, draw_line, stacked_axes, styled
+
+
+def aligned(measured: Recording, simulated: Recording, channel: str) -> tuple[Array, Array, Array]:
+    """Return time and both signals of a channel on the measurement's samples, where both recordings have some.
+
+    Raises
+    ------
+    BadRecording
+        The recordings do not overlap in time, or the channel has two units.
+    """
+    units = [recording.channels[recording.index(channel)].unit for recording in (measured, simulated)]
+    if units[0] != units[1]:
+        raise BadRecording(
+            f"channel {channel!r} is in {units[0]} where measured and in {units[1]} where simulated; convert one"
+        )
+    if np.array_equal(measured.time, simulated.time):
+        return measured.time, measured[channel], simulated[channel]
+    slack = 1e-9 * float(np.ptp(measured.time))
+    inside = (measured.time >= simulated.time[0] - slack) & (measured.time <= simulated.time[-1] + slack)
+    if np.count_nonzero(inside) < 2:
+        raise BadRecording(
+            f"the recordings do not overlap in time: measured {measured.time[0]:g} to {measured.time[-1]:g} s, "
+            f"simulated {simulated.time[0]:g} to {simulated.time[-1]:g} s"
+        )
+    time = measured.time[inside]
+    return time, measured[channel][inside], np.interp(time, simulated.time, simulated[channel])
+
+
+def residual_percent(measured: Array, simulated: Array) -> float:
+    """Return the rms of the residual in per cent of the rms of the measurement; infinite where that is zero."""
+    scale = float(np.sqrt(np.mean(measured**2)))
+    return 100.0 * float(np.sqrt(np.mean((measured - simulated) ** 2))) / scale if scale else np.inf
+
+
+@styled
+def traces_figure(
+    recordings: Sequence[tuple[str, Recording]],
+    channels: Sequence[str] | None = None,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    limit: int = POINTS,
+) -> Figure:
+    """Draw time histories, one axis a channel, the recordings on top of each other.
+
+    Parameters
+    ----------
+    recordings : sequence of (label, Recording)
+        In drawing order.
+    channels : sequence of str or None
+        Which; by default all, in order of appearance. A recording without a channel has no line there.
+    start, stop : float or None
+        Stretch that is drawn [s].
+    limit : int
+        Most points of a line.
+    """
+    found = _channels(recordings, channels)
+    figure, axes = stacked_axes(len(found), each=1.1)
+    handles: dict[str, Any] = {}
+    for row, channel in zip(axes, found, strict=True):
+        for k, (label, recording) in enumerate(recordings):
+            if channel.name in recording.names:
+                keep = _stretch(recording.time, start, stop)
+                x, y = recording.time[keep], recording[channel.name][keep]
+                dash = {"linestyle": "-"} if x.size > 4 * limit else {}
+                handles[label] = draw_line(row, *decimate(x, y, limit=limit), k, lw=0.8, **dash)
+        row.set_ylabel(axis_label(channel))
+        row.ticklabel_format(axis="y", scilimits=(-3, 4))
+        row.margins(x=0)
+    axes[-1].set_xlabel("time [s]")
+    figure.align_ylabels(axes)
+    if len(recordings) > 1:
+        draw_legend(figure, list(handles.values()), list(handles))
+    return figure
+
+
+def _stretch(time: Array, start: float | None, stop: float | None) -> NDArray[np.bool_]:
+    low, high = -np.inf if start is None else start, np.inf if stop is None else stop
+    return np.asarray((time >= low) & (time <= high))
+
+
+def _channels(recordings: Sequence[tuple[str, Recording]], names: Sequence[str] | None) -> list[Channel]:
+    known = {channel.name: channel for _, recording in reversed(recordings) for channel in recording.channels}
+    order = dict.fromkeys(channel.name for _, recording in recordings for channel in recording.channels)
+    for name in names or ():
+        if name not in known:
+            raise unknown_name("channel", name, order)
+    found = [known[name] for name in (order if names is None else names)]
+    if not found:
+        raise BadRecording("no channel was given to draw")
+    return found
+
+
+def _density(recording: Recording, values: Array, segment_s: float | None) -> tuple[Array, Array]:
+    """Return the amplitude spectral density above 0 Hz, [unit/sqrt(Hz)]."""
+    length = len(values) // 8 if segment_s is None else round(segment_s * recording.rate)
+    freq, power = signal.welch(values, recording.rate, nperseg=min(max(length, 16), len(values)))
+    return freq[1:], np.sqrt(power[1:])
+
+
+@styled
+def spectrum_figure(
+    recordings: Sequence[tuple[str, Recording]],
+    channels: Sequence[str] | None = None,
+    *,
+    segment_s: float | None = None,
+    highest_hz: float | None = None,
+) -> Figure:
+    """Draw amplitude spectral densities (Welch, Hann window), one axis a channel.
+
+    Parameters
+    ----------
+    segment_s : float or None
+        Length of a segment [s]; an eighth of the recording by default.
+    highest_hz : float or None
+        Where the axis ends [Hz].
+    """
+    found = _channels(recordings, channels)
+    figure, axes = stacked_axes(len(found), each=1.3)
+    handles: dict[str, Any] = {}
+    for row, channel in zip(axes, found, strict=True):
+        for k, (label, recording) in enumerate(recordings):
+            if channel.name in recording.names:
+                freq, density = _density(recording, recording[channel.name], segment_s)
+                keep = (density > 0) & (freq <= (np.inf if highest_hz is None else highest_hz))
+                handles[label] = draw_line(row, freq[keep], density[keep], k)
+        row.set(yscale="log", ylabel=axis_label(channel, power="/√Hz"))
+        row.margins(x=0)
+    axes[-1].set_xlabel("frequency [Hz]")
+    if len(recordings) > 1:
+        draw_legend(figure, list(handles.values()), list(handles))
+    return figure
+
+
+@styled
+def comparison_figure(
+    measured: Recording,
+    simulated: Recording,
+    channel: str,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    segment_s: float | None = None,
+    highest_hz: float | None = None,
+) -> Figure:
+    """Draw a channel as measured and as simulated, their difference, and the spectra of all three.
+
+    Times that differ are met by linear interpolation of the simulation; the measurement must be evenly sampled.
+
+    Parameters
+    ----------
+    start, stop : float or None
+        Stretch of time that is drawn [s]; residual and spectra are those of all of it.
+    segment_s : float or None
+        Length of a segment of the spectra [s]; an eighth of the recording by default.
+    highest_hz : float or None
+        Where the axis of the spectra ends [Hz].
+    """
+    time, truth, model = aligned(measured, simulated, channel)
+    label = measured.channels[measured.index(channel)]
+    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+    over, rest, spectra = figure.subplots(3, 1, height_ratios=[1.2, 0.9, 1.3])
+    rest.sharex(over)
+    keep = _stretch(time, start, stop)
+    for axes, values, k in ((over, truth, 0), (over, model, 1), (rest, truth - model, 4)):
+        own = {"linestyle": "-"} if axes is rest else {}
+        draw_line(axes, time[keep], values[keep], k, lw=0.8, **own)
+    rest.set_title(f"rms of the residual: {residual_percent(truth, model):.3g} % of the measurement's", loc="left")
+    over.tick_params(labelbottom=False)
+    for axes in (over, rest):
+        axes.margins(x=0)
+        axes.set_ylabel(axis_label(label))
+        axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+    handles = []
+    for values, k in ((truth, 0), (model, 1), (truth - model, 4)):
+        freq, density = _density(measured, values, segment_s)
+        keep = (density > 0) & (freq <= (np.inf if highest_hz is None else highest_hz))
+        handles.append(draw_line(spectra, freq[keep], density[keep], k, linestyle=DASHES[2 if k == 4 else k]))
+    rest.set_xlabel("time [s]")
+    spectra.set(yscale="log", xlabel="frequency [Hz]", ylabel=axis_label(label, power="/√Hz"))
+    spectra.margins(x=0)
+    figure.align_ylabels()
+    draw_legend(figure, handles, ["measured", "simulated", "residual"])
+    return figure
