@@ -3,6 +3,7 @@
 import argparse
 
 from vlab.cli.common import Outcome, text_table
+from vlab.modal.mac import comac, mac
 from vlab.outputs import output_folder, write_manifest
 from vlab.reproduce import cross_check
 from vlab.structure import load_structure
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how many modes (1 to 12; by default all published)",
     )
-    parser.add_argument("--out", help="folder for mode shapes and MAC as figures")
+    parser.add_argument("--out", help="folder for mode shapes, their differences and MAC as figures")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -30,6 +31,12 @@ def run(arguments: argparse.Namespace) -> Outcome:
     check = cross_check(structure, arguments.variant, modes=arguments.modes)
     document = check.as_dict()
     plants = list(check.plants)
+    fe_modes = check.fe_modes()
+    plant_modes = {name: check.plant_modes(name) for name in plants}
+    alike = {name: comac(fe_modes.shapes, modes.shapes) for name, modes in plant_modes.items()}
+    cross_mac = {name: mac(fe_modes.shapes, modes.shapes) for name, modes in plant_modes.items()}
+    document["comac"] = {name: dict(zip(check.points, values.tolist(), strict=True)) for name, values in alike.items()}
+    document["cross_mac"] = {name: values.tolist() for name, values in cross_mac.items()}
     rows = [
         [row["mode"], row["measured_hz"], row["published_hz"], row["fe_hz"]]
         + [value for name in plants for value in (row["plant_hz"][name], row["mac"][name])]
@@ -44,19 +51,25 @@ def run(arguments: argparse.Namespace) -> Outcome:
             f"{name}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
             f"{facts['real_time_factor']:.0f} x real time; leaves out: {'; '.join(facts['left_out'])}"
         )
+    lines.append("")
+    for name, values in alike.items():
+        lowest = [f"{check.points[k]} {values[k]:.4f}" for k in values.argsort(kind="stable")[:3]]
+        lines.append(f"{name}: lowest COMAC with the FE model over {len(rows)} modes: {', '.join(lowest)}")
     if arguments.out:
-        from vlab.modal.mac import mac
-        from vlab.views.figures import mac_figure, mode_shapes_figure, to_svg
+        from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
 
         with output_folder(arguments.out) as folder:
-            fe_modes = check.fe_modes()
-            for name in plants:
-                plant_modes = check.plant_modes(name)
-                (folder / f"shapes-{name}.svg").write_text(
-                    to_svg(mode_shapes_figure(structure, fe_modes, plant_modes)), encoding="utf-8"
-                )
-                likeness = mac(fe_modes.shapes, plant_modes.shapes)
-                (folder / f"mac-{name}.svg").write_text(to_svg(mac_figure(likeness)), encoding="utf-8")
+            for name, modes in plant_modes.items():
+                drawings = {
+                    f"shapes-{name}": mode_shapes_figure(structure, fe_modes, modes),
+                    f"mac-{name}": mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant"),
+                }
+                for mode in range(1, fe_modes.freq.size + 1):
+                    drawings[f"difference-{name}-mode{mode}"] = mode_difference_figure(
+                        structure, modes, fe_modes, mode, labels=(f"{name} plant", "analytical (FE)")
+                    )
+                for file, figure in drawings.items():
+                    (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
             write_manifest(folder, verb="modes", structure=structure.name, variant=arguments.variant)
         document["out"] = str(arguments.out)
     return Outcome(document=document, text="\n".join(lines))

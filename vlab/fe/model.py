@@ -1,7 +1,7 @@
 """The FE model of a structure: matrices, and what each place of the structure means in them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,10 @@ class FeModel:
     expand: Array
     one_mode: OneModeBar | None = None
     pieces: tuple[Piece, ...] = ()
+
+    def with_coordinates(self, linear: SecondOrderModel, T: Array) -> "FeModel":
+        """Return the same structure in fewer coordinates p, q = T p, with their matrices: a reduced or corrected model."""
+        return replace(self, linear=linear, expand=self.expand @ T, pieces=())
 
     def deflection(self, place: str) -> Array:
         """Return the (n,) row that gives the deflection along y [m] at a place, from the shape functions of its element."""

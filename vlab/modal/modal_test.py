@@ -150,11 +150,12 @@ def _estimate(recording: Recording, test: ModalTest) -> MeasuredFrequencyRespons
             f"the recording has no sensor; name outputs with --output (channels: {', '.join(recording.names)})"
         )
     period = test.period_s if test.period_s is not None else recording.meta.get("period_s")
-    if period is None or test.segment_s is not None:
+    periods = 0 if period is None else int((len(recording) + 0.5) / recording.rate / float(period))
+    if period is None or test.segment_s is not None or (periods < 2 and test.period_s is None):
+        # not periodic, or too short to show that it is: averaged over windowed segments
         return estimate_frf(
             recording, inputs=inputs, outputs=outputs, estimator=test.estimator, segment_s=test.segment_s
         )
-    periods = int((len(recording) + 0.5) / recording.rate / float(period))
     skip = float(period) * min(int(SETTLING_SHARE * periods), max(periods - 2, 0))
     return estimate_frf(
         recording, inputs=inputs, outputs=outputs, estimator=test.estimator, period_s=float(period), skip_s=skip

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from vlab.fe import build_fe_model
 from vlab.fe.model import FeModel
+from vlab.fe.reduced import build_reduced_model
 from vlab.fe.second_order import SecondOrderModel
 from vlab.modal.mac import mac
 from vlab.plants import PLANTS, Plant, build_plant
@@ -56,6 +56,7 @@ class CrossCheck:
 
     structure: Structure
     fe: FeModel
+    model: str
     modes: Array
     published: Array | None
     measured: Array | None
@@ -101,6 +102,7 @@ class CrossCheck:
         return {
             "structure": self.structure.name,
             "variant": self.fe.variant,
+            "model": self.model,
             "modes": rows,
             "plants": {
                 name: {
@@ -120,14 +122,19 @@ def _cell(values: Array | None, i: int) -> float | None:
 
 
 def cross_check(
-    structure: Structure, variant: str = "published", *, modes: int | None = None, plants: Sequence[str] = ()
+    structure: Structure,
+    variant: str = "published",
+    *,
+    model: str = "full",
+    modes: int | None = None,
+    plants: Sequence[str] = (),
 ) -> CrossCheck:
     """Compare frequencies and shapes of the FE model, every plant and the published table; as many modes as published.
 
-    Modes of the FE model that no coil can drive (arms swinging against each other) are passed over: no experiment
+    `model` reduces the FE model (see `vlab.fe.reduced`); the plants stay as they are. Modes of the FE model that no coil can drive (arms swinging against each other) are passed over: no experiment
     saw them.
     """
-    fe = build_fe_model(structure, variant)
+    fe = build_reduced_model(structure, model, variant)
     at_coils = np.abs(fe.coils.T @ fe.linear.eigen[1]).max(axis=0)
     table = next((t for t in published_tables(structure.name) if "analytical" in t.columns), None)
     count = modes if modes is not None else len(table.rows) if table is not None else 6
@@ -135,6 +142,7 @@ def cross_check(
     return CrossCheck(
         structure=structure,
         fe=fe,
+        model=model,
         modes=driven,
         published=None if table is None else table.column("analytical"),
         measured=None if table is None else table.column("experimental"),

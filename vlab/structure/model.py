@@ -219,6 +219,22 @@ class Damping:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reduction:
+    """The coordinates that reduced models of the structure keep.
+
+    Parameters
+    ----------
+    retained : tuple of str
+        FE coordinates such as ``"v:joint1"`` or ``"rx:point13"``.
+    source : str
+        Where the choice comes from.
+    """
+
+    retained: tuple[str, ...]
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Variant:
     """How a model of the structure is discretised.
 
@@ -282,6 +298,7 @@ class Structure:
     sensor: tuple[Sensor, ...] = ()
     probe: tuple[Sensor, ...] = ()
     damping: Damping
+    reduction: Reduction | None = None
     variant: dict[str, Variant]
     provenance: Mapping[str, Provenance] = field(default_factory=dict, init=False, compare=False)
 

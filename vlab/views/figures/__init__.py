@@ -1,6 +1,13 @@
 """Figures: functions of data that return a matplotlib `Figure`, never shown, with a unit on every axis."""
 
-from vlab.views.figures.modes import bar_curve, frequencies_figure, is_upright, mac_figure, mode_shapes_figure
+from vlab.views.figures.modes import (
+    bar_curve,
+    frequencies_figure,
+    is_upright,
+    mac_figure,
+    mode_difference_figure,
+    mode_shapes_figure,
+)
 from vlab.views.figures.poles import pole_figure
 from vlab.views.figures.response import frf_figure
 from vlab.views.figures.style import COLOURS, DASHES, GREY, INK, MARKERS, POINTS, channel_label, decimate, pretty_unit
@@ -23,6 +30,7 @@ __all__ = [
     "frf_figure",
     "is_upright",
     "mac_figure",
+    "mode_difference_figure",
     "mode_shapes_figure",
     "pole_figure",
     "pretty_unit",

@@ -1,0 +1,54 @@
+"""Reduced models by name, in the coordinates that the structure files retain."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vlab.errors import BadStructure, UnknownName
+from vlab.fe import build_fe_model
+from vlab.fe.reduced import build_reduced_model
+from vlab.reproduce.tables import reproduce_tables
+from vlab.structure import load_structure
+from vlab.structure.model import Reduction
+
+
+@pytest.mark.parametrize("name", ["beam", "grid"])
+def test_exact_reduction_keeps_frequencies_shapes_and_damping(name):
+    structure = load_structure(name)
+    full, reduced = build_fe_model(structure), build_reduced_model(structure, "exact")
+    n = reduced.linear.n
+    assert n == len(structure.reduction.retained)
+    assert reduced.linear.freq == pytest.approx(full.linear.freq[:n], rel=1e-9)  # exact by construction; rounding
+    assert reduced.linear.zeta == pytest.approx(full.linear.zeta[:n], rel=1e-6)
+    places = [p.name for p in structure.point]
+    shapes = [m.deflections(places) @ m.linear.eigen[1][:, 0] for m in (full, reduced)]
+    assert np.abs(shapes[1]) == pytest.approx(np.abs(shapes[0]), abs=1e-7 * np.abs(shapes[0]).max())
+
+
+def test_guyan_reduction_keeps_static_deflections(beam):
+    full, reduced = build_fe_model(beam), build_reduced_model(beam, "guyan")
+    static = [m.deflection("35in") @ np.linalg.solve(m.linear.K, m.deflection("base")) for m in (full, reduced)]
+    assert static[1] == pytest.approx(static[0], rel=1e-9)  # load and coordinates retained: no approximation
+
+
+def test_guyan_frequencies_lie_above_the_full_ones():
+    for name in ("beam", "grid"):
+        structure = load_structure(name)
+        full, guyan = build_fe_model(structure), build_reduced_model(structure, "guyan")
+        assert np.all(guyan.linear.freq >= full.linear.freq[: guyan.linear.n] * (1 - 1e-12))  # Rayleigh's quotient
+
+
+def test_table_5_within_the_honest_tolerance():
+    (table,) = reproduce_tables(["5"])
+    assert table.ok, [c for c in table.cells if not c.ok]
+
+
+def test_names_that_do_not_exist_are_refused(beam):
+    with pytest.raises(UnknownName, match="did you mean 'guyan'"):
+        build_reduced_model(beam, "guyam")
+    wrong = dataclasses.replace(beam, reduction=Reduction(retained=("v:base", "v:11in"), source="test"))
+    with pytest.raises(UnknownName, match="v:11in"):
+        build_reduced_model(wrong, "guyan")
+    with pytest.raises(BadStructure, match="names no coordinates"):
+        build_reduced_model(dataclasses.replace(beam, reduction=None), "exact")

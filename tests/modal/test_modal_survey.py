@@ -1,0 +1,78 @@
+"""A modal test from recordings: which estimator, which shapes, what goes together."""
+
+import numpy as np
+import pytest
+
+from vlab.errors import BadRecording
+from vlab.modal.modal_test import ModalTest, estimate_responses, run_modal_test
+from vlab.signals import Channel, Recording
+
+RATE, PERIOD = 200.0, 20.0
+FREQ, ZETA = np.array([4.0, 9.0]), np.array([0.02, 0.01])
+SHAPES = np.array([[1.0, 1.0], [0.5, -1.0]])
+
+
+def recording(*, periods: int = 3, noise: float = 0.0, seed: int = 0, meta: dict | None = None) -> Recording:
+    """Two modes under a steady multisine, made in the frequency domain: one velocity, one displacement, no transient."""
+    rng = np.random.default_rng(seed)
+    n = round(RATE * PERIOD)
+    freq = np.fft.rfftfreq(n, 1 / RATE)
+    force = np.where((freq >= 1) & (freq <= 20), np.exp(2j * np.pi * rng.uniform(size=len(freq))), 0) * n / 50
+    omega, s = 2 * np.pi * FREQ, 2j * np.pi * freq
+    modal = SHAPES[0] / (s[:, None] ** 2 + 2 * ZETA * omega * s[:, None] + omega**2)
+    motion = modal @ SHAPES.T
+    signals = [force, motion[:, 0] * s * force, motion[:, 1] * force]
+    data = np.tile(np.column_stack([np.fft.irfft(x, n) for x in signals]), (periods, 1))
+    data[:, 1:] += noise * rng.standard_normal((len(data), 2)) * data[:, 1:].std(axis=0)
+    channels = (
+        Channel(name="f", kind="force", unit="N", is_input=True),
+        Channel(name="v", kind="velocity", unit="m/s"),
+        Channel(name="x", kind="displacement", unit="m"),
+    )
+    return Recording(
+        time=np.arange(len(data)) / RATE,
+        data=data,
+        channels=channels,
+        meta={"period_s": PERIOD} if meta is None else meta,
+    )
+
+
+def test_velocity_and_displacement_sensors_give_one_shape():
+    result = run_modal_test([recording()], ModalTest(n_modes=2, band_hz=(2.0, 15.0)))
+    assert result.poles.freq == pytest.approx(FREQ, rel=1e-6)  # noise-free and periodic: no leakage
+    assert result.poles.zeta == pytest.approx(ZETA, rel=1e-4)
+    shapes = result.poles.real_shapes()
+    assert shapes[1] / shapes[0] == pytest.approx(SHAPES[1] / SHAPES[0], rel=1e-4)  # integrated, not mixed units
+
+
+def test_averaging_recordings_lowers_the_noise():
+    test = ModalTest(n_modes=2, band_hz=(2.0, 15.0))
+    many = [recording(noise=0.3, seed=k) for k in range(4)]
+    errors = [
+        np.abs(run_modal_test(runs, test).mean.H - run_modal_test([recording()], test).mean.H).mean()
+        for runs in (many[:1], many)
+    ]
+    assert errors[1] < 0.75 * errors[0]  # half, for four independent recordings
+
+
+def test_a_record_shorter_than_two_periods_is_averaged_over_segments():
+    (response,) = estimate_responses([recording(periods=1)], ModalTest())
+    assert len(response.freq) < 400  # segments of an eighth, not the lines of the period
+    with pytest.raises(BadRecording, match="coherence would be 1"):
+        estimate_responses([recording(periods=1)], ModalTest(period_s=PERIOD))  # asked for by name: refused
+
+
+def test_recordings_that_do_not_go_together_are_refused():
+    other = recording(meta={})
+    with pytest.raises(BadRecording, match="test them one by one"):
+        run_modal_test([recording(), other], ModalTest())
+    with pytest.raises(BadRecording, match="no recording"):
+        run_modal_test([], ModalTest())
+
+
+def test_a_recording_without_input_or_sensor_says_so():
+    whole = recording()
+    with pytest.raises(BadRecording, match="marks no input"):
+        run_modal_test([whole.select(["v", "x"])], ModalTest())
+    with pytest.raises(BadRecording, match="no sensor"):
+        run_modal_test([whole.select(["f"])], ModalTest())
