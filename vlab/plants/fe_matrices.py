@@ -1,12 +1,13 @@
 """The FE plant: the matrices of an FE model inside MuJoCo, element by element.
 
-The coordinates are slide joints on one serial chain of bodies of negligible mass. Each element of the FE model becomes
-fixed tendons: with the eigenvectors of K_e x = lambda M_e x, scaled to x^T M_e x = 1, the rows c = M_e x give
-M_e = sum c c^T and K_e = sum lambda c c^T, so one tendon with coefficients c, armature 1 and stiffness lambda carries
-both. Gravity's geometric stiffness is in K_e; a negative lambda is accepted. One tree keeps the off-diagonal inertia
-that MuJoCo drops between trees.
+The coordinates are slide joints on bodies of negligible mass, nested as the elimination tree of the FE matrices. Each
+element becomes fixed tendons: with the eigenvectors of K_e x = lambda M_e x, scaled to x^T M_e x = 1, the rows c = M_e x
+give M_e = sum c c^T and K_e = sum lambda c c^T, so one tendon with coefficients c, armature 1 and stiffness lambda carries
+both. Gravity's geometric stiffness is in K_e; a negative lambda is accepted. MuJoCo drops off-diagonal inertia between
+branches; in the elimination tree the coordinates of an element lie on one branch.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -23,8 +24,35 @@ ROOM = 1.8
 """Highest circular frequency times the step that is let into MuJoCo; the explicit limit is 2."""
 
 
-SLIDES_PER_BODY = 6
-"""As many as MuJoCo accepts: fewer bodies to move."""
+def elimination_tree(cliques: Sequence[Sequence[int]], n: int) -> list[int]:
+    """Return a parent for every coordinate, -1 for roots, so that coordinates of one clique are ancestors of each other.
+
+    It is the elimination tree of the matrix with these cliques under a minimum-degree order [1]_. A kinematic tree of
+    this shape has room for every off-diagonal term of the mass and as few others as the order allows, so MuJoCo's
+    factorisation fills in little.
+
+    References
+    ----------
+    .. [1] T. A. Davis, *Direct Methods for Sparse Linear Systems*, SIAM, 2006, sections 4.1 and 7.1.
+    """
+    near: list[set[int]] = [set() for _ in range(n)]
+    for clique in cliques:
+        for a in clique:
+            near[a] |= set(clique) - {a}
+    left, rank, filled = set(range(n)), {}, {}
+    while left:
+        column = min(left, key=lambda c: (len(near[c]), c))
+        left.remove(column)
+        rank[column] = len(rank)
+        filled[column] = set(near[column])
+        for a in near[column]:
+            near[a] |= near[column] - {a}
+            near[a].discard(column)
+    return [min(filled[c], key=rank.__getitem__, default=-1) for c in range(n)]
+
+
+def _depth(parents: Sequence[int], column: int) -> int:
+    return 0 if parents[column] < 0 else 1 + _depth(parents, parents[column])
 
 
 def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
@@ -42,25 +70,40 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     highest = float(fe.linear.eigen[0][-1])
     scaling = max(0.0, (timestep / ROOM) ** 2 - 1.0 / highest**2)
     spec = linear_spec(f"{fe.structure.name} fe ({fe.variant})", timestep)
-    body = spec.worldbody
-    for i, name in enumerate(fe.linear.coordinates):
-        if i % SLIDES_PER_BODY == 0:
-            body = add_carrier(body, name)
-        body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
+    parents = elimination_tree([piece.columns for piece in fe.pieces if np.any(piece.M)], fe.linear.n)
+    bodies: dict[int, Any] = {-1: spec.worldbody}
+    for column in sorted(range(fe.linear.n), key=lambda c: _depth(parents, c)):
+        name = fe.linear.coordinates[column]
+        bodies[column] = add_carrier(bodies[parents[column]], name)
+        bodies[column].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
     for piece in fe.pieces:
         _add_piece(spec, piece, fe.linear.coordinates, scaling)
     places = dict.fromkeys([p.name for p in fe.structure.point] + fe.structure.transducer_places)
     rows = {place: fe.deflection(place) for place in places}
     add_points(spec, fe.structure, rows, fe.linear.coordinates)
+    model = spec.compile()
+    order = [
+        fe.linear.coordinates.index(model.joint(k).name) for k in range(model.njnt)
+    ]  # MuJoCo counts branch by branch
     omega, shapes = fe.linear.eigen
     momentum = shapes.T @ fe.linear.M
+    listed = [fe.linear.coordinates.index(joint.name) for joint in spec.joints]
     dampers = [
-        DampingTendon(f"damping:{j + 1}", momentum[j], 2 * fe.linear.zeta[j] * omega[j]) for j in range(fe.linear.n)
+        DampingTendon(f"damping:{j + 1}", momentum[j, listed], 2 * fe.linear.zeta[j] * omega[j])
+        for j in range(fe.linear.n)
     ]
     written = with_damping_tendons(spec, dampers)
     slowed = (f"modes above {0.3 / np.sqrt(scaling) / 2 / np.pi:.0f} Hz are slowed",) if scaling else ()
     left_out = (LINEAR, *slowed)
-    return point_plant("fe", spec, fe.structure, rows, left_out=left_out, written=written, dissipation=fe.linear.C)
+    return point_plant(
+        "fe",
+        spec,
+        fe.structure,
+        {place: row[order] for place, row in rows.items()},
+        left_out=left_out,
+        written=written,
+        dissipation=fe.linear.C[np.ix_(order, order)],
+    )
 
 
 def _add_piece(spec: Any, piece: Piece, names: tuple[str, ...], scaling: float) -> None:
