@@ -21,6 +21,7 @@ VERBS = {
     "experiment": "a simulated experiment, written as a run folder",
     "modal-test": "frequency responses, poles and mode shapes from recordings",
     "reproduce": "the dissertation's tables beside ours",
+    "correct": "a reduced model corrected by a simulated modal test of a structure that differs from it",
     "compare": "a case: recordings beside their model, and by how much they differ",
     "show": "open a run in the Rerun viewer",
     "bench": "speed side by side with what a user would use instead",

@@ -159,7 +159,7 @@ def mode_difference_figure(
     )
     drawing = _Axonometry(structure)
     panels = [drawing.lines(names, shape) for shape in (experimental, analytical, difference)]
-    drawn = [drawing.project(drawing.at, y) for y in (-1.0, 0.0, 1.0)] + [l for lines in panels for l in lines.curves]
+    drawn = [drawing.project(drawing.at, y) for y in (-0.5, 0.0, 0.5)] + [l for lines in panels for l in lines.curves]
     across, up = (np.concatenate([line[k] for line in drawn]) for k in (0, 1))
     margin = 0.03 * max(np.ptp(across), np.ptp(up))
     box = (across.min() - margin, across.max() + margin, up.min() - margin, up.max() + margin)
@@ -217,7 +217,7 @@ class _Axonometry:
     X = np.array([np.cos(np.radians(-12.0)), np.sin(np.radians(-12.0))]) * 0.9
     Y = np.array([np.cos(np.radians(35.0)), np.sin(np.radians(35.0))])
     Z = np.array([0.0, 1.0])
-    SHARE = 0.14
+    SHARE = 0.12
     """Length of the largest deflection relative to the size of the structure."""
 
     def __init__(self, structure: Structure) -> None:

@@ -1,0 +1,114 @@
+"""``vlab correct``."""
+
+import argparse
+import json
+
+from vlab.cli.common import Outcome, finite, progress_bar, text_table
+from vlab.outputs import output_folder, write_manifest
+from vlab.reproduce.measured_correction import GRID_SECTION_33, correct_by_test
+
+PERIOD_S, PERIODS = 100.0, 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("structure", help="a built-in structure with sensors at its joints (grid) or a structure file")
+    parser.add_argument(
+        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of variation, excitation and noise (default 0)")
+    parser.add_argument(
+        "--modes", type=int, default=11, metavar="N", help="use at most so many measured modes (default 11)"
+    )
+    parser.add_argument(
+        "--spread",
+        type=float,
+        default=0.05,
+        metavar="X",
+        help="by how much the structure differs from the model, relative (default 0.05)",
+    )
+    parser.add_argument(
+        "--noise", type=float, default=0.03, metavar="X", help="sensor noise relative to the rms signal (default 0.03)"
+    )
+    parser.add_argument(
+        "--reduction", default="guyan", help="how the model is reduced to the sensors: guyan (default) or exact"
+    )
+    parser.add_argument(
+        "--bearings",
+        action="store_true",
+        help="the coordinates of section 3.3 of the grid: ten joints, and both bearings' rotations by sensors on the plates",
+    )
+    parser.add_argument("--out", help="folder for the corrected matrices, the numbers and the MAC as a figure")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Test the structure and correct its model."""
+    with progress_bar("modal test", PERIOD_S * PERIODS) as progress:
+        result = correct_by_test(
+            arguments.structure,
+            seed=arguments.seed,
+            modes=arguments.modes,
+            retained=GRID_SECTION_33 if arguments.bearings else None,
+            spread=arguments.spread,
+            noise=arguments.noise,
+            reduction=arguments.reduction,
+            variant=arguments.variant,
+            period_s=PERIOD_S,
+            periods=PERIODS,
+            progress=progress,
+        )
+    document = result.as_dict()
+    keys = ["mode", "model_hz", "true_hz", "measured_hz", "before_use_hz", "corrected_hz", "mac_before", "zeta"]
+    headers = ["mode", "model Hz", "true Hz", "measured Hz", "before use Hz", "corrected Hz", "MAC before", "zeta"]
+    rows = [[row[key] for key in keys] for row in document["modes"]]
+    count = len(rows)
+    lines = [
+        f"{result.fe.structure.title}, variant {arguments.variant}, {arguments.reduction} reduction to "
+        f"{len(document['coordinates'])} coordinates; spread {arguments.spread:g}, noise {arguments.noise:g}, seed {arguments.seed}",
+        f"{document['identified_modes']} modes identified, {count} used; the fit leaves {document['fit_residual']:.2g}",
+        "",
+        text_table(headers, rows),
+        "",
+    ]
+    for name, size in document["orthogonality"].items():
+        lines.append(f"off-diagonals in the {name} mass: max {size['max']:.3f}, mean {size['mean']:.3f}")
+    change, unused = document["change"], document["unused_rms_error"]
+    lines.append(
+        f"change: mass {change['mass']:.3f}, stiffness {change['stiffness']:.3f}, damping {change['damping']:.3f} (relative)"
+    )
+    lines.append(
+        "rms error of the measured modes not yet used, after 0, 1, ... modes: " + ", ".join(f"{e:.2%}" for e in unused)
+    )
+    for row in document["unmeasured"]:
+        lines.append(f"not measured: {row['model_hz']:.4f} Hz before, {row['corrected_hz']:.4f} Hz after")
+    lines.append(f"measured modes reproduced to {result.error:.1e} relative (accepted: {result.accepted:.1g})")
+    if arguments.out:
+        import numpy as np
+
+        from vlab.modal.mac import mac
+        from vlab.views.figures import mac_figure, to_svg
+
+        with output_folder(arguments.out) as folder:
+            before, after = result.correction.uncorrected, result.correction.model
+            np.savez(folder / "corrected.npz", M=after.M, C=after.C, K=after.K, coordinates=np.array(after.coordinates))
+            likeness = mac(before.eigen[1], result.measured.shapes)
+            (folder / "mac-before.svg").write_text(
+                to_svg(mac_figure(likeness, rows="model", columns="measured")), encoding="utf-8"
+            )
+            (folder / "correction.json").write_text(
+                json.dumps(finite(document), allow_nan=False, indent=2) + "\n", encoding="utf-8"
+            )
+            write_manifest(
+                folder,
+                verb="correct",
+                structure=result.fe.structure.name,
+                variant=arguments.variant,
+                seed=arguments.seed,
+                modes=arguments.modes,
+                spread=arguments.spread,
+                noise=arguments.noise,
+                reduction=arguments.reduction,
+                coordinates=document["coordinates"],
+            )
+        document["out"] = str(arguments.out)
+    return Outcome(document=document, text="\n".join(lines), holds=result.holds)
