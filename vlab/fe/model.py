@@ -62,6 +62,9 @@ class FeModel:
 
     def deflection(self, place: str) -> Array:
         """Return the (n,) row that gives the deflection along y [m] at a place, from the shape functions of its element."""
+        for plate in (p for p in self.structure.plate if p.name == place):  # swings about x, below the axis
+            node = 3 * self.mesh.node(plate.at)
+            return self.expand[node] + plate.offset * self.expand[node + 1]
         location = locate(self.structure, place)
         if self.one_mode is not None and location.bar == self.one_mode.bar:
             share = self.one_mode.shape(abs(location.station - self.one_mode.arm))

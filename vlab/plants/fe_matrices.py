@@ -39,7 +39,9 @@ def elimination_tree(cliques: Sequence[Sequence[int]], n: int) -> list[int]:
     for clique in cliques:
         for a in clique:
             near[a] |= set(clique) - {a}
-    left, rank, filled = set(range(n)), {}, {}
+    left = set(range(n))
+    rank: dict[int, int] = {}
+    filled: dict[int, set[int]] = {}
     while left:
         column = min(left, key=lambda c: (len(near[c]), c))
         left.remove(column)

@@ -327,25 +327,28 @@ class GrillageBuilder:
     # -- transducers -------------------------------------------------------------------------------------------------
 
     def _transducers(self) -> None:
+        for plate in self.structure.plate:
+            self.readings[plate.name] = {f"{plate.at}:rx": plate.offset}
         for place in self.structure.transducer_places:
-            if self.readings.get(place, {}).keys() != {f"{place}:y"}:
+            reading = self.readings.get(place, {})
+            if not reading:
                 raise BadStructure(f"a coil or sensor at {place!r} sees no motion: the point is held or on no bar")
+            tendon = self.spec.add_tendon(name=f"at:{place}")
+            for joint, coefficient in reading.items():
+                tendon.wrap_joint(joint, coefficient)
         for coil in self.structure.coil:
-            self.spec.add_actuator(name=f"coil:{coil.name}", target=f"{coil.at}:y", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            target, kind = f"at:{coil.at}", mujoco.mjtTrn.mjTRN_TENDON
+            self.spec.add_actuator(name=f"coil:{coil.name}", target=target, trntype=kind)
         for name, sensor in named_sensors(self.structure):
-            self._sensor(name, "JOINTVEL" if sensor.kind == "velocity" else "JOINTPOS", sensor.at)
+            self._sensor(name, "TENDONVEL" if sensor.kind == "velocity" else "TENDONPOS", sensor.at)
             if sensor.kind == "displacement":
-                self._sensor(f"{name}:rate", "JOINTVEL", sensor.at)
+                self._sensor(f"{name}:rate", "TENDONVEL", sensor.at)
         for sensor in self.structure.sensor:  # last, so that their values stand together
-            self._sensor(travel_name(sensor.name), "JOINTPOS", sensor.at)
+            self._sensor(travel_name(sensor.name), "TENDONPOS", sensor.at)
 
     def _sensor(self, name: str, kind: str, place: str) -> None:
-        self.spec.add_sensor(
-            name=name,
-            type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            objname=f"{place}:y",
-        )
+        kind_code, objtype = getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), mujoco.mjtObj.mjOBJ_TENDON
+        self.spec.add_sensor(name=name, type=kind_code, objtype=objtype, objname=f"at:{place}")
 
 
 def travel_name(sensor: str) -> str:

@@ -311,10 +311,12 @@ class Structure:
                     raise BadStructure(
                         f"the {kind} name {name!r} stands {names.count(name)} times; names must be unique"
                     )
+        plates = [plate.name for plate in self.plate]
         for kind in ATTACHED:
             for part in getattr(self, kind):
-                if part.at not in points:
-                    raise unknown_name("point", part.at, points, where=f"{kind} {part.name!r}")
+                known = [*points, *plates] if kind == "probe" else points
+                if part.at not in known:
+                    raise unknown_name("point", part.at, known, where=f"{kind} {part.name!r}")
         for bar in self.bar:
             if bar.section not in self.section:
                 raise unknown_name("section", bar.section, self.section, where=f"bar {bar.name!r}")
@@ -350,10 +352,14 @@ class Structure:
         return list(dict.fromkeys(places))
 
     def position(self, point: str) -> tuple[float, float]:
-        """Return (x, z) of a named point [m]."""
+        """Return (x, z) of a named point, or of the centre of a plate [m]."""
         for p in self.point:
             if p.name == point:
                 return p.x, p.z
+        for plate in self.plate:
+            if plate.name == point:
+                x, z = self.position(plate.at)
+                return x, z - plate.offset
         raise unknown_name("point", point, [p.name for p in self.point])
 
     def clamp_length(self, point: str) -> float:
