@@ -5,7 +5,7 @@ import json
 
 from vlab.cli.common import Outcome, finite, progress_bar, text_table
 from vlab.outputs import output_folder, write_manifest
-from vlab.reproduce.measured_correction import GRID_SECTION_33, correct_by_test
+from vlab.reproduce.measured_correction import correct_by_test
 
 PERIOD_S, PERIODS = 100.0, 3
 
@@ -34,9 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reduction", default="guyan", help="how the model is reduced to the sensors: guyan (default) or exact"
     )
     parser.add_argument(
-        "--bearings",
-        action="store_true",
-        help="the coordinates of section 3.3 of the grid: ten joints, and both bearings' rotations by sensors on the plates",
+        "--retain",
+        action="append",
+        metavar="COORDINATE",
+        help="a coordinate of the reduced model, such as v:joint1 or rx:point13; by default those the structure file names",
     )
     parser.add_argument("--out", help="folder for the corrected matrices, the numbers and the MAC as a figure")
 
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             arguments.structure,
             seed=arguments.seed,
             modes=arguments.modes,
-            retained=GRID_SECTION_33 if arguments.bearings else None,
+            retained=arguments.retain,
             spread=arguments.spread,
             noise=arguments.noise,
             reduction=arguments.reduction,
