@@ -1,6 +1,7 @@
 """The command line as others' scripts call it."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -83,6 +84,21 @@ def test_the_same_command_gives_the_same_bits(run_folder, tmp_path):
     assert main(words) == 0
     first, second = (json.loads((p / "manifest.json").read_text()) for p in (run_folder, tmp_path / "again"))
     assert first["recording_sha256"] == second["recording_sha256"]
+
+
+@pytest.mark.slow
+def test_bits_do_not_depend_on_the_number_of_threads(tmp_path):
+    # 221 degrees of freedom: large enough for the linear algebra to be split over threads
+    words = "experiment grid --plant composite --seconds 0.5 --period 0.25 --band 4 30 --out".split()
+    hashes = []
+    for threads in ("1", "2"):
+        out = tmp_path / threads
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        subprocess.run(
+            [sys.executable, "-m", "vlab", *words, str(out)], env=environment, check=True, capture_output=True
+        )
+        hashes.append(json.loads((out / "manifest.json").read_text())["recording_sha256"])
+    assert hashes[0] == hashes[1]
 
 
 def test_modal_test_reads_a_run_folder(capsys, run_folder, tmp_path):

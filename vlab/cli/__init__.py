@@ -7,6 +7,7 @@ goes to stdout and nothing else; progress goes to stderr.
 import argparse
 import importlib
 import json
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -27,6 +28,11 @@ VERBS = {
     "bench": "speed side by side with what a user would use instead",
 }
 """What `vlab` can do; each verb has a module of its name beside this one."""
+
+
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Linear algebra on one thread: sums then have one order, so the same seed gives the same bits on any number of cores, and
+the small matrices here are faster that way."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -56,6 +62,7 @@ def _module(verb: str) -> Any:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
     words = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in words if word in VERBS), None)
     arguments = build_parser(chosen).parse_args(words)
