@@ -89,7 +89,20 @@ def test_the_same_command_gives_the_same_bits(run_folder, tmp_path):
 @pytest.mark.slow
 def test_bits_do_not_depend_on_the_number_of_threads(tmp_path):
     # 221 degrees of freedom: large enough for the linear algebra to be split over threads
-    words = ["experiment", "grid", "--plant", "composite", "--seconds", "0.5", "--period", "0.25", "--band", "4", "30", "--out"]
+    words = [
+        "experiment",
+        "grid",
+        "--plant",
+        "composite",
+        "--seconds",
+        "0.5",
+        "--period",
+        "0.25",
+        "--band",
+        "4",
+        "30",
+        "--out",
+    ]
     hashes = []
     for threads in ("1", "2"):
         out = tmp_path / threads
