@@ -7,9 +7,9 @@ from scipy.linalg import expm
 
 from controllers import DirectRateFeedback
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.bench import _held_means, plan_clock
 from vlab.cases.initial import InitialState, _exponentials
 from vlab.cases.misfit import misfit
+from vlab.cases.playback import _held_means, plan_clock
 from vlab.errors import BadCase, Diverged
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from vlab.cases.bench import Bench, Clock, State, at_timestep, bench_for, plan_clock, play
+from vlab.cases.playback import Bench, Clock, State, at_timestep, bench_for, plan_clock, play
 from vlab.cases.wiring import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.cases.bench import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
 from vlab.cases.initial import InitialState, find_initial_state
+from vlab.cases.playback import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
 from vlab.cases.wiring import Law, Run, compared_with_sensors
 from vlab.plants.base import Plant
 from vlab.signals import Recording
