@@ -89,7 +89,7 @@ def integrate_with_scipy(
     places = list(law.sensors)
     coils = fe.deflections(places).T
     A, B, C, _ = fe.linear.state_matrices(coils, coils.T)
-    added = fe.linear.state_matrices(fe.deflection("base")[:, None], coils.T)[1][:, 0]
+    added = fe.linear.state_matrices(fe.deflection(fe.structure.exciter)[:, None], coils.T)[1][:, 0]
     rate = hardware.converter.rate
     chain = OutputChain(hardware.converter, channels=len(places))
     law.reset()

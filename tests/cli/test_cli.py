@@ -174,6 +174,7 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--level", "inf"], "not a finite number"),
         (["experiment", "beam", "--seed", "-1"], "accepted: whole numbers from 0"),
         (["experiment", "beam", "--noise", "-1"], "is negative"),
+        (["experiment", "beam", "--noise", "nan"], "not finite"),
         (["experiment", "beam", "--excite", "release", "--period", "3"], "has no setting 'period_s'"),
         (["experiment", "beam", "--hardware", "nowhere.toml"], "nowhere.toml"),
         (["experiment"], "required: structure"),

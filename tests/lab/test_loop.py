@@ -188,6 +188,16 @@ def test_release_starts_at_the_static_deflection(modal, fe):
     assert recording["probe:30in"][0] == pytest.approx(static, rel=5e-3)  # compliance of the modes above the twelfth
 
 
+def test_composite_release_starts_at_its_own_static_deflection(composite):
+    # force and reading both go through the smooth curve: the compliance between two ports, symmetric by Maxwell
+    recording = run_experiment(
+        experiment(composite, seconds=0.1, excitation=Release(level=0.1), excite="40in")
+    ).recording
+    rows = composite.port_rows(["40in", "30in"])
+    static = rows[1] @ np.linalg.lstsq(composite.linearise().K, 0.1 * rows[0], rcond=1e-12)[0]
+    assert recording["probe:30in"][0] == pytest.approx(static, rel=1e-5)  # rotations of 1e-3 rad, squared
+
+
 def test_coil_sensor_loses_gain_outside_its_travel(modal, laboratory):
     travel = laboratory.velocity_sensor.linear_range
     assert coil_gain(np.array([0.0, travel / 2, travel]), travel) == pytest.approx([1.0, 1.0, 0.5])

@@ -1,7 +1,7 @@
 """A recording wired to a plant: which channel drives what, which is compared with what, and the law in the loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -116,10 +116,6 @@ class Run:
     def outputs(self) -> Recording:
         """The measured channels that are compared."""
         return self.measured.select([c.channel for c in self.compared])
-
-    def until(self, time: float) -> "Run":
-        """Return the run cut off at a time [s]."""
-        return replace(self, measured=self.measured.between(-np.inf, time))
 
 
 # ---- finding names --------------------------------------------------------------------------------------------------

@@ -9,6 +9,18 @@ SILENT = 1e-6
 """A mode whose motion at every coil is below this share of the largest mode's was not measured: it cannot be driven."""
 
 
+def driven_modes(at_coils: Array) -> Array:
+    """Return the indices of the modes that the coils can drive.
+
+    Parameters
+    ----------
+    at_coils : (n_coils, n_modes) array
+        Mass-normalised mode shapes at the coils.
+    """
+    motion = np.abs(at_coils).max(axis=0)
+    return np.flatnonzero(motion > SILENT * motion.max())
+
+
 def modal_ratios(damping: Damping, at_coils: Array) -> Array:
     """Return the damping ratio of every mode of a model, in its order.
 
@@ -21,8 +33,7 @@ def modal_ratios(damping: Damping, at_coils: Array) -> Array:
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """
-    motion = np.abs(at_coils).max(axis=0)
-    driven = np.flatnonzero(motion > SILENT * motion.max())
+    driven = driven_modes(at_coils)
     zeta = np.full(at_coils.shape[1], damping.higher)
     count = min(len(driven), len(damping.ratios))
     zeta[driven[:count]] = damping.ratios[:count]

@@ -6,7 +6,7 @@ The signal is added to the command of one actuator behind the converter's filter
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -249,8 +249,6 @@ EXCITATIONS: Mapping[str, Callable[..., Any]] = {
     "release": Release,
 }
 """The excitations by name."""
-
-ExcitationName = Literal["multisine", "pseudo-random", "sweep", "stepped-sine", "hammer", "release"]
 
 
 def build_excitation(name: str, **settings: Any) -> Any:

@@ -141,10 +141,10 @@ def _advance(plant: Plant, loop: ControlLoop, steps: int, progress: Callable[[fl
 def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
     """Put the plant where a static force at an actuator holds it, from its linearised stiffness."""
     mujoco.mj_forward(plant.model, data)
-    data.ctrl[actuator] = 1.0
+    data.ctrl[:] = plant.control_matrix[:, actuator]
     mujoco.mj_forward(plant.model, data)
     load = data.qfrc_actuator.copy() * force
-    data.ctrl[actuator] = 0.0
+    data.ctrl[:] = 0.0
     shape = np.linalg.lstsq(plant.linearise().K, load, rcond=1e-12)[0]
     mujoco.mj_integratePos(plant.model, data.qpos, shape, 1.0)
     mujoco.mj_forward(plant.model, data)

@@ -2,7 +2,7 @@
 
 from controllers import Controller, DirectRateFeedback
 from vlab.errors import unknown_name
-from vlab.published import published_tables
+from vlab.published import published_table, published_tables
 from vlab.structure.model import Structure
 
 GAIN_TABLES = {"beam": "7"}
@@ -26,7 +26,5 @@ def published_law(structure: Structure, name: str) -> Controller:
     names = law_names(structure)
     if name not in names:
         raise unknown_name("law", name, names, where=f"structure {structure.name!r}")
-    table = next(
-        t for t in published_tables(structure.name) if t.number == GAIN_TABLES[structure.name] and t.part == name
-    )
+    table = published_table(structure.name, GAIN_TABLES[structure.name], name)
     return DirectRateFeedback(table.si("N s/m"), sensors=table.columns, actuators=table.rows)

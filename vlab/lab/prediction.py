@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
+from scipy.optimize import linear_sum_assignment
 
 from vlab.fe.second_order import Quantity, SecondOrderModel
 from vlab.hardware.laboratory import Converter
@@ -38,8 +39,6 @@ class ClosedLoop:
         Eigenvalues are assigned so that the sum of their distances to the open-loop frequencies, in log frequency, is
         least; a heavily damped mode keeps its place that way.
         """
-        from scipy.optimize import linear_sum_assignment
-
         upper = self.s[self.s.imag > 1e-9]
         freq = np.abs(upper) / (2 * np.pi)
         rows, columns = linear_sum_assignment(np.abs(np.log(freq[None, :] / np.asarray(near_hz)[:, None])))

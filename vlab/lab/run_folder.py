@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -52,8 +53,10 @@ class RunSettings:
         hardware = load_hardware(self.hardware or None)
         if self.rate_hz is not None:
             hardware = hardware.at_rate(self.rate_hz)
-        if self.noise < 0:
-            raise BadExperiment(f"the noise {self.noise} m/s is negative")
+        if not (math.isfinite(self.noise) and self.noise >= 0):
+            raise BadExperiment(
+                f"the noise {self.noise} m/s is negative or not finite; accepted: finite numbers from 0"
+            )
         if self.noise > 0:
             hardware = replace(hardware, velocity_sensor=replace(hardware.velocity_sensor, noise=self.noise))
         if self.seed < 0:

@@ -211,6 +211,40 @@ def named_sensors(structure: Structure) -> list[tuple[str, Sensor]]:
     return [(f"sensor:{s.name}", s) for s in structure.sensor] + [(f"probe:{s.name}", s) for s in structure.probe]
 
 
+def travel_name(sensor: Sensor) -> str:
+    """Return the name of the value that says how far a coil sensor is from its centre."""
+    return f"sensor:{sensor.name}:travel"
+
+
+def sensor_taps(structure: Structure, addresses: Callable[[str], tuple[int, ...]]) -> tuple[SensorTap, ...]:
+    """Return the taps of a structure's sensors and probes, in channel order.
+
+    Parameters
+    ----------
+    addresses : callable
+        Name of a sensor, or of the velocity beside a displacement (``NAME:rate``) -> where its values stand.
+    """
+    return tuple(
+        SensorTap(
+            name=name,
+            at=sensor.name,
+            kind=sensor.kind,
+            unit=SENSOR_UNITS[sensor.kind],
+            addresses=addresses(name),
+            rates=addresses(f"{name}:rate") if sensor.kind == "displacement" else (),
+        )
+        for name, sensor in named_sensors(structure)
+    )
+
+
+def set_options(spec: Any, title: str, *, gravity: float = 0.0) -> None:
+    """Name a spec and set what all structure plants share: semi-implicit Euler, gravity along -z, no contacts."""
+    spec.modelname = title
+    spec.option.gravity = [0.0, 0.0, -gravity]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+
+
 def check_run(model: Any, data: Any, expected_time: float) -> None:
     """Refuse the state of a run that diverged or that MuJoCo reset on its own.
 

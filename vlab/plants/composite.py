@@ -17,12 +17,12 @@ from vlab.errors import BadStructure
 from vlab.fe.damping import modal_ratios
 from vlab.fe.one_mode import one_mode_bar
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical_stiffness
-from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
+from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
 from vlab.plants.chain import Chain, build_chain
-from vlab.plants.dissipation import DampingTendon, with_damping_tendons
+from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
-from vlab.structure.model import Bar, Clamp, Section, Sensor, Structure
+from vlab.structure.model import Bar, Clamp, Section, Structure
 
 UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 OUT = 1
@@ -61,12 +61,9 @@ class _Builder:
         """Return the spec of the undamped structure."""
         self.bar, self.line = self._vertical_bar()
         self.clamp = self._root_clamp()
-        option = self.spec.option
-        option.timestep = self.options.timestep
-        option.gravity = [0.0, 0.0, -self.structure.gravity]
-        option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self.spec.modelname = f"{self.structure.name} composite ({self.variant})"
+        title = f"{self.structure.name} composite ({self.variant})"
+        set_options(self.spec, title, gravity=self.structure.gravity)
+        self.spec.option.timestep = self.options.timestep
         x, z = self.structure.position(self.clamp.at)
         self.root = self.spec.worldbody.add_body(name="clamp", pos=[x, 0.0, z])
         self.spec.worldbody.add_site(name="world")
@@ -279,7 +276,7 @@ class _Builder:
 
         for sensor in self.structure.sensor:  # last, so that their values stand together
             self.spec.add_sensor(
-                name=_travel(sensor),
+                name=travel_name(sensor),
                 type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
                 objtype=mujoco.mjtObj.mjOBJ_SITE,
                 objname=sensor.at,
@@ -295,11 +292,6 @@ class _Builder:
             self.spec.add_sensor(
                 name=full, type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=objtype, objname=target
             )
-
-
-def _travel(sensor: Sensor) -> str:
-    """Name of the value that says how far a coil is from its centre."""
-    return f"sensor:{sensor.name}:travel"
 
 
 def _curve(name: str) -> str:
@@ -334,25 +326,15 @@ def build_composite(
         name="composite",
         model=model,
         spec=with_damping_tendons(spec, damping),
-        dissipation=sum((t.damping * np.outer(t.row, t.row) for t in damping), np.zeros((model.nv, model.nv))),
+        dissipation=dissipation_matrix(damping),
         actuators=tuple(
             ActuatorTap(name=name, at=c.name, controls=(model.actuator(name).id, model.actuator(_curve(name)).id))
             for c in structure.coil
             for name in (f"coil:{c.name}",)
         ),
-        sensors=tuple(
-            SensorTap(
-                name=name,
-                at=sensor.name,
-                kind=sensor.kind,
-                unit=SENSOR_UNITS[sensor.kind],
-                addresses=_addresses(model, name),
-                rates=_addresses(model, f"{name}:rate") if sensor.kind == "displacement" else (),
-            )
-            for name, sensor in named_sensors(structure)
-        ),
+        sensors=sensor_taps(structure, lambda name: _addresses(model, name)),
         ports=_ports(model, structure, variant, builder.curves),
-        travel=slice(model.sensor(_travel(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3)
+        travel=slice(model.sensor(travel_name(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3)
         if structure.sensor
         else slice(0, 0),
         left_out=(
@@ -364,15 +346,12 @@ def build_composite(
 
 
 def _modal_damping(model: Any, structure: Structure, curves: dict[str, dict[str, float]]) -> list[DampingTendon]:
-    """Return the dampers that give the structure's modal ratios: rows phi^T M, damping 2 zeta omega."""
+    """Return the dampers that give the structure's modal ratios."""
     linear = linearise(model)
-    omega, shapes = linear.eigen
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     coils = np.array([_port(model, coil.at, curves[coil.at]).row(data) for coil in structure.coil])
-    zeta = modal_ratios(structure.damping, coils @ shapes)
-    rows = shapes.T @ linear.M
-    return [DampingTendon(f"damping:{j + 1}", rows[j], 2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0]
+    return modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1]))
 
 
 def _addresses(model: Any, name: str) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vlab.errors import BadStructure
+from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 
@@ -30,6 +31,21 @@ class DampingTendon:
     name: str
     row: Array
     damping: float
+
+
+def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[DampingTendon]:
+    """Return the dampers that give a model's modes their ratios: rows phi^T M, damping 2 zeta omega."""
+    omega, shapes = linear.eigen
+    rows = shapes.T @ linear.M
+    return [DampingTendon(f"damping:{j + 1}", rows[j], 2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0]
+
+
+def dissipation_matrix(dampers: list[DampingTendon]) -> Array | None:
+    """Return the damping matrix that the dampers add up to, (nv, nv); None without any."""
+    if not dampers:
+        return None
+    rows = np.array([damper.row for damper in dampers])
+    return np.asarray(rows.T * [damper.damping for damper in dampers] @ rows)
 
 
 def with_damping_tendons(spec: Any, tendons: list[DampingTendon]) -> Any:

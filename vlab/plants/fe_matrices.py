@@ -8,6 +8,7 @@ branches; in the elimination tree the coordinates of an element lie on one branc
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -16,7 +17,7 @@ from scipy import linalg
 
 from vlab.fe.model import FeModel, Piece
 from vlab.plants.base import Plant
-from vlab.plants.dissipation import DampingTendon, with_damping_tendons
+from vlab.plants.dissipation import modal_dampers, with_damping_tendons
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, linear_spec, point_plant
 from vlab.signals import Array
 
@@ -87,13 +88,8 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     order = [
         fe.linear.coordinates.index(model.joint(k).name) for k in range(model.njnt)
     ]  # MuJoCo counts branch by branch
-    omega, shapes = fe.linear.eigen
-    momentum = shapes.T @ fe.linear.M
     listed = [fe.linear.coordinates.index(joint.name) for joint in spec.joints]
-    dampers = [
-        DampingTendon(f"damping:{j + 1}", momentum[j, listed], 2 * fe.linear.zeta[j] * omega[j])
-        for j in range(fe.linear.n)
-    ]
+    dampers = [replace(d, row=d.row[listed]) for d in modal_dampers(fe.linear, fe.linear.zeta)]
     written = with_damping_tendons(spec, dampers)
     slowed = (f"modes above {0.3 / np.sqrt(scaling) / 2 / np.pi:.0f} Hz are slowed",) if scaling else ()
     left_out = (LINEAR, *slowed)

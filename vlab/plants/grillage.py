@@ -12,12 +12,11 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe.damping import modal_ratios
 from vlab.fe.second_order import SecondOrderModel
-from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
-from vlab.plants.dissipation import DampingTendon, with_damping_tendons
-from vlab.plants.grillage_spec import GrillageBuilder, GrillageOptions, in_plane_mask, travel_name
+from vlab.plants.base import ActuatorTap, Plant, Port, sensor_taps, travel_name
+from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
+from vlab.plants.grillage_spec import GrillageBuilder, GrillageOptions, in_plane_mask
 from vlab.plants.linearise import linearise
-from vlab.signals import Array
-from vlab.structure.model import Sensor, Structure
+from vlab.structure.model import Structure
 
 SAMPLE = 5e-4
 """Sample period of the laboratory [s], which the step divides."""
@@ -64,16 +63,16 @@ def build_grillage(
     }
     damping = _modal_damping(linear, structure, ports) if damped else []
     calibrated = not choice.in_plane_moments or choice.moment_boundary_factor != 0.5
-    first = int(model.sensor(travel_name(structure.sensor[0].name)).adr[0]) if structure.sensor else model.nsensordata
+    first = int(model.sensor(travel_name(structure.sensor[0])).adr[0]) if structure.sensor else model.nsensordata
     return Grillage(
         name="composite",
         model=model,
         spec=with_damping_tendons(spec, damping),
-        dissipation=_matrix(damping),
+        dissipation=dissipation_matrix(damping),
         actuators=tuple(
             ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(i,)) for i, c in enumerate(structure.coil)
         ),
-        sensors=tuple(_sensor_tap(model, name, sensor) for name, sensor in named_sensors(structure)),
+        sensors=sensor_taps(structure, lambda name: (int(model.sensor(name).adr[0]),)),
         ports=ports,
         travel=slice(first, model.nsensordata),
         left_out=(
@@ -86,24 +85,6 @@ def build_grillage(
             ),
         ),
     )
-
-
-def _sensor_tap(model: Any, name: str, sensor: Sensor) -> SensorTap:
-    return SensorTap(
-        name=name,
-        at=sensor.name,
-        kind=sensor.kind,
-        unit=SENSOR_UNITS[sensor.kind],
-        addresses=(int(model.sensor(name).adr[0]),),
-        rates=(int(model.sensor(f"{name}:rate").adr[0]),) if sensor.kind == "displacement" else (),
-    )
-
-
-def _matrix(damping: list[DampingTendon]) -> Array | None:
-    if not damping:
-        return None
-    rows = np.array([t.row for t in damping])
-    return np.asarray(rows.T * [t.damping for t in damping] @ rows)
 
 
 def _uncoupled(linear: SecondOrderModel) -> SecondOrderModel:
@@ -121,12 +102,9 @@ def _port(model: Any, name: str, reading: dict[str, float]) -> Port:
 
 
 def _modal_damping(linear: SecondOrderModel, structure: Structure, ports: dict[str, Port]) -> list[DampingTendon]:
-    """Return the dampers that give the structure's modal ratios: rows phi^T M, damping 2 zeta omega."""
-    omega, shapes = linear.eigen
+    """Return the dampers that give the structure's modal ratios."""
     coils = np.array([ports[coil.at].row(None) for coil in structure.coil]).reshape(-1, linear.n)
-    zeta = modal_ratios(structure.damping, coils @ shapes)
-    rows = shapes.T @ linear.M
-    return [DampingTendon(f"damping:{j + 1}", rows[j], 2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0]
+    return modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1]))
 
 
 def _timestep(options: GrillageOptions, limit: float) -> float:

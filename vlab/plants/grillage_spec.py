@@ -19,7 +19,7 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe.mesh import Element, build_mesh
-from vlab.plants.base import named_sensors
+from vlab.plants.base import named_sensors, set_options, travel_name
 from vlab.signals import Array
 from vlab.structure.model import Bar, Section, Structure
 
@@ -104,11 +104,7 @@ class GrillageBuilder:
     def build(self) -> Any:
         """Return the spec of the undamped structure, in equilibrium."""
         self.carrier = self._carrier()
-        option = self.spec.option
-        option.gravity = [0.0, 0.0, -self.structure.gravity]
-        option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self.spec.modelname = f"{self.structure.name} grillage"
+        set_options(self.spec, f"{self.structure.name} grillage", gravity=self.structure.gravity)
         self._beam()
         self._bars()
         self._lumps()
@@ -344,16 +340,11 @@ class GrillageBuilder:
             if sensor.kind == "displacement":
                 self._sensor(f"{name}:rate", "TENDONVEL", sensor.at)
         for sensor in self.structure.sensor:  # last, so that their values stand together
-            self._sensor(travel_name(sensor.name), "TENDONPOS", sensor.at)
+            self._sensor(travel_name(sensor), "TENDONPOS", sensor.at)
 
     def _sensor(self, name: str, kind: str, place: str) -> None:
         kind_code, objtype = getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), mujoco.mjtObj.mjOBJ_TENDON
         self.spec.add_sensor(name=name, type=kind_code, objtype=objtype, objname=f"at:{place}")
-
-
-def travel_name(sensor: str) -> str:
-    """Name of the value that says how far a coil is from its centre."""
-    return f"sensor:{sensor}:travel"
 
 
 def _shear_ratio(section: Section, length: float) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vlab.plants.base import SENSOR_UNITS, ActuatorTap, Plant, Port, SensorTap, named_sensors
+from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -18,11 +18,8 @@ LINEAR = "large motion: the coordinates are those of small motion about equilibr
 def linear_spec(title: str, timestep: float) -> Any:
     """Return an empty spec for coordinates of small motion: no gravity, contacts or constraints, semi-implicit Euler."""
     spec = mujoco.MjSpec()
-    spec.modelname = title
+    set_options(spec, title)
     spec.option.timestep = timestep
-    spec.option.gravity = [0.0, 0.0, 0.0]
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     return spec
 
 
@@ -57,7 +54,7 @@ def add_points(spec: Any, structure: Structure, rows: Mapping[str, Array], joint
             _sensor(spec, name, "TENDONPOS", sensor.at)
             _sensor(spec, f"{name}:rate", "TENDONVEL", sensor.at)
     for sensor in structure.sensor:  # last, so that their values stand together
-        _sensor(spec, f"sensor:{sensor.name}:travel", "TENDONPOS", sensor.at)
+        _sensor(spec, travel_name(sensor), "TENDONPOS", sensor.at)
 
 
 def _sensor(spec: Any, name: str, kind: str, place: str) -> None:
@@ -88,8 +85,8 @@ def point_plant(
     """
     model = spec.compile()
 
-    def address(sensor: str) -> int:
-        return int(model.sensor(sensor).adr[0])
+    def address(sensor: str) -> tuple[int, ...]:
+        return (int(model.sensor(sensor).adr[0]),)
 
     return Plant(
         name=name,
@@ -100,17 +97,7 @@ def point_plant(
             ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,))
             for c in structure.coil
         ),
-        sensors=tuple(
-            SensorTap(
-                name=full,
-                at=sensor.name,
-                kind=sensor.kind,
-                unit=SENSOR_UNITS[sensor.kind],
-                addresses=(address(full),),
-                rates=(address(f"{full}:rate"),) if sensor.kind == "displacement" else (),
-            )
-            for full, sensor in named_sensors(structure)
-        ),
+        sensors=sensor_taps(structure, address),
         travel=slice(model.nsensordata - len(structure.sensor), model.nsensordata),
         ports={point: _port(point, row) for point, row in rows.items()},
         left_out=left_out,

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
 from vlab.fe.second_order import SecondOrderModel
@@ -135,10 +136,9 @@ def cross_check(
     saw them.
     """
     fe = build_reduced_model(structure, model, variant)
-    at_coils = np.abs(fe.coils.T @ fe.linear.eigen[1]).max(axis=0)
     table = next((t for t in published_tables(structure.name) if "analytical" in t.columns), None)
     count = modes if modes is not None else len(table.rows) if table is not None else 6
-    driven = np.flatnonzero(at_coils > SILENT * at_coils.max())[:count]
+    driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])[:count]
     return CrossCheck(
         structure=structure,
         fe=fe,

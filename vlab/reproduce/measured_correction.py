@@ -11,7 +11,7 @@ only follow statically, Guyan's reduction misses one of the three lowest modes, 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
-ReductionName = Literal["guyan", "exact"]
 REDUCTIONS: dict[str, Callable[..., Reduction]] = {"guyan": guyan_reduction, "exact": exact_reduction}
 """The reductions by name; the dissertation's is Guyan's."""
 RELIABLE = 0.9
