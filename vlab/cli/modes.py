@@ -54,7 +54,12 @@ def run(arguments: argparse.Namespace) -> Outcome:
     ]
     headers = ["mode", "measured Hz", "published Hz", "FE Hz"]
     headers += [text for name in plants for text in (f"{name} Hz", "MAC")] + ["zeta"]
-    lines = [f"{structure.title}, variant {arguments.variant}", "", text_table(headers, rows), ""]
+    lines = [
+        f"{structure.title}, variant {arguments.variant}, {arguments.model} FE model",
+        "",
+        text_table(headers, rows),
+        "",
+    ]
     for name, facts in document["plants"].items():
         lines.append(
             f"{name}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
@@ -80,7 +85,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
                     )
                 for file, figure in drawings.items():
                     (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
-            write_manifest(folder, verb="modes", structure=structure.name, variant=arguments.variant)
+            write_manifest(
+                folder, verb="modes", structure=structure.name, variant=arguments.variant, model=arguments.model
+            )
         document["out"] = str(arguments.out)
     return Outcome(document=document, text="\n".join(lines))
 
