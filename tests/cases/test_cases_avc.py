@@ -21,7 +21,7 @@ MOMENT = 179e-12 / 16.4e-12 * 0.02 * (0.003 + 0.00025)
 
 @pytest.fixture(scope="module")
 def rig():
-    return build_mjcf(asset("avc_cantilever/rig.xml"))
+    return build_mjcf(asset("cases/avc_cantilever/rig.xml"))
 
 
 def slope(beta, x):
@@ -82,7 +82,7 @@ def test_the_piezo_pair_is_the_moment_on_its_span(rig):
 
 
 def test_the_free_decay_case_runs_and_drifts_in_phase_only(rig):
-    comparison = compare_case(asset("avc_cantilever/free_decay.toml"), roles=("fit",))
+    comparison = compare_case(asset("cases/avc_cantilever/free_decay.toml"), roles=("fit",))
     (run,) = comparison.runs
     (m,) = run.misfits
     assert run.simulation.initial.how == "estimated"
@@ -98,9 +98,9 @@ def test_the_free_decay_case_runs_and_drifts_in_phase_only(rig):
 
 
 def test_the_amplifiers_limit_is_most_of_the_closed_loop_misfit(tmp_path):
-    case = asset("avc_cantilever/closed_loop_identified_observer.toml")
+    case = asset("cases/avc_cantilever/closed_loop_identified_observer.toml")
     for name in ("rig.xml", "experiment.mat"):
-        (tmp_path / name).write_bytes(asset(f"avc_cantilever/{name}").read_bytes())
+        (tmp_path / name).write_bytes(asset(f"cases/avc_cantilever/{name}").read_bytes())
     text = case.read_text().replace("\nK =", "\nlimit = 120.0\nK =")
     (tmp_path / "case.toml").write_text(text)
     ideal, limited = compare_case(case), compare_case(tmp_path)
@@ -112,6 +112,6 @@ def test_the_amplifiers_limit_is_most_of_the_closed_loop_misfit(tmp_path):
 
 
 def test_the_published_law_runs_too():
-    case = load_case(asset("avc_cantilever/closed_loop.toml"))
+    case = load_case(asset("cases/avc_cantilever/closed_loop.toml"))
     assert [run.role for run in case.runs()] == ["fit", "holdout", "holdout"]
     assert case.runs()[0].law.controller.limit is None
