@@ -103,3 +103,68 @@ def test_findings_do_not_depend_on_the_unit():
     # Powers of two scale without rounding, so that the text may differ but the kinds may not.
     recording = np.clip(signal(), -1.5, 1.5)
     assert kinds(run(recording)) == kinds(run(recording * 2.0**-40)) == kinds(run(recording * 2.0**40))
+
+
+def motion(order):
+    """Return displacement, velocity or acceleration of a sum of tones."""
+    phases = np.random.default_rng(3).uniform(0, 6, 3)
+    tones = [(2 * np.pi * f, phase) for f, phase in zip((5.0, 12.3, 31.7), phases, strict=True)]
+    return sum(w ** (order - 1) * np.sin(w * TIME + phase + order * np.pi / 2) for w, phase in tones)
+
+
+def place(factor_v=1.0, factor_a=1.0, noise=0.0, at="tip"):
+    rng = np.random.default_rng(4)
+    data = np.column_stack([motion(0), motion(1) * factor_v, motion(2) * factor_a])
+    data += noise * data.std(axis=0) * rng.normal(size=data.shape)
+    labels = [("x", "displacement", "m"), ("v", "velocity", "m/s"), ("a", "acceleration", "m/s^2")]
+    channels = [Channel(name=n, kind=kind, unit=unit, at=at) for n, kind, unit in labels]
+    return Recording(time=TIME, data=data, channels=channels)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_derivatives_of_each_other_in_right_units_have_no_findings(noise):
+    assert findings(place(noise=noise)) == ()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (1 / 9.80665, "g taken for m/s^2"),
+        (386.0886, "g taken for in/s^2"),
+        (39.37008, "inch taken for metre"),
+        (2 * np.pi, "Hz taken for rad/s"),
+        (1e-3, "milli left out"),
+    ],
+)
+def test_a_wrong_unit_is_found_by_its_factor(factor, text, noise):
+    found = [f for f in findings(place(factor_a=factor, noise=noise)) if f.kind == "units"]
+    assert {f.channel for f in found} == {"a"}  # beside the velocity and beside the displacement
+    assert len(found) == 2
+    assert all(text in f.text and f.severity == "warning" for f in found)
+
+
+def test_a_factor_that_no_unit_explains_is_a_note_and_a_flipped_sensor_a_warning():
+    (one, two) = findings(place(factor_v=1.7))
+    assert (one.kind, one.severity) == ("units", "note")
+    assert "1.7 times the derivative of x" in one.text
+    assert "0.588 times the derivative of v" in two.text
+    assert kinds(place(factor_v=-1.0)) == [("v", "sign", "warning"), ("a", "sign", "warning")]
+
+
+def test_channels_of_other_places_or_other_motions_are_not_compared():
+    assert findings(place(factor_a=9.80665, at="")) == ()
+    other = Recording(
+        time=TIME,
+        data=np.column_stack([motion(0), signal(5)]),
+        channels=[
+            Channel(name="x", kind="displacement", unit="m", at="tip"),
+            Channel(name="v", kind="velocity", unit="m/s", at="tip"),
+        ],
+    )
+    assert findings(other) == ()
+
+
+def test_a_duplicate_in_another_unit_names_the_unit():
+    (found,) = [f for f in findings(run(signal(), 39.37008 * signal())) if f.kind == "duplicate"]
+    assert "times 39.3701, offset aside (as if inch taken for metre" in found.text

@@ -11,7 +11,7 @@ from vlab.errors import BadRecording, OutputRefused
 from vlab.recordings import open_table, read_recording, write_recording
 from vlab.signals import Channel, Recording
 
-SUFFIXES = ("csv", "parquet")
+SUFFIXES = ("csv", "parquet", "mat")
 CHANNELS = (
     Channel(name="u:base", kind="command", unit="N", at="base", is_input=True),
     Channel(name="sensor:base", kind="velocity", unit="m/s", at="base"),
@@ -77,8 +77,8 @@ def test_arrays_in_the_notes_become_lists_and_objects_are_refused(tmp_path, suff
 
 
 def test_other_suffixes_and_folders_are_refused(tmp_path):
-    with pytest.raises(BadRecording, match=r"accepted: \.parquet, \.csv"):
-        write_recording(recording(), tmp_path / "run.mat")
+    with pytest.raises(BadRecording, match=r"accepted: \.parquet, \.csv, \.mat, \.uff"):
+        write_recording(recording(), tmp_path / "run.npz")
     with pytest.raises(OutputRefused, match="cannot be written"):
         write_recording(recording(), tmp_path / "missing" / "run.csv")
     with pytest.raises(BadRecording, match="'time'"):
@@ -154,7 +154,11 @@ def test_a_flipped_bit_in_parquet_samples_is_found_by_the_checksum(tmp_path):
     ("damage", "match"),
     [
         (lambda t: t.drop_columns(["time"]), "'time' is missing"),
-        (lambda t: t.set_column(0, t.schema.field(0), pa.array([0.0] * 50)), "do not increase at sample 1"),
+        (
+            lambda t: t.set_column(0, pa.field("time", pa.float64()), pa.array([0.0] * 50)),
+            "do not increase at sample 1",
+        ),
+        (lambda t: t.set_column(0, t.schema.field(0), pa.array([0.0] * 50)), "'time' are not those that were written"),
         (lambda t: t.set_column(1, t.schema.field(1), pa.array([float("nan")] * 50)), "NaN at sample 0"),
         (lambda t: t.replace_schema_metadata({"vlab-recording": "2", "meta": "{}"}), "update vlab"),
         (lambda t: t.replace_schema_metadata({"vlab-recording": "1", "meta": "[]"}), "not a JSON table"),

@@ -135,7 +135,7 @@ def to_recording(
         Rate and time both or neither given, unequal lengths, complex columns, times that do not increase, or fewer than
         two samples in the window.
     BadUnit
-        A unit that is unknown or does not fit its kind.
+        A unit that is unknown, does not fit its kind or is not the one that the file states.
     UnknownName
         A column that is not in the file.
     """
@@ -143,9 +143,11 @@ def to_recording(
         raise refuse(table.path, "no column was chosen", fix="describe at least one channel")
     data, channels = [], []
     for spec in columns:
-        values = _real(table, spec.column)
+        values = table.real(spec.column)
         try:
             channel, factor = spec.channel_and_factor()
+            if spec.scale is None:
+                table.check_unit(spec.column, spec.unit, channel.unit)
         except BadUnit as error:
             raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
         with np.errstate(over="ignore"):  # an overflow is found as a sample that is not finite
@@ -176,17 +178,6 @@ def _check_lengths(
             raise refuse(table.path, what, fix="they were not sampled together")
 
 
-def _real(table: Table, name: str) -> Array:
-    values = table[name]
-    if np.iscomplexobj(values):
-        raise refuse(
-            table.path,
-            f"column {name!r} is complex",
-            fix="a frequency response is described in [[frf]], not as a recording",
-        )
-    return values
-
-
 def _times(table: Table, first: str, rate_hz: float | None, time: str | None, time_unit: str) -> Array:
     if (rate_hz is None) == (time is None):
         given = "neither a rate nor a time column is" if rate_hz is None else "a rate and a time column are both"
@@ -197,7 +188,8 @@ def _times(table: Table, first: str, rate_hz: float | None, time: str | None, ti
         )
     if time is not None:
         try:
-            return np.asarray(_real(table, time) * units.factor(time_unit, "s"))
+            table.check_unit(time, time_unit, "s")
+            return np.asarray(table.real(time) * units.factor(time_unit, "s"))
         except BadUnit as error:
             raise BadUnit(f"{one_line(table.path)}: time column {one_line(time)!r}: {error}") from error
     if rate_hz is None or not (np.isfinite(rate_hz) and rate_hz > 0):

@@ -313,7 +313,7 @@ def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecordi
 # ------------------------------------------------------------------------------------------------- vlab's own form
 
 
-def write_csv(recording: Recording, path: PathLike) -> None:
+def write_csv(recording: Recording, path: PathLike) -> tuple[str, ...]:
     """Write a recording as labelled CSV; see `vlab.recordings.write_recording`."""
     lines = [
         f"# {_SIGNATURE} {FORMAT_VERSION}",
@@ -337,6 +337,7 @@ def write_csv(recording: Recording, path: PathLike) -> None:
         for start in range(0, len(recording), 16384):
             block = np.column_stack([recording.time[start : start + 16384], recording.data[start : start + 16384]])
             stream.write(("\n".join(",".join(map(repr, row)) for row in block.tolist()) + "\n").encode())
+    return ()
 
 
 def _header(channels: Sequence[Channel]) -> list[str]:

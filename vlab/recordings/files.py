@@ -13,6 +13,9 @@ from vlab.errors import BadRecording, OutputRefused
 MAX_BYTES = 2 * 1024**3
 """Largest file that is opened and largest content that is unpacked from one [bytes]; a recording is held in memory."""
 
+_ALWAYS = 64 * 1024**2  # bytes that any file may unpack to: half a second of work
+_RATIO = 200  # bytes out of one packed byte; a recording of mostly silent channels is below, a bomb is at 1000
+
 PathLike = str | os.PathLike[str]
 
 
@@ -28,6 +31,11 @@ def one_line(text: object, *, longest: int = 400) -> str:
 def refuse(path: PathLike, what: str, *, fix: str = "") -> BadRecording:
     """Build the one-line error of a file: which, what is wrong with it, and the likely fix."""
     return BadRecording(one_line(path) + ": " + one_line(what) + ("; " + one_line(fix) if fix else ""))
+
+
+def unpacked_limit(n_bytes: int) -> int:
+    """Return how many bytes a packed file of `n_bytes` may unpack to; more is a bomb, not a recording."""
+    return min(MAX_BYTES, max(_ALWAYS, _RATIO * n_bytes))
 
 
 def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:

@@ -1,9 +1,13 @@
 """Parquet: vlab's native run format, and the numeric columns of anyone else's files.
 
 A run is a ``time`` column [s] and one float64 column a channel; kind, unit, place and direction stand in the metadata of
-each field, the format version and the notes in that of the file. Pages carry checksums, so that a flipped bit is found.
+each field, the format version and the notes in that of the file. Pages carry checksums; the heads of pages do not, and a flipped bit
+in one can change how the samples are unpacked, so that the columns have checksums of their own.
 """
 
+import hashlib
+import json
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,20 +32,23 @@ from vlab.recordings.table import (
 from vlab.signals import Channel, Recording
 
 
-def write_parquet(recording: Recording, path: PathLike) -> None:
+def write_parquet(recording: Recording, path: PathLike) -> tuple[str, ...]:
     """Write a recording as Parquet; see `vlab.recordings.write_recording`."""
     if "time" in recording.names:
         raise refuse(path, "a channel is named 'time', which is the name of the time stamps", fix="rename the channel")
-    fields = [pa.field("time", pa.float64(), nullable=False, metadata={"unit": "s"})]
-    for channel in recording.channels:
+    time = {"unit": "s", "crc32": _checksum(recording.time)}
+    fields = [pa.field("time", pa.float64(), nullable=False, metadata=time)]
+    for i, channel in enumerate(recording.channels):
         labels = {
             "kind": channel.kind,
             "unit": channel.unit,
             "at": channel.at,
             "input": "input" if channel.is_input else "output",
+            "crc32": _checksum(recording.data[:, i]),
         }
         fields.append(pa.field(channel.name, pa.float64(), nullable=False, metadata=labels))
     notes = {"vlab-recording": str(FORMAT_VERSION), "meta": meta_to_json(recording.meta, path)}
+    notes["sha256"] = _digest(recording.channels, notes["meta"], len(recording))
     try:
         schema = pa.schema(fields, metadata=notes)
     except UnicodeEncodeError as error:
@@ -50,6 +57,17 @@ def write_parquet(recording: Recording, path: PathLike) -> None:
     with written_whole(path) as stream:
         table = pa.Table.from_arrays([pa.array(values) for values in columns], schema=schema)
         pq.write_table(table, stream, compression="zstd", use_dictionary=False, write_page_checksum=True)
+    return ()
+
+
+def _checksum(values: Any) -> str:
+    return f"{zlib.crc32(np.ascontiguousarray(values, dtype='<f8').data):08x}"
+
+
+def _digest(channels: Sequence[Channel], meta: str, rows: int) -> str:
+    """Return the fingerprint of the labels; the other checksums are those of the samples."""
+    labels = [[c.name, c.kind, c.unit, c.at, c.is_input] for c in channels]
+    return hashlib.sha256(json.dumps([labels, meta, rows]).encode()).hexdigest()
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
@@ -61,11 +79,9 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     if len(schema.names) > MAX_COLUMNS:
         raise refuse(path, f"the file declares {len(schema.names)} columns, at most {MAX_COLUMNS} are read")
     refused, wanted = _choose(schema, columns)
-    declared = rows * 8 * len(wanted)
-    if rows < 1 or declared > files.MAX_BYTES:
-        raise refuse(
-            path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {files.MAX_BYTES} bytes are read"
-        )
+    declared, limit = rows * 8 * len(wanted), files.unpacked_limit(len(data))
+    if rows < 1 or declared > limit:
+        raise refuse(path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {limit} bytes are read")
     table = file.read(columns=wanted, use_threads=False)
     found: dict[str, Any] = {}
     for name in wanted:
@@ -89,6 +105,15 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     if columns is None and "time" not in found:
         raise refuse(path, "the column 'time' is missing", fix="the file is damaged")
     channels = tuple(_channel(schema.field(name), path) for name in found if name != "time")
+    if any(schema.field(name).type != pa.float64() for name in found):
+        raise refuse(path, "a column of a vlab recording is not of doubles", fix="the file was edited or is damaged")
+    for name, values in found.items():
+        checksum = (schema.field(name).metadata or {}).get(b"crc32", b"").decode(errors="replace")
+        if checksum not in ("", _checksum(values)):
+            raise refuse(path, f"the samples of {name!r} are not those that were written", fix="the file is damaged")
+    is_whole = len(found) == len(schema.names)
+    if is_whole and metadata.get("sha256", "") not in ("", _digest(channels, metadata.get("meta", ""), rows)):
+        raise refuse(path, "the labels are not those that were written", fix="the file was edited or is damaged")
     return Table(path=path, columns=found, meta=read_meta(metadata.get("meta", ""), path), channels=channels)
 
 

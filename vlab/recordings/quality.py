@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vlab.recordings.consistency import NEAR, known_factor, mismatches
 from vlab.signals import Array, Channel, Recording
 
 CLIPPED_RUN = 3
@@ -31,7 +32,7 @@ class Finding:
     channel : str
         The channel, or ``"time"``, or empty where it concerns all.
     kind : str
-        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held`` or ``quantisation``.
+        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``units`` or ``sign``.
     text : str
         What was seen, where, how much.
     severity : {"note", "warning"}
@@ -46,19 +47,26 @@ class Finding:
 
 def findings(recording: Recording) -> tuple[Finding, ...]:
     """Return what looks wrong with a recording: time stamps, then channels, then pairs of channels."""
-    found = list(_time(recording))
+    with np.errstate(all="ignore"):  # of the largest and smallest doubles; nothing is found in what overflows
+        return tuple(_findings(recording))
+
+
+def _findings(recording: Recording) -> Iterator[Finding]:
+    yield from _time(recording)
     moving = []
     for i, channel in enumerate(recording.channels):
         values = recording.data[:, i]
         if values.min() == values.max():
             text = f"{channel.name} is {values[0]:g} {channel.unit} throughout"
-            found.append(Finding(channel.name, "constant", text, "warning"))
+            yield Finding(channel.name, "constant", text, "warning")
             continue
         moving.append(i)
         step = _step(values)
-        found += _clipping(recording, i, step)
-        found += _quantisation(recording, i, step)
-    return (*found, *_held(recording, moving), *_duplicates(recording, moving))
+        yield from _clipping(recording, i, step)
+        yield from _quantisation(recording, i, step)
+    yield from _held(recording, moving)
+    yield from _duplicates(recording, moving)
+    yield from _derivatives(recording, moving)
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -76,7 +84,7 @@ def _time(recording: Recording) -> Iterator[Finding]:
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > 1.5 * usual)
     if gaps.size:
-        lost = int(np.sum(np.rint(steps[gaps] / usual) - 1))
+        lost = int(np.sum(np.rint(np.minimum(steps[gaps] / usual, 1e12)) - 1))
         where = f"the first after t = {recording.time[gaps[0]]:g} s"
         text = f"{_count(gaps.size, 'gap')} in the time stamps, about {lost} samples lost, {where}"
         yield Finding("time", "gap", text, "warning")
@@ -181,5 +189,23 @@ def _duplicates(recording: Recording, moving: list[int]) -> Iterator[Finding]:
             text = f"{other.name} has the same samples as {one.name}"
         else:
             factor = correlation[i, k] * np.std(data[:, k]) / np.std(data[:, i])
+            mistake = known_factor(factor)
             text = f"{other.name} is {one.name} times {factor:.6g}, offset aside"
+            text += f" (as if {mistake})" if mistake else ""
         yield Finding(other.name, "duplicate", text, "note" if _drives(one) or _drives(other) else "warning")
+
+
+def _derivatives(recording: Recording, moving: list[int]) -> Iterator[Finding]:
+    """Find channels of one place of which one is the other's derivative but for a factor or a sign."""
+    for first, second, ratio in mismatches(recording, moving):
+        one, other = recording.channels[first], recording.channels[second]
+        order = "second derivative" if "accel" in other.kind and "veloc" not in one.kind else "derivative"
+        text = f"{other.name} is {abs(ratio):.3g} times the {order} of {one.name}"
+        mistake = known_factor(ratio)
+        if abs(abs(ratio) - 1) > 2 * NEAR:
+            why = f", as if {mistake}" if mistake else "; no unit that is often mistaken explains it"
+            yield Finding(other.name, "units", text + why, "warning" if mistake else "note")
+        if ratio < 0:
+            yield Finding(
+                other.name, "sign", f"{other.name} has the opposite sign of the {order} of {one.name}", "warning"
+            )

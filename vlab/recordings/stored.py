@@ -1,20 +1,31 @@
-"""vlab's own recordings on disk: exact in Parquet and in CSV, labels, units and notes included."""
+"""vlab's own recordings on disk: exact in Parquet, CSV and MAT, labels, units and notes included; UFF 58 says what it loses."""
 
 from pathlib import Path
 
 import numpy as np
 
 from vlab.errors import BadRecording
-from vlab.recordings import csv, parquet
+from vlab.recordings import csv, mat, parquet, uff
 from vlab.recordings.files import PathLike, refuse
 from vlab.recordings.table import open_table
 from vlab.signals import Recording
 
-WRITERS = {".parquet": parquet.write_parquet, ".csv": csv.write_csv}
+WRITERS = {
+    ".parquet": parquet.write_parquet,
+    ".csv": csv.write_csv,
+    ".mat": mat.write_mat,
+    ".uff": uff.write_uff,
+    ".unv": uff.write_uff,
+}
 
 
-def write_recording(recording: Recording, path: PathLike) -> None:
-    """Write a recording to ``.parquet`` (native) or ``.csv``, whole or not at all.
+def write_recording(recording: Recording, path: PathLike) -> tuple[str, ...]:
+    """Write a recording to ``.parquet`` (native), ``.csv``, ``.mat`` (version 5) or ``.uff`` (58b), whole or not at all.
+
+    Returns
+    -------
+    tuple of str
+        What `read_recording` will not give back; empty where the file holds the recording exactly.
 
     Raises
     ------
@@ -26,7 +37,7 @@ def write_recording(recording: Recording, path: PathLike) -> None:
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise refuse(path, f"recordings are not written as {suffix!r}", fix=f"accepted: {', '.join(WRITERS)}")
-    WRITERS[suffix](recording, path)
+    return WRITERS[suffix](recording, path)
 
 
 def read_recording(path: PathLike, *, folder: PathLike | None = None) -> Recording:

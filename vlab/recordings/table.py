@@ -3,6 +3,7 @@
 import difflib
 import importlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from vlab.errors import BadRecording, VlabError, unknown_name
+from vlab import units
+from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
 from vlab.recordings.files import PathLike, one_line, read_guarded, refuse
 from vlab.signals import Channel
 
@@ -20,11 +22,21 @@ READERS = {
     ".csv": "vlab.recordings.csv",
     ".parquet": "vlab.recordings.parquet",
     ".mat": "vlab.recordings.mat",
+    ".npz": "vlab.recordings.npz",
+    ".h5": "vlab.recordings.hdf5",
+    ".hdf5": "vlab.recordings.hdf5",
+    ".uff": "vlab.recordings.uff",
+    ".unv": "vlab.recordings.uff",
+    ".tdms": "vlab.recordings.tdms",
 }
 """Suffix -> module with ``read(data, path, *, names, columns) -> Table``, imported when first needed."""
 
 MAX_COLUMNS = 10_000
 """More columns than any recording has; a file that declares more is damaged or hostile."""
+
+UNIT_SIGNS = str.maketrans({"²": "^2", "³": "^3", "·": " ", "µ": "u", "μ": "u"})
+"""How other programs write units, as `vlab.units` reads them."""
+_GRAVITY = re.compile(r"\bg\b")  # beside an acceleration, not a gram
 
 FORMAT_VERSION = 1
 """Version of vlab's own files; a reader refuses files that are newer than itself."""
@@ -48,6 +60,8 @@ class Table:
         Text and notes of the file itself.
     channels : tuple of Channel or None
         The labels, where the file is vlab's own.
+    units : mapping of str to str
+        The units of columns as the file itself states them, not checked.
 
     Raises
     ------
@@ -61,6 +75,7 @@ class Table:
     notes: tuple[str, ...] = ()
     meta: Mapping[str, Any] = field(default_factory=dict)
     channels: tuple[Channel, ...] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         columns = {}
@@ -84,6 +99,7 @@ class Table:
         object.__setattr__(self, "columns", MappingProxyType(columns))
         object.__setattr__(self, "refused", MappingProxyType(dict(self.refused)))
         object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
+        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,6 +113,48 @@ class Table:
             raise refuse(self.path, f"{name!r} cannot be a column: {self.refused[name]}")
         known = self.names if len(self.columns) <= 40 else difflib.get_close_matches(name, self.names, n=40, cutoff=0.0)
         raise unknown_name("column", name, map(one_line, known), where=one_line(self.path))
+
+    def real(self, name: str) -> NDArray[Any]:
+        """Return a column where only real numbers make sense.
+
+        Raises
+        ------
+        BadRecording
+            The column is complex.
+        UnknownName
+            There is no such column.
+        """
+        values = self[name]
+        if np.iscomplexobj(values):
+            fix = "a frequency response is described in [[frf]], not as a recording"
+            raise refuse(self.path, f"column {name!r} is complex", fix=fix)
+        return values
+
+    def check_unit(self, name: str, unit: str, si: str) -> None:
+        """Hold a given unit against the one that the file itself states for a column, where it states a known one.
+
+        Raises
+        ------
+        BadUnit
+            They differ, in dimension or by a factor.
+        """
+        stated = self.units.get(name, "").translate(UNIT_SIGNS)
+        if "m/s^2" in si:
+            stated = _GRAVITY.sub("g_0", stated)
+        try:
+            units.factor(stated, stated)
+        except BadUnit:
+            return  # counts, volts per division and the like: only the given unit says what they are
+        if not stated or "EU" in stated:  # engineering units: any
+            return
+        given = units.factor(unit, si)
+        other = units.factor(stated, si) if units.same_dimension(stated, si) else None
+        if other is None or abs(given / other - 1) > 1e-6:
+            ratio = "another dimension" if other is None else f"a factor of {given / other:.6g}"
+            raise BadUnit(
+                f"the file states {one_line(self.units[name])!r} and the description {unit!r}, {ratio} between them; "
+                "correct the description, or give a scale where the file is wrong"
+            )
 
 
 def open_table(

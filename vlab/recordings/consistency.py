@@ -1,0 +1,93 @@
+"""Channels of one place that should be derivatives of each other: a factor between them betrays a wrong unit or sign."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlab.signals import Recording
+
+FACTORS = {
+    9.80665: "g taken for m/s^2, or back",
+    386.0886: "g taken for in/s^2, or back",
+    39.37008: "inch taken for metre, or back",
+    3.28084: "foot taken for metre, or back",
+    25.4: "inch taken for millimetre, or back",
+    4.448222: "pound-force taken for newton, or back",
+    2 * np.pi: "Hz taken for rad/s, or back",
+    180 / np.pi: "degree taken for radian, or back",
+    100.0: "centimetre taken for metre, or per cent for a ratio",
+    1000.0: "milli left out, or put in twice",
+    1e6: "micro left out, or milli twice",
+}
+"""Factors by which a recording is off where a unit was mistaken."""
+
+NEAR = 0.03
+"""Relative distance from a known factor at which it is named: the calibration of an ordinary sensor."""
+
+_FAMILIES = (
+    ("displacement", "velocity", "acceleration"),
+    ("angle", "angular-velocity", "angular-acceleration"),
+)
+_SHORTEST = 64  # samples below which a spectrum says nothing
+_STRONG = 0.1  # of the strongest line: what is below is noise, which a derivative raises
+_ALIKE = 0.95  # coherence above which two channels are one motion
+
+
+class Mismatch(NamedTuple):
+    """Two channels of one place, and by what the second is off from the derivative of the first."""
+
+    first: int
+    second: int
+    ratio: float
+
+
+def known_factor(ratio: float) -> str:
+    """Return what mistake of units would explain a ratio, or nothing."""
+    size = abs(ratio)
+    for factor, text in FACTORS.items():
+        if min(abs(size / factor - 1), abs(size * factor - 1)) < NEAR:
+            return text
+    return ""
+
+
+def mismatches(recording: Recording, moving: list[int]) -> Iterator[Mismatch]:
+    """Yield the pairs of channels of one place that are derivatives of each other but for a factor that is not 1."""
+    if len(recording) < _SHORTEST or not recording.is_uniform:
+        return
+    channels = recording.channels
+    spectra: dict[int, NDArray[Any]] = {}
+    omega = 2 * np.pi * np.fft.rfftfreq(len(recording), 1 / recording.rate)
+    inside = (omega > 3 * omega[1]) & (omega < 0.8 * omega[-1])  # clear of the window's width and of the Nyquist line
+    if not inside.any():
+        return
+    for family in _FAMILIES:
+        for low, high in ((0, 1), (1, 2), (0, 2)):
+            for i in (k for k in moving if channels[k].kind == family[low] and channels[k].at):
+                for j in (k for k in moving if channels[k].kind == family[high] and channels[k].at == channels[i].at):
+                    for k in (i, j):
+                        if k not in spectra:
+                            spectra[k] = _spectrum(recording.data[:, k])[inside]
+                    ratio = _ratio(spectra[i] * (1j * omega[inside]) ** (high - low), spectra[j])
+                    if ratio is not None and abs(ratio - 1) > 2 * NEAR:
+                        yield Mismatch(i, j, ratio)
+
+
+def _spectrum(values: NDArray[Any]) -> NDArray[Any]:
+    centred = values - values.mean()
+    return np.fft.rfft(centred / np.abs(centred).max() * np.hanning(values.size)) * np.abs(centred).max()
+
+
+def _ratio(expected: NDArray[Any], measured: NDArray[Any]) -> float | None:
+    """Return the real factor between two spectra, or None where they are not one motion."""
+    sizes = np.abs(expected), np.abs(measured)
+    strong = (sizes[0] > _STRONG * sizes[0].max()) & (sizes[1] > _STRONG * sizes[1].max())
+    x, y = expected[strong], measured[strong]
+    power, cross = np.vdot(x, x).real, np.vdot(x, y)
+    coherence = np.abs(cross) ** 2 / (
+        power * np.vdot(y, y).real
+    )  # numpy's: not a number of nothing, which is not alike
+    if not coherence > _ALIKE or abs(cross.imag) > abs(cross.real):
+        return None
+    return float(cross.real / power)

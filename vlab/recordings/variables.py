@@ -1,0 +1,136 @@
+"""The variables of a file that names its own (MAT, NPZ, HDF5, TDMS) as columns: structs and matrices taken apart by name."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlab.recordings.table import MAX_COLUMNS, Table, not_finite
+
+_WIDEST = 1000  # columns of one matrix; more is an image or a map
+_WHOLE = 2**53  # the largest integer up to which a double counts
+
+
+class Damaged(Exception):
+    """The bytes of a file are not what its headers declare."""
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """Something in a file that is no number and no text, and why."""
+
+    what: str
+
+
+def to_float(values: NDArray[Any]) -> NDArray[Any] | str:
+    """Return numbers as float64 or complex128 without loss, or the reason why they are none."""
+    kind, size = values.dtype.kind, values.dtype.itemsize
+    if kind not in "biufc":
+        return f"it holds {values.dtype}, not numbers; a time must be in seconds"
+    if kind in "iu" and size == 8 and values.size and (int(values.max()) > _WHOLE or int(values.min()) < -_WHOLE):
+        return "it has numbers beyond the precision of a float; subtract the start of a clock"
+    with np.errstate(all="ignore"):  # what does not fit is found by the comparison
+        wide = values.astype(complex if kind == "c" else float)
+    if size > wide.dtype.itemsize and not np.array_equal(wide.astype(values.dtype), values, equal_nan=True):
+        return f"it has numbers of {8 * size} bits beyond the precision of a float; save it as double"
+    return wide
+
+
+@dataclass
+class Variables:
+    """The columns so far, and what cannot be one.
+
+    A vector is a column. The samples of a matrix run along its longest axis, the first among equals; its other axes
+    number the columns: ``y_1``, ``y_2`` or, of three axes, ``H_1_2``. A struct array is numbered likewise: ``run_2.y``.
+    """
+
+    columns: dict[str, NDArray[Any]] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    meta: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    def add(self, name: str, value: Any) -> None:
+        """File a value under its name: an array, a text, a dict of fields, a list of cells or `Skipped`.
+
+        Raises
+        ------
+        Damaged
+            More variables than any recording has.
+        """
+        if len(self.columns) + len(self.refused) > MAX_COLUMNS:
+            raise Damaged(f"more than {MAX_COLUMNS} variables")
+        if name in self.columns or name in self.refused or name in self.meta:
+            self.columns.pop(name, None)
+            self.meta.pop(name, None)
+            self.refused[name] = "two things in the file have this name"
+        elif isinstance(value, dict):
+            self._group(name, "a struct", {f"{name}.{key}": part for key, part in value.items()})
+        elif isinstance(value, list):
+            self._group(name, "a struct or cell array", {f"{name}_{i}": part for i, part in enumerate(value, start=1)})
+        elif isinstance(value, str):
+            self.meta[name] = value
+        elif isinstance(value, Skipped):
+            self.refused[name] = f"it is {value.what}"
+            self.notes.append(f"{name}: {value.what} skipped")
+        else:
+            self._array(name, value)
+
+    def table(self, path: Path, columns: Sequence[str] | None) -> Table:
+        """Return the table; of the columns only those asked for, where some are there."""
+        chosen = self.columns if columns is None else {k: v for k, v in self.columns.items() if k in columns}
+        kept = chosen or self.columns
+        return Table(
+            path=path,
+            columns=kept,
+            refused=self.refused,
+            notes=tuple(self.notes),
+            meta=self.meta,
+            units={name: unit for name, unit in self.units.items() if name in kept},
+        )
+
+    def _group(self, name: str, what: str, parts: dict[str, Any]) -> None:
+        self.refused[name] = (
+            f"it is {what}; name what is in it, such as {next(iter(parts))!r}"
+            if parts
+            else f"it is {what} with nothing in it"
+        )
+        for key, part in parts.items():
+            if name in self.units:
+                self.units[key] = self.units[name]
+            self.add(key, part)
+
+    def _array(self, name: str, raw: NDArray[Any]) -> None:
+        value = to_float(raw if raw.ndim else raw.reshape(1))
+        if isinstance(value, str):
+            self.refused[name] = value
+            return
+        size, shape = value.size, " x ".join(map(str, value.shape))
+        if not size:
+            self.refused[name] = f"it is empty ({shape})"
+            return
+        longest = int(np.argmax(value.shape))
+        table = np.moveaxis(value, longest, 0)
+        others = table.shape[1:]
+        if math.prod(others) == 1:
+            if np.isfinite(value).all():
+                self.columns[name] = np.ascontiguousarray(table.reshape(-1))
+            else:
+                self.refused[name] = not_finite(table.reshape(-1))
+            return
+        if math.prod(others) > _WIDEST:
+            self.refused[name] = f"it is a matrix of {shape}; more than {_WIDEST} columns are not read"
+            return
+        used = [axis for axis, length in enumerate(others) if length > 1]
+        parts = {}
+        for index in np.ndindex(others):
+            parts["_".join([name, *(str(index[axis] + 1) for axis in used)])] = np.ascontiguousarray(
+                table[(slice(None), *index)]
+            )
+        if longest:
+            self.notes.append(f"{name}: {shape} matrix, its samples are taken along axis {longest + 1}")
+        self._group(name, f"a {shape} matrix", parts)
