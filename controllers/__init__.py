@@ -5,6 +5,7 @@ A law is any object of the form `Controller`; `vlab experiment` puts it into the
 
 from controllers.base import Controller
 from controllers.direct_rate_feedback import DirectRateFeedback
+from controllers.linear import LinearController, LinearLaw
 from controllers.observer_feedback import ObserverFeedback
 
-__all__ = ["Controller", "DirectRateFeedback", "ObserverFeedback"]
+__all__ = ["Controller", "DirectRateFeedback", "LinearController", "LinearLaw", "ObserverFeedback"]

@@ -13,10 +13,14 @@ from vlab.errors import BadController
 class Controller(Protocol):
     """A discrete control law: samples in, commands out, once a sample.
 
+    A user's own law has this form, too (`controllers.user_law`): two attributes and two methods. A law that was made for
+    one sampling rate says so with a further attribute `rate` [Hz] and is refused in a loop of another; one that is linear
+    may say its matrices (`controllers.linear.LinearController`), so that theory can predict its loop.
+
     Parameters
     ----------
     sensors, actuators : sequence of str
-        The places it is wired to, in the order of y and u.
+        The places it is wired to, in the order of y and u: names of coils and sensors, such as ``("40in", "base")``.
     """
 
     sensors: tuple[str, ...]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.base import as_gain_matrix
+from controllers.linear import Matrices
 
 
 class DirectRateFeedback:
@@ -29,6 +30,12 @@ class DirectRateFeedback:
         self.sensors, self.actuators = tuple(sensors), tuple(actuators)
         self.gains = as_gain_matrix(gains, rows=self.actuators, columns=self.sensors, name="the gain matrix D")
         self._negative = -self.gains
+
+    @property
+    def matrices(self) -> Matrices:
+        """A, B, C, D of a law without states: D is -D of (4.30)."""
+        rows, columns = self.gains.shape
+        return np.zeros((0, 0)), np.zeros((0, columns)), np.zeros((rows, 0)), self._negative
 
     def reset(self) -> None:
         """Nothing to forget: the law has no memory."""

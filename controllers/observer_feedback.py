@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.base import as_gain_matrix
+from controllers.linear import Matrices
 from vlab.errors import BadController
 
 
@@ -53,6 +54,11 @@ class ObserverFeedback:
             raise BadController(f"the limit {limit} is not a positive number; leave it out for none")
         self.limit = limit
         self.reset()
+
+    @property
+    def matrices(self) -> Matrices:
+        """A, B, C, D of the law while no command is at its limit."""
+        return self.A - self.B @ self.K - self.M @ self.C, self.M, -self.K, np.zeros((len(self.K), len(self.C)))
 
     def reset(self) -> None:
         """Start from a zero estimate."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from controllers import Controller
+from controllers import Controller, LinearLaw
+from vlab.bench_designs import design_timings
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.output_chain import OutputChain
@@ -16,6 +17,8 @@ from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
 from vlab.lab.laws import published_law
 from vlab.plants import build_plant
+from vlab.plants.modal import build_modal
+from vlab.reproduce.study import Study
 from vlab.signals import Array
 from vlab.structure import load_structure
 
@@ -25,14 +28,14 @@ OURS_S, PEER_S = 10.0, 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One comparison; times are elapsed seconds per simulated second."""
+    """One comparison; times are elapsed seconds per simulated second, or per design, which has no real-time factor."""
 
     work: str
     ours_s: float
     peer: str
     peer_s: float
     ratio: float
-    real_time_factor: float
+    real_time_factor: float | None = None
 
 
 def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Row]:
@@ -60,7 +63,63 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
                 real_time_factor=1.0 / ours_s,
             )
         )
-    return rows
+    progress("one tick of a 24-state LQG")
+    return [*rows, tick_row(), *design_rows(progress)]
+
+
+def design_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
+    """Time the control designs; their times are seconds a design."""
+    return [
+        Row(work=t.work, ours_s=t.ours_s, peer=t.peer, peer_s=t.peer_s, ratio=t.peer_s / t.ours_s)
+        for t in design_timings(progress=progress)
+    ]
+
+
+class PlainObserver:
+    """The same discrete law as a user writes it with numpy: four products a sample."""
+
+    def __init__(self, law: LinearLaw) -> None:
+        self.sensors, self.actuators = law.sensors, law.actuators
+        self.A, self.B, self.C, self.D = law.matrices
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from a zero state."""
+        self.x = np.zeros(len(self.A))
+
+    def step(self, y: Array) -> Array:
+        """Return u = C x + D y; x+ = A x + B y."""
+        u = self.C @ self.x + self.D @ y
+        self.x = self.A @ self.x + self.B @ y
+        return u
+
+
+def tick_row() -> Row:
+    """Time what a 24-state LQG adds to a sample of the loop: reading sensors, the law, delay, filter and forces.
+
+    The loop runs on the grid's modal plant with the law and without it; the difference over the number of samples is the
+    tick.
+    """
+    study = Study("grid")
+    law = study.lqg("exact").controller
+    hardware = load_hardware().at_rate(law.rate or 1000.0)
+    plant = build_modal(study.fe("full"), modes=12, timestep=1.0 / hardware.converter.rate)
+
+    def seconds(controller: Controller | None) -> float:
+        experiment = Experiment(plant=plant, seconds=OURS_S, hardware=hardware, controller=controller)
+        return _best(lambda: run_experiment(experiment), 5) / OURS_S
+
+    open_s = seconds(None)
+    ours_s, peer_s = seconds(law) - open_s, seconds(PlainObserver(law)) - open_s
+    tick = ours_s / hardware.converter.rate
+    return Row(
+        work=f"one control tick of a {len(law.A)}-state LQG in the loop ({1e6 * tick:.1f} us), times {hardware.converter.rate:g}",
+        ours_s=ours_s,
+        peer="the same loop with a plain numpy observer of four products",
+        peer_s=peer_s,
+        ratio=peer_s / ours_s,
+        real_time_factor=1.0 / ours_s,
+    )
 
 
 def as_document(rows: list[Row]) -> dict[str, Any]:

@@ -36,6 +36,10 @@ class BadController(VlabError, ValueError):
     """A control law that does not fit the loop it is put into."""
 
 
+class BadDesign(VlabError, ValueError):
+    """A control design that cannot be made as asked (weights, sizes, what coils and sensors can reach)."""
+
+
 class UnknownName(VlabError, LookupError):
     """A name that matches nothing."""
 

@@ -55,22 +55,62 @@ class PublishedTable:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PublishedDesign:
+    """What the designs of a section were asked for; numbers as printed, in inches, pounds and centiseconds.
+
+    Parameters
+    ----------
+    name, section : str
+    model : str
+        The reduced model of the controllers: ``"exact"`` or ``"corrected-guyan"``.
+    weights : str
+        ``"identity"`` for Q = q I, ``"energy"`` for Q = diag(M, K).
+    q, r : float
+        Q = q I and R = r I.
+    v1, v2, alpha : float
+        V_1 = v1 I, V_2 = v2 I and the stability margin of the Kalman filter.
+    damped_modes, zeta_min : int and float
+        n_m and zeta_L: the first modes must have this damping ratio.
+    index_modes : int
+        n_f: LQDRF minimises the indices of the first shapes.
+    """
+
+    name: str
+    section: str
+    model: Literal["exact", "corrected-guyan"]
+    weights: Literal["identity", "energy"]
+    q: float = 1.0
+    r: float
+    v1: float
+    v2: float
+    alpha: float
+    damped_modes: int
+    zeta_min: float
+    index_modes: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Tables:
     format: Literal["vlab-tables-1"]
     structure: str
     source: str
     table: tuple[PublishedTable, ...]
+    design: tuple[PublishedDesign, ...] = ()
+
+
+def _published(structure: str) -> Any:
+    try:
+        path = asset(f"published/{structure}.toml")
+    except LookupError:
+        return None
+    reader = Reader(path, provenance_required=False)
+    return reader.table(_Tables, reader.load())
 
 
 def published_tables(structure: str) -> tuple[PublishedTable, ...]:
     """Return the published tables of a structure, or none where nothing was published."""
-    try:
-        path = asset(f"published/{structure}.toml")
-    except LookupError:
-        return ()
-    reader = Reader(path, provenance_required=False)
-    content: Any = reader.table(_Tables, reader.load())
-    return tuple(content.table)
+    content = _published(structure)
+    return () if content is None else tuple(content.table)
 
 
 def published_table(structure: str, number: str, part: str = "") -> PublishedTable:
@@ -82,3 +122,18 @@ def published_table(structure: str, number: str, part: str = "") -> PublishedTab
     raise unknown_name(
         "published table", f"{number} {part}".strip(), [f"{t.number} {t.part}".strip() for t in tables], where=structure
     )
+
+
+def published_designs(structure: str) -> tuple[PublishedDesign, ...]:
+    """Return what the published designs of a structure were asked for, or none."""
+    content = _published(structure)
+    return () if content is None else tuple(content.design)
+
+
+def published_design(structure: str, name: str = "identity") -> PublishedDesign:
+    """Return one of them, or raise `UnknownName` with the ones there are."""
+    designs = published_designs(structure)
+    for design in designs:
+        if design.name == name:
+            return design
+    raise unknown_name("published design", name, [design.name for design in designs], where=structure)

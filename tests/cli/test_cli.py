@@ -14,6 +14,7 @@ from vlab.cli import VERBS, build_parser, main
 from vlab.errors import OutputRefused
 from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import read_recording
+from vlab.reproduce.tables import REPRODUCED
 
 
 def run(capsys, *words: str) -> tuple[int, str, str]:
@@ -55,14 +56,14 @@ def test_reproduce_document_has_cells_and_reasons(capsys):
     status, out, _ = run(capsys, "reproduce", "--json")
     document = json.loads(out)
     assert status == 0
-    assert [t["table"] for t in document["tables"]] == ["1", "3", "5", "7", "8"]
+    assert [t["table"] for t in document["tables"]] == list(REPRODUCED)
     cell = document["tables"][0]["cells"][0]
     assert set(cell) >= {"row", "column", "published", "ours", "tolerance", "ok"}
     assert all(set(part) == {"table", "why"} for part in document["not_reproducible"])
 
 
 def test_reproduce_says_when_a_cell_is_out(capsys, monkeypatch):
-    monkeypatch.setattr("vlab.reproduce.tables.TABLE_1", 1e-5)
+    monkeypatch.setattr("vlab.reproduce.structure_tables.TABLE_1", 1e-5)
     status, out, _ = run(capsys, "reproduce", "1")
     assert status == 1
     assert "no" in out
@@ -179,7 +180,7 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--hardware", "nowhere.toml"], "nowhere.toml"),
         (["experiment"], "required: structure"),
         (["experiment", "beam", "--seconds", "ten"], "invalid float value: 'ten'"),
-        (["reproduce", "42"], "unknown table '42' (accepted: 1, 3, 5, 7, 8)"),
+        (["reproduce", "42"], "unknown table '42'; did you mean '4'? (accepted: 1, 3, 4, 5, "),
         (["modal-test", "nowhere.parquet"], "nowhere.parquet"),
         (["compare", "nowhere"], "nowhere"),
         (["show", "nowhere"], "no run.rrd here"),
@@ -305,7 +306,7 @@ def test_demo_tells_the_whole_story(capsys, tmp_path):
 
 
 def test_shipped_case_is_compared(capsys):
-    status, out, _ = run(capsys, "compare", str(asset("avc_cantilever/free_decay.toml")), "--json")
+    status, out, _ = run(capsys, "compare", str(asset("cases/avc_cantilever/free_decay.toml")), "--json")
     document = json.loads(out)
     assert status == 0
     for recording in document["runs"]:

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from controllers.sampling import delay_split
 from vlab.errors import BadExperiment
 from vlab.hardware import load_hardware
 from vlab.hardware.laboratory import Converter
-from vlab.hardware.output_chain import OutputChain, delay_split, theoretical_response
+from vlab.hardware.output_chain import OutputChain, theoretical_response
 
 
 def converter(**settings) -> Converter:

@@ -19,6 +19,7 @@ from vlab.errors import VlabError
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, a real recording beside its model",
     "modes": "FE model, every plant and the published values side by side",
+    "design": "a control law designed on a model of a structure, and what it achieves",
     "experiment": "a simulated experiment, written as a run folder",
     "modal-test": "frequency responses, poles and mode shapes from recordings",
     "reproduce": "the dissertation's tables beside ours",

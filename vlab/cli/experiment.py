@@ -16,7 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", default=default.plant, help="composite (default) or modal")
     parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
     parser.add_argument(
-        "--law", help="control law in the loop: mfdrf or lqdrf with the gains of Table 7; none by default"
+        "--law",
+        help="control law in the loop: mfdrf or lqdrf with printed gains, lqg or lqdrf-diagonal designed for the loop's rate, "
+        "a controller.toml of vlab design, or your own as path/to/law.py:ClassName or entry:NAME; none by default",
     )
     parser.add_argument(
         "--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})"

@@ -1,14 +1,22 @@
 """Reduced models of a structure by name."""
 
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
 from vlab.errors import BadStructure, unknown_name
 from vlab.fe.assembly import build_fe_model
-from vlab.fe.damping import modal_ratios
+from vlab.fe.correction import correct_model
+from vlab.fe.measured_modes import measured_modes
 from vlab.fe.model import FeModel
-from vlab.fe.reduction import exact_reduction, guyan_reduction
+from vlab.fe.reduction import Reduction, exact_reduction, guyan_reduction
+from vlab.fe.second_order import SecondOrderModel
+from vlab.signals import Array
+from vlab.structure.model import Reduction as Retained
 from vlab.structure.model import Structure
 
-MODELS = ("full", "exact", "guyan")
-"""The FE model itself, its exact reduction (3.4-3.8) and its Guyan reduction (3.9-3.16)."""
+MODELS = ("full", "exact", "guyan", "corrected-guyan")
+"""The FE model itself, its exact reduction (3.4-3.8), its Guyan reduction (3.9-3.16), and that one corrected to measured
+modes (3.17-3.20)."""
 
 
 def build_reduced_model(structure: Structure, model: str = "full", variant: str = "published") -> FeModel:
@@ -17,15 +25,16 @@ def build_reduced_model(structure: Structure, model: str = "full", variant: str 
     Parameters
     ----------
     model : str
-        One of `MODELS`. The exact reduction keeps as many of the lowest modes as coordinates. A Guyan model gets the
-        structure's damping ratios again, for static condensation does not keep modal damping.
+        One of `MODELS`. The exact reduction keeps as many modes as coordinates, the lowest unless the file says which. Each
+        mode of a Guyan model gets the ratio of the mode it is most like, for static condensation keeps no modal damping; the corrected one has the
+        measured ratios.
 
     Raises
     ------
     UnknownName
         No model of that name, or a retained coordinate that this variant does not have.
     BadStructure
-        The structure file retains nothing.
+        The structure file retains nothing, or no measured modes of the structure come with vlab.
     """
     if model not in MODELS:
         raise unknown_name("model", model, MODELS)
@@ -36,11 +45,26 @@ def build_reduced_model(structure: Structure, model: str = "full", variant: str 
         raise BadStructure(
             f"structure {structure.name!r} names no coordinates to retain; add [reduction] retained = [...]"
         )
-    retained = structure.reduction.retained
     if model == "exact":
-        exact = exact_reduction(fe.linear, retained, modes=range(len(retained)))
-        return fe.with_coordinates(exact.model, exact.T)
-    guyan = guyan_reduction(fe.linear, retained)
-    reduced = fe.with_coordinates(guyan.model, guyan.T)
-    zeta = modal_ratios(structure.damping, reduced.coils.T @ reduced.linear.eigen[1])
-    return fe.with_coordinates(guyan.model.with_modal_damping(zeta), guyan.T)
+        return _exact(fe, structure.reduction)
+    guyan = guyan_reduction(fe.linear, structure.reduction.retained)
+    if model == "guyan":
+        damped = guyan.model.with_modal_damping(fe.linear.zeta[_alike(fe.linear, guyan)])
+    else:
+        measured = measured_modes(structure.name)
+        unmeasured = guyan.model.with_modal_damping(np.full(guyan.model.n, measured.others))
+        damped = correct_model(unmeasured, measured.at(unmeasured.coordinates)).model
+    return fe.with_coordinates(damped, guyan.T)
+
+
+def _exact(fe: FeModel, choice: Retained) -> FeModel:
+    retained = choice.exact or choice.retained
+    modes = [mode - 1 for mode in choice.exact_modes] or range(len(retained))
+    exact = exact_reduction(fe.linear, retained, modes=modes)
+    return fe.with_coordinates(exact.model, exact.T)
+
+
+def _alike(full: SecondOrderModel, reduction: Reduction) -> Array:
+    """Return which mode of the full model each mode of a reduced one is most like, one to one (MAC in the full mass)."""
+    products = reduction.model.eigen[1].T @ reduction.T.T @ full.M @ full.eigen[1]
+    return linear_sum_assignment(products**2, maximize=True)[1]

@@ -96,14 +96,66 @@ class ForceCoil:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ArraySize:
+    """What the array controller's matrix has room for.
+
+    Parameters
+    ----------
+    inputs, outputs, states : int
+        Channels from sensors and to actuators, and internal states.
+    """
+
+    inputs: int
+    outputs: int
+    states: int
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if min(self.inputs, self.outputs) < 1 or self.states < 0:
+            raise BadExperiment("an array needs at least one input and one output, and no negative number of states")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerUpFaults:
+    """What goes wrong when the equipment is switched on in a wrong order (section 5.4.2).
+
+    A coil under direct current warms to the first order: C dT/dt = I^2 R - T/R_th, T its rise above the room.
+
+    Parameters
+    ----------
+    direct_current : float
+        In a coil, from an array controller that is on without its control program [A].
+    thermal_resistance : float
+        R_th from coil to room [K/W].
+    heat_capacity : float
+        C of coil and former [J/K].
+    trip_rise : float
+        Rise at which the thermostat cuts the amplifier [K].
+    starting_impulse : float
+        Of a force coil whose amplifier is on while a computer starts [N s].
+    unstable_noise : float
+        Noise of velocity sensors whose operational amplifiers were disturbed, rms [m/s].
+    """
+
+    direct_current: float = number("A", positive=True)
+    thermal_resistance: float = number("K/W", positive=True)
+    heat_capacity: float = number("J/K", positive=True)
+    trip_rise: float = number("K", positive=True)
+    starting_impulse: float = number("N s", positive=True)
+    unstable_noise: float = number("m/s", positive=True)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Hardware:
-    """All of it."""
+    """All of it; the array controller and the faults of powering up are missing where a file does not describe them."""
 
     format: Literal["vlab-hardware-1"] = "vlab-hardware-1"
     converter: Converter
     velocity_sensor: VelocitySensor
     displacement_probe: DisplacementProbe
     coil: ForceCoil
+    array: ArraySize | None = None
+    power_up: PowerUpFaults | None = None
 
     def at_rate(self, rate_hz: float) -> "Hardware":
         """Return the same hardware sampling at another rate."""

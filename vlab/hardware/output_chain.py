@@ -11,15 +11,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import lfilter
 
+from controllers.sampling import delay_split
 from vlab.errors import BadExperiment
 from vlab.hardware.laboratory import Converter
 from vlab.signals import Array
-
-
-def delay_split(delay_samples: float) -> tuple[int, float]:
-    """Split a delay into whole samples and the rest in [0, 1); rounding of a hair below a whole sample is taken up."""
-    whole = int(np.floor(delay_samples + 1e-9))
-    return whole, max(delay_samples - whole, 0.0)
 
 
 class OutputChain:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from controllers import DirectRateFeedback
+from controllers.linear import LinearController
 from vlab.fe.second_order import Quantity
-from vlab.lab.prediction import rate_feedback_response
+from vlab.lab.prediction import closed_loop_response
 from vlab.lab.run_folder import PreparedRun
 from vlab.modal.frf import MeasuredFrequencyResponse
 from vlab.modal.modal_test import ModalTest, estimate_responses
@@ -36,10 +36,10 @@ def analytical_response(
 ) -> FrequencyResponse | None:
     """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay and filter.
 
-    None where the excitation has no input channel, or the law is not a static gain.
+    None where the excitation has no input channel, or the law is not linear.
     """
     law, fe = prepared.law, prepared.fe_model()
-    if not recording.inputs or kind not in SENSED or not (law is None or isinstance(law, DirectRateFeedback)):
+    if not recording.inputs or kind not in SENSED or not (law is None or isinstance(law, LinearController)):
         return None
     excited = fe.deflection(recording.channels[recording.index(recording.inputs[0])].at)[:, None]
     parts, names = [], []
@@ -48,14 +48,14 @@ def analytical_response(
         if law is None:
             parts.append(fe.linear.frequency_response(freq, excited, row, quantity=quantity).H)
         else:
-            coils = fe.deflections(law.sensors).T
             parts.append(
-                rate_feedback_response(
+                closed_loop_response(
                     fe.linear,
-                    coils,
-                    law.gains,
+                    fe.deflections(law.actuators).T,
+                    law,
                     prepared.hardware.converter,
                     freq,
+                    sensors=fe.deflections(law.sensors),
                     excited=excited,
                     outputs=row,
                     quantity=quantity,

@@ -1,18 +1,59 @@
 """Control laws by name, wired to a structure's coils."""
 
 from controllers import Controller, DirectRateFeedback
-from vlab.errors import unknown_name
+from controllers.catalogue import LAWS, published_way
+from controllers.law_file import is_law_file, load_law
+from controllers.lqg import RATE
+from controllers.user_law import is_user_law, load_user_law
+from vlab.errors import BadController, unknown_name
 from vlab.published import published_table, published_tables
 from vlab.structure.model import Structure
 
-GAIN_TABLES = {"beam": "7"}
+GAIN_TABLES = {"beam": "7", "grid": "11"}
 """The table that prints each structure's direct rate feedback gains."""
 
 
 def law_names(structure: Structure) -> list[str]:
-    """Return the names of the laws that can be put into the loop of a structure."""
+    """Return the names of the laws whose gains were printed for a structure."""
     number = GAIN_TABLES.get(structure.name)
     return [table.part for table in published_tables(structure.name) if number is not None and table.number == number]
+
+
+def named_law(structure: Structure, name: str, *, rate: float = RATE, variant: str = "published") -> Controller:
+    """Return a law by its name.
+
+    A user's own from the file or entry point that the name says; one that `vlab design` wrote (``controller.toml``); one
+    with printed gains; or one that is designed here and now with the published weights.
+
+    Parameters
+    ----------
+    rate : float
+        Samples per second of the loop, for laws with states [Hz].
+    variant : str
+        Of the structure's model that a law is designed on.
+
+    Raises
+    ------
+    UnknownName
+        No law of that name.
+    BadController
+        A law that cannot run in a loop, or a bad law file.
+    """
+    if is_user_law(name):
+        return load_user_law(name)
+    if is_law_file(name):
+        return load_law(name)
+    printed = law_names(structure)
+    if name in printed:
+        return published_law(structure, name)
+    if name == "lqr":
+        raise BadController(
+            "the law lqr feeds every state back, which no sensors measure; take lqg, which estimates them"
+        )
+    if name not in LAWS:
+        known = [*printed, *(law for law in LAWS if law not in printed and law != "lqr")]
+        raise unknown_name("law", name, known, where=f"structure {structure.name!r}")
+    return published_way(structure, name, rate=rate, variant=variant).controller
 
 
 def published_law(structure: Structure, name: str) -> Controller:

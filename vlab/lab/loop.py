@@ -77,9 +77,16 @@ class ControlLoop:
     def _check_law(self, controller: Controller) -> None:
         self._from = np.array([self.plant.sensor_index(name) for name in controller.sensors], dtype=int)
         self._to = np.array([self.plant.actuator_index(name) for name in controller.actuators], dtype=int)
+        rate, made_for = self.hardware.converter.rate, getattr(controller, "rate", None)
+        if made_for is not None and abs(made_for / rate - 1) > 1e-9:
+            raise BadController(
+                f"the law was made for {made_for:g} Hz; the loop samples at {rate:g} Hz: run at --rate {made_for:g}, or design it for this rate"
+            )
         controller.reset()
         try:
             out = np.asarray(controller.step(np.zeros(len(self._from))), dtype=float)
+        except BadController:
+            raise
         except (ValueError, TypeError, IndexError) as error:
             raise BadController(
                 f"the law fails on {len(self._from)} samples ({', '.join(controller.sensors)}): {error}"

@@ -1,16 +1,25 @@
 """What theory says of the sampled loop: structure, delay, hold, filter and law as one discrete system."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import linear_sum_assignment
 
+from controllers import DirectRateFeedback
+from controllers.linear import LinearController, Matrices
+from controllers.sampling import sample_with_delay
+from vlab.errors import BadController
+from vlab.fe.model import FeModel
 from vlab.fe.second_order import Quantity, SecondOrderModel
 from vlab.hardware.laboratory import Converter
-from vlab.hardware.output_chain import delay_split, theoretical_response
+from vlab.hardware.output_chain import theoretical_response
 from vlab.signals import Array
+
+SAME_MODE = 0.2
+"""A pole within this share of a mode's frequency, in log frequency, is still called that mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +46,8 @@ class ClosedLoop:
         """Return frequency |s|/2pi [Hz] and damping ratio of the oscillatory eigenvalue that continues each open-loop mode.
 
         Eigenvalues are assigned so that the sum of their distances to the open-loop frequencies, in log frequency, is
-        least; a heavily damped mode keeps its place that way.
+        least; a heavily damped mode keeps its place that way. A law with states of its own has eigenvalues near the
+        structure's: `SampledLoop.poles` tells them apart.
         """
         upper = self.s[self.s.imag > 1e-9]
         freq = np.abs(upper) / (2 * np.pi)
@@ -46,94 +56,276 @@ class ClosedLoop:
         return np.abs(chosen) / (2 * np.pi), -chosen.real / np.abs(chosen)
 
 
-def predict_rate_feedback(
-    linear: SecondOrderModel, inputs: Array, gains: Array, converter: Converter, *, modes: int | None = None
-) -> ClosedLoop:
-    """Return the loop u_k = -D y_k with hold, delay and filter, sampled exactly.
+@dataclass(frozen=True, kw_only=True)
+class LoopPole:
+    """One eigenvalue of the loop, and where it lives.
+
+    Parameters
+    ----------
+    hz, zeta : float
+        Frequency |s|/2pi [Hz] and damping ratio; a negative ratio grows.
+    growth : float
+        Real part of s [1/s].
+    mode : int
+        The structure's mode, from 1, that carries most of the motion's energy.
+    share : float
+        Of the energy of all modes, what that mode carries.
+    mode_hz : float
+        That mode's own frequency [Hz].
+    """
+
+    hz: float
+    zeta: float
+    growth: float
+    mode: int
+    share: float
+    mode_hz: float
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether the pole is that mode, moved a little; otherwise it belongs to law, delay and filter as much."""
+        return bool(abs(np.log(max(self.hz, 1e-12) / self.mode_hz)) < SAME_MODE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledLoop:
+    """A structure under a sampled linear law, with hold, delay and filter.
+
+    Parameters
+    ----------
+    omega : (m,) array
+        Circular frequencies of the modes kept [rad/s].
+    damping : (m, m) array
+        Phi^T C Phi of mass-normalised shapes.
+    at_coils : (n_coils, m) array
+        Deflection of each mode at the law's coils.
+    at_sensors : (n_sensors, m) array
+        Velocity that the law's sensors see, per modal velocity.
+    law : tuple of array
+        A, B, C, D of x+ = A x + B y, u = C x + D y.
+    converter : Converter
+        Rate, delay and filter.
+    gain : float or (n_coils,) array
+        Factor on the commands; 1 is the law as it stands.
+    """
+
+    omega: Array
+    damping: Array
+    at_coils: Array
+    at_sensors: Array
+    law: Matrices
+    converter: Converter
+    gain: float | Array = 1.0
+
+    def __post_init__(self) -> None:
+        shapes = (len(self.at_coils), len(self.at_sensors))
+        if self.law[3].shape != shapes:
+            raise BadController(
+                f"the law takes {self.law[3].shape[1]} samples to {self.law[3].shape[0]} commands; {shapes[1]} sensors and {shapes[0]} coils are given"
+            )
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return self.converter.rate
+
+    def with_gain(self, gain: float | Array) -> "SampledLoop":
+        """Return the loop with another factor on all commands."""
+        other = replace(self, gain=gain)
+        other.__dict__["plant"] = self.plant  # the same: sampling it again would take most of the time
+        return other
+
+    def with_delay(self, delay_samples: float) -> "SampledLoop":
+        """Return the loop with another delay, in sample periods."""
+        return replace(self, converter=replace(self.converter, delay_samples=delay_samples))
+
+    def with_filter(self, corner_hz: float) -> "SampledLoop":
+        """Return the loop with another corner of the RC filters [Hz]; 0 for none."""
+        return replace(self, converter=replace(self.converter, filter_corner=corner_hz))
+
+    @cached_property
+    def continuous(self) -> tuple[Array, Array, Array]:
+        """A, B, C from the filters' inputs to the velocities; states: modal velocities, displacements, filter outputs."""
+        n, n_coils, corner = len(self.omega), len(self.at_coils), 2 * np.pi * self.converter.filter_corner
+        size = 2 * n + (n_coils if corner > 0 else 0)
+        A, B, C = np.zeros((size, size)), np.zeros((size, n_coils)), np.zeros((len(self.at_sensors), size))
+        A[:n, :n], A[:n, n : 2 * n], A[n : 2 * n, :n] = -self.damping, -np.diag(self.omega**2), np.eye(n)
+        C[:, :n] = self.at_sensors
+        if corner > 0:
+            A[:n, 2 * n :], A[2 * n :, 2 * n :] = self.at_coils.T, -corner * np.eye(n_coils)
+            B[2 * n :] = corner * np.eye(n_coils)
+        else:
+            B[:n] = self.at_coils.T
+        return A, B, C
+
+    @cached_property
+    def plant(self) -> tuple[Array, Array, Array]:
+        """A, B, C of the discrete system from the commands u_k to the samples y_k."""
+        return sample_with_delay(*self.continuous, rate=self.converter.rate, delay_samples=self.converter.delay_samples)
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Transition matrix of the closed loop; states: the plant's, then the law's."""
+        A, B, C = self.plant
+        a, b, c, d = self.law
+        B = B * self.gain
+        return np.block([[A + B @ d @ C, B @ c], [b @ C, a]])
+
+    def closed(self) -> ClosedLoop:
+        """Return the eigenvalues of the closed loop."""
+        z = np.linalg.eigvals(self.matrix)
+        z = z[np.abs(z) > 1e-12]
+        return ClosedLoop(z, np.log(z.astype(complex)) * self.converter.rate)
+
+    @cached_property
+    def radius(self) -> float:
+        """Largest magnitude of an eigenvalue: below one the loop is stable."""
+        return float(np.abs(np.linalg.eigvals(self.matrix)).max())
+
+    def poles(self) -> list[LoopPole]:
+        """Return the eigenvalues by frequency, one of each pair, each with the mode that moves most in it."""
+        z, vectors = linalg.eig(self.matrix)
+        upper = np.flatnonzero((z.imag >= 0) & (np.abs(z) > 1e-12))
+        n = len(self.omega)
+        s = np.log(z[upper].astype(complex)) * self.converter.rate
+        moving = vectors[:, upper]
+        energy = np.abs(moving[:n]) ** 2 + (self.omega[:, None] * np.abs(moving[n : 2 * n])) ** 2
+        energy = energy / np.maximum(energy.sum(axis=0), 1e-300)
+        poles = [
+            LoopPole(
+                hz=float(abs(root)) / (2 * np.pi),
+                zeta=float(-root.real / abs(root)),
+                growth=float(root.real),
+                mode=int(share.argmax()) + 1,
+                share=float(share.max()),
+                mode_hz=float(self.omega[share.argmax()] / (2 * np.pi)),
+            )
+            for root, share in zip(s, energy.T, strict=True)
+        ]
+        return sorted(poles, key=lambda pole: pole.hz)
+
+    def critical(self) -> LoopPole:
+        """Return the pole that grows most or decays least."""
+        return max(self.poles(), key=lambda pole: pole.growth)
+
+    def opened(self, freq: Array) -> Array:
+        """Return the loop opened at the commands, L = -K P at `freq` [Hz], (n_freq, n_coils, n_coils).
+
+        The sensitivity is (I + L)^-1. P is exact from sample to sample, images of the hold included.
+        """
+        A, B, C = self.plant
+        n, n_coils = len(self.continuous[0]), B.shape[1]
+        z = np.exp(2j * np.pi * np.asarray(freq, dtype=float) / self.converter.rate)[:, None, None]
+        # past commands are powers of 1/z: without them the transition matrix has well conditioned eigenvectors
+        lags = range((len(A) - n) // n_coils)
+        columns = [B[:n], *(A[:n, n + lag * n_coils : n + (lag + 1) * n_coils] for lag in lags)]
+        each = C[:, :n] @ _resolvent(A[:n, :n], np.hstack(columns), z[:, 0, 0])
+        P = sum(each[:, :, k * n_coils : (k + 1) * n_coils] * z**-k for k in range(len(columns)))
+        return np.asarray(-law_response(self.law, freq, self.converter.rate) @ (P * self.gain))
+
+
+def _resolvent(A: Array, B: Array, z: Array) -> Array:
+    """Return (z I - A)^-1 B for every z, from the eigenvectors of A where they are well conditioned."""
+    values, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors) < 1e8:
+        return np.asarray(vectors @ (np.linalg.solve(vectors, B.astype(complex)) / (z[:, None] - values)[:, :, None]))
+    return np.linalg.solve(
+        z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape)).astype(complex)
+    )
+
+
+def sampled_loop(
+    linear: SecondOrderModel,
+    inputs: Array,
+    law: LinearController,
+    converter: Converter,
+    *,
+    outputs: Array | None = None,
+    modes: int | None = None,
+) -> SampledLoop:
+    """Return the loop of a structure under a linear law with hold, delay and filter, sampled exactly.
 
     Parameters
     ----------
     linear : SecondOrderModel
         The structure.
     inputs : (n, n_coils) array
-        Load distribution of the coils; the velocities are collocated.
-    gains : (n_coils, n_coils) array
-        D [N s/m].
+        Load distribution of the law's coils.
+    outputs : (n_sensors, n) array or None
+        Deflection rows of the law's velocity sensors; collocated with the coils by default.
     modes : int or None
         Keep the first modes only; all by default.
+
+    Raises
+    ------
+    BadController
+        A law that is not linear, was made for another rate, or does not fit the coils and sensors.
     """
+    if not isinstance(law, LinearController):
+        raise BadController(
+            f"{type(law).__name__} has no `matrices`: theory predicts linear laws only; run an experiment instead"
+        )
+    made_for = getattr(law, "rate", None)
+    if made_for is not None and abs(made_for / converter.rate - 1) > 1e-9:
+        raise BadController(f"the law was made for {made_for:g} Hz; the loop samples at {converter.rate:g} Hz")
     omega, shapes = linear.eigen
-    keep = slice(0, modes)
-    omega, at_coils = omega[keep], inputs.T @ shapes[:, keep]
-    damping = shapes[:, keep].T @ linear.C @ shapes[:, keep]
-    n, n_coils = len(omega), inputs.shape[1]
-    T, corner = 1.0 / converter.rate, converter.filter_corner
-    whole, late = delay_split(converter.delay_samples)
-    A = np.zeros((2 * n + n_coils, 2 * n + n_coils))  # states: modal velocities, modal displacements, filter outputs
-    A[:n, :n], A[:n, n : 2 * n] = -damping, -np.diag(omega**2)
-    A[n : 2 * n, :n] = np.eye(n)
-    B = np.zeros((2 * n + n_coils, n_coils))
-    if corner > 0:
-        A[:n, 2 * n :] = at_coils.T
-        A[2 * n :, 2 * n :] = -2 * np.pi * corner * np.eye(n_coils)
-        B[2 * n :] = 2 * np.pi * corner * np.eye(n_coils)
-    else:
-        B[:n] = at_coils.T
-        A, B = A[: 2 * n, : 2 * n], B[: 2 * n]
-    whole_step, late_step = _held(A, B, T), _held(A, B, (1 - late) * T)
-    transition, newer = whole_step[0], late_step[1]
-    older = whole_step[1] - newer
-    C = np.zeros((n_coils, len(A)))
-    C[:, :n] = at_coils
-    # x+ = transition x + older u_(k-whole-1) + newer u_(k-whole), u_k = -D C x
-    m = whole + 1
-    big = np.zeros((len(A) + m * n_coils,) * 2)
-    big[: len(A), : len(A)] = transition
-    feedback = -gains @ C
-
-    def column(lag: int) -> slice:
-        return slice(len(A) + (lag - 1) * n_coils, len(A) + lag * n_coils)
-
-    big[: len(A), column(whole + 1)] += older
-    if whole == 0:
-        big[: len(A), : len(A)] += newer @ feedback
-    else:
-        big[: len(A), column(whole)] += newer
-    big[column(1), : len(A)] = feedback
-    for lag in range(2, m + 1):
-        big[column(lag), column(lag - 1)] = np.eye(n_coils)
-    z = np.linalg.eigvals(big)
-    z = z[np.abs(z) > 1e-12]
-    return ClosedLoop(z, np.log(z) * converter.rate)
+    shapes = shapes[:, :modes]
+    rows = inputs.T if outputs is None else outputs
+    return SampledLoop(
+        omega=omega[:modes],
+        damping=shapes.T @ linear.C @ shapes,
+        at_coils=inputs.T @ shapes,
+        at_sensors=rows @ shapes,
+        law=law.matrices,
+        converter=converter,
+    )
 
 
-def _held(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
-    block = np.zeros((len(A) + B.shape[1],) * 2)
-    block[: len(A), : len(A)], block[: len(A), len(A) :] = A, B
-    out = linalg.expm(block * duration)
-    return out[: len(A), : len(A)], out[: len(A), len(A) :]
+def loop_on(fe: FeModel, law: LinearController, converter: Converter, *, modes: int | None = None) -> SampledLoop:
+    """Return the loop of an FE model under a law, which may have been designed on another model of the structure."""
+    coils, sensors = fe.deflections(law.actuators).T, fe.deflections(law.sensors)
+    return sampled_loop(fe.linear, coils, law, converter, outputs=sensors, modes=modes)
 
 
-def rate_feedback_response(
+def predict_rate_feedback(
+    linear: SecondOrderModel, inputs: Array, gains: Array, converter: Converter, *, modes: int | None = None
+) -> ClosedLoop:
+    """Return the loop u_k = -D y_k between collocated pairs; see `sampled_loop`.
+
+    Parameters
+    ----------
+    gains : (n_coils, n_coils) array
+        D [N s/m].
+    """
+    places = [f"coil{i + 1}" for i in range(inputs.shape[1])]
+    law = DirectRateFeedback(gains, sensors=places, actuators=places)
+    return sampled_loop(linear, inputs, law, converter, modes=modes).closed()
+
+
+def closed_loop_response(
     linear: SecondOrderModel,
     coils: Array,
-    gains: Array,
+    law: LinearController,
     converter: Converter,
     freq: Array,
     *,
+    sensors: Array,
     excited: Array,
     outputs: Array,
     quantity: Quantity,
 ) -> Array:
     """Return the analytical closed-loop response to a force added behind the filter, (n_freq, n_outputs, n_excited).
 
-    The loop is opened at the forces: u = -D c(f) (velocities), c the response of hold, delay and filter, so the motion
-    per added force is G (I + D c G_coils)^-1.
+    The loop is opened at the forces: u = c(f) K(f) (velocities), K the law's response and c that of hold, delay and
+    filter, so the coils' forces are -(I + L)^-1 L_excited with L = -c K G. Images of the hold above half the sample
+    rate are left out.
 
     Parameters
     ----------
     coils : (n, n_coils) array
-        Load distribution of the law's coils, in the order of D; velocities are collocated.
+        Load distribution of the law's coils.
+    sensors : (n_sensors, n) array
+        Deflection rows of the law's velocity sensors.
     excited : (n, n_excited) array
         Load distribution of the added force.
     outputs : (n_outputs, n) array
@@ -141,8 +333,16 @@ def rate_feedback_response(
     """
     both = np.hstack([coils, excited])
     n_coils = coils.shape[1]
-    at_coils = linear.frequency_response(freq, both, coils.T, quantity="velocity").H
+    seen = linear.frequency_response(freq, both, sensors, quantity="velocity").H
     out = linear.frequency_response(freq, both, outputs, quantity=quantity).H
-    loop = gains[None] * theoretical_response(converter, freq)[:, None, None]
-    forces = -np.linalg.solve(np.eye(n_coils) + loop @ at_coils[:, :, :n_coils], loop @ at_coils[:, :, n_coils:])
+    through = law_response(law.matrices, freq, converter.rate) * theoretical_response(converter, freq)[:, None, None]
+    loop = -through @ seen
+    forces = -np.linalg.solve(np.eye(n_coils) + loop[:, :, :n_coils], loop[:, :, n_coils:])
     return np.asarray(out[:, :, n_coils:] + out[:, :, :n_coils] @ forces)
+
+
+def law_response(law: Matrices, freq: Array, rate: float) -> Array:
+    """Return C (z I - A)^-1 B + D of a discrete law at `freq` [Hz], (n_freq, n_actuators, n_sensors)."""
+    a, b, c, d = law
+    z = np.exp(2j * np.pi * np.asarray(freq, dtype=float) / rate)
+    return np.asarray(c @ _resolvent(a, b, z) + d if len(a) else np.broadcast_to(d + 0j, (len(z), *d.shape)))

@@ -14,7 +14,7 @@ from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
 from vlab.lab.excitation import build_excitation
 from vlab.lab.experiment import Experiment, Result, run_experiment
-from vlab.lab.laws import published_law
+from vlab.lab.laws import named_law
 from vlab.outputs import write_manifest
 from vlab.plants import Plant, build_plant
 from vlab.recordings import read_recording, write_recording
@@ -71,7 +71,7 @@ class RunSettings:
             odd=self.odd,
             seed=None if release else self.seed,
         )
-        law = published_law(structure, self.law) if self.law else None
+        law = named_law(structure, self.law, rate=hardware.converter.rate, variant=self.variant) if self.law else None
         plant = build_plant(structure, self.plant, self.variant)
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter

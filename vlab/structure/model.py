@@ -228,10 +228,19 @@ class Reduction:
         FE coordinates such as ``"v:joint1"`` or ``"rx:point13"``.
     source : str
         Where the choice comes from.
+    exact : tuple of str
+        Other coordinates for the exact reduction; empty for the same.
+    exact_modes : tuple of int
+        The modes that the exact reduction keeps, from 1; empty for the lowest.
+    exact_source : str
+        Where these choices come from.
     """
 
     retained: tuple[str, ...]
     source: str
+    exact: tuple[str, ...] = ()
+    exact_modes: tuple[int, ...] = ()
+    exact_source: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

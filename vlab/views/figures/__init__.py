@@ -8,6 +8,7 @@ from vlab.views.figures.modes import (
     mode_difference_figure,
     mode_shapes_figure,
 )
+from vlab.views.figures.nyquist import nyquist_figure
 from vlab.views.figures.poles import pole_figure
 from vlab.views.figures.response import frf_figure
 from vlab.views.figures.style import COLOURS, DASHES, GREY, INK, MARKERS, POINTS, channel_label, decimate, pretty_unit
@@ -32,6 +33,7 @@ __all__ = [
     "mac_figure",
     "mode_difference_figure",
     "mode_shapes_figure",
+    "nyquist_figure",
     "pole_figure",
     "pretty_unit",
     "residual_percent",

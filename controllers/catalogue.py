@@ -1,0 +1,164 @@
+"""The designed laws by name, with the weights, bounds and models of the published designs unless others are asked for."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+from controllers import lqdrf, lqg, lqr, mfdrf
+from controllers.lqdrf import Kind, LqdrfDesign
+from controllers.lqg import LqgDesign
+from controllers.lqr import LqrDesign
+from controllers.mfdrf import MfdrfDesign
+from vlab.design.state_model import StateModel, state_model
+from vlab.design.weights import Noise, Weights, energy_weights, identity_weights, published_noise
+from vlab.errors import BadDesign, unknown_name
+from vlab.fe.model import FeModel
+from vlab.fe.reduced import build_reduced_model
+from vlab.published import published_designs
+from vlab.structure.model import Structure
+
+WEIGHTS = ("identity", "energy")
+LAWS = ("lqr", "lqg", "mfdrf", "lqdrf", "lqdrf-diagonal")
+"""Regulator, regulator with filter, and direct rate feedback of least force and of least index, coupled or diagonal."""
+
+DESIGNED_ON_FULL = {"beam": ("lqr", "mfdrf", "lqdrf", "lqdrf-diagonal")}
+"""Published designs on the full model (section 6.1); all others are on the reduced model that the published design names."""
+
+Design = LqrDesign | LqgDesign | MfdrfDesign | LqdrfDesign
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What a design is asked for; weights, noise and margin in inches, pounds and centiseconds, as they are published.
+
+    Parameters
+    ----------
+    weights : str
+        ``"identity"`` for Q = q I, ``"energy"`` for Q = diag(M, K).
+    q, r, v1, v2, alpha : float
+        Q = q I, R = r I, V_1 = v1 I, V_2 = v2 I, stability margin of the filter.
+    damping : float
+        Smallest damping ratio of the first `modes` modes that the coils can drive.
+    modes, shapes : int
+        n_m, bounded modes; n_f, initial shapes of LQDRF.
+    kind : str
+        What LQDRF minimises: the ``"largest"`` index or the largest ``"ratio"`` to the regulator's.
+    starts : int or None
+        Random starts of the search; None for the law's own number.
+    seed : int
+        Of the random starts.
+    rate : float
+        Samples per second of a law with states [Hz].
+    """
+
+    weights: Literal["identity", "energy"] = "identity"
+    q: float = 1.0
+    r: float
+    v1: float
+    v2: float
+    alpha: float
+    damping: float = 0.03
+    modes: int
+    shapes: int
+    kind: Kind = "largest"
+    starts: int | None = None
+    seed: int = 0
+    rate: float = lqg.RATE
+
+    def __post_init__(self) -> None:
+        if self.weights not in WEIGHTS:
+            raise unknown_name("weights", self.weights, WEIGHTS)
+        if self.seed < 0:
+            raise BadDesign(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
+
+    def weights_for(self, model: StateModel) -> Weights:
+        """Return Q and R for the states of a model."""
+        if self.weights == "energy":
+            return energy_weights(model, self.r)
+        return identity_weights(model, self.q, self.r)
+
+    def noise_for(self, model: StateModel) -> Noise:
+        """Return V_1, V_2 and alpha for the states of a model."""
+        return published_noise(model, self.v1, self.v2, self.alpha)
+
+
+def default_model(structure: Structure, law: str) -> str:
+    """Return the model that the published design of a law was made on; ``"full"`` where there is none."""
+    published = published_designs(structure.name)
+    if not published or law in DESIGNED_ON_FULL.get(structure.name, ()):
+        return "full"
+    return published[0].model
+
+
+def asked_of(structure: Structure, model: str, **changes: Any) -> Asked:
+    """Return what the published design on a model was asked for, with changes; None changes nothing.
+
+    Raises
+    ------
+    BadDesign
+        Nothing was published for the structure and the changes do not say everything.
+    """
+    given = {key: value for key, value in changes.items() if value is not None}
+    weights = given.get("weights", "identity")
+    if weights not in WEIGHTS:
+        raise unknown_name("weights", weights, WEIGHTS)
+    published = [part for part in published_designs(structure.name) if part.weights == weights]
+    if published:
+        part = next((p for p in published if p.model == model), published[0])
+        base = Asked(
+            weights=part.weights,
+            q=part.q,
+            r=part.r,
+            v1=part.v1,
+            v2=part.v2,
+            alpha=part.alpha,
+            damping=part.zeta_min,
+            modes=part.damped_modes,
+            shapes=part.index_modes,
+        )
+        return replace(base, **given)
+    needed = ("r", "v1", "v2", "alpha", "modes")
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise BadDesign(
+            f"no design with {weights} weights was published for structure {structure.name!r}, so it must be said what is asked "
+            f"for: {', '.join(missing)} (all of {', '.join(needed)})"
+        )
+    return Asked(**{"shapes": given["modes"], **given})
+
+
+def design_law(fe: FeModel, law: str, asked: Asked) -> Design:
+    """Design a law of the catalogue on a model.
+
+    Raises
+    ------
+    UnknownName
+        No such law.
+    BadDesign
+        The design cannot be made as asked.
+    """
+    if law not in LAWS:
+        raise unknown_name("law", law, LAWS)
+    model = state_model(fe)
+    search: dict[str, Any] = {"damping": asked.damping, "modes": asked.modes, "seed": asked.seed}
+    if asked.starts is not None:
+        search["starts"] = asked.starts
+    if law == "mfdrf":
+        return mfdrf.design(fe, **search)
+    weights = asked.weights_for(model)
+    if law == "lqr":
+        return lqr.design(model, weights)
+    if law == "lqg":
+        return lqg.design(model, weights, asked.noise_for(model), rate=asked.rate)
+    diagonal = law == "lqdrf-diagonal"
+    return lqdrf.design(fe, weights, shapes=asked.shapes, kind=asked.kind, diagonal=diagonal, **search)
+
+
+def published_way(structure: Structure, law: str, *, rate: float, variant: str = "published") -> Design:
+    """Design a law as it was published for a structure, for a loop of this rate [Hz]."""
+    model = default_model(structure, law)
+    return design_law(build_reduced_model(structure, model, variant), law, asked_of(structure, model, rate=rate))
+
+
+def as_plain(asked: Asked) -> dict[str, Any]:
+    """Return what was asked for as plain data."""
+    return {field.name: getattr(asked, field.name) for field in fields(asked)}

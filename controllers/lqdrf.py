@@ -1,0 +1,146 @@
+"""Linear quadratic direct rate feedback (equation 4.38): the best constant gains for initial shapes of the first modes.
+
+The index of each shape is that of the linear quadratic regulator (4.4). Either the largest of them is minimised, or the
+largest ratio to what the regulator reaches (section 6.2.1), which keeps high modes from deciding alone. D is coupled or
+diagonal. Where several D reach the same objective, D is not determined: on the beam the sixth mode alone decides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from controllers.direct_rate_feedback import DirectRateFeedback
+from controllers.rate_feedback_design import RateFeedbackDesign
+from vlab.design import performance
+from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
+from vlab.design.gain_search import GainSearch, bounded_modes
+from vlab.design.index_gradients import IndexGradients
+from vlab.design.riccati import lqr
+from vlab.design.state_model import state_model
+from vlab.design.weights import Weights
+from vlab.errors import unknown_name
+from vlab.fe.model import FeModel
+from vlab.signals import Array
+
+Kind = Literal["largest", "ratio"]
+KINDS = ("largest", "ratio")
+STARTS = 8
+"""Random starts of a design; the optima found on both structures are reached from most of them."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LqdrfDesign(RateFeedbackDesign):
+    """A design of least quadratic index.
+
+    Parameters
+    ----------
+    weights : Weights
+        Q and R.
+    shapes : tuple of int
+        Modes whose shapes are the initial conditions, from 0.
+    regulator_indices : (n_f,) array
+        What the linear quadratic regulator reaches from each shape (4.7): no law does better.
+    kind : str
+        What was minimised: the largest index, or the largest ratio to the regulator's.
+    """
+
+    law: str = field(default="lqdrf", init=False)
+    weights: Weights
+    shapes: tuple[int, ...]
+    regulator_indices: Array
+    kind: Kind
+
+    @property
+    def objective(self) -> float:
+        """beta, the largest index, or the largest ratio to the regulator's."""
+        J = self.indices(self.weights, self.shapes)
+        return float((J / self.regulator_indices if self.kind == "ratio" else J).max())
+
+
+def design(
+    fe: FeModel,
+    weights: Weights,
+    *,
+    shapes: int | Sequence[int] = 6,
+    kind: Kind = "largest",
+    diagonal: bool = False,
+    damping: float = 0.03,
+    modes: int | Sequence[int] = 6,
+    starts: int = STARTS,
+    seed: int = 0,
+) -> LqdrfDesign:
+    """Design the law.
+
+    Parameters
+    ----------
+    fe : FeModel
+        The model, full or reduced.
+    weights : Weights
+        Q and R; see `vlab.design.weights`.
+    shapes : int or sequence of int
+        Initial shapes: the first n_f modes that the coils can drive, or which (from 0).
+    kind : str
+        ``"largest"``: minimise the largest index (4.37). ``"ratio"``: the largest ratio to the regulator's.
+    diagonal : bool
+        Each coil listens to its own sensor only.
+    damping : float
+        Smallest damping ratio zeta_L of the bounded modes.
+    modes : int or sequence of int
+        Bounded modes: the first n_m that the coils can drive, or which (from 0).
+    starts, seed : int
+        How many random starts the search makes, and their seed.
+
+    Raises
+    ------
+    BadDesign
+        The bounds cannot be met (which mode falls short is said), or sizes that do not fit.
+    UnknownName
+        No such kind of objective.
+    """
+    if kind not in KINDS:
+        raise unknown_name("objective", kind, KINDS, where="lqdrf")
+    model = state_model(fe)
+    loop = RateFeedbackLoop(fe.linear, fe.coils)
+    search = GainSearch(loop=loop, damping=damping, modes=bounded_modes(fe, modes), diagonal=diagonal)
+    chosen = bounded_modes(fe, shapes)
+    x0 = performance.initial_states(model, chosen)
+    indices = IndexGradients(loop=loop, weights=weights, x0=x0)
+    best = np.einsum("ik,ij,jk->k", x0, lqr(model.A, model.B, weights.Q, weights.R).S, x0)
+    unit = best if kind == "ratio" else np.full(len(best), best.max())
+
+    # the logarithm of the index is searched: far from the optimum the index spans decades
+    def objective(closed: ClosedLoop, beta: Array) -> tuple[Array, Array, Array, Sequence[str]]:
+        J, slopes = indices(closed)
+        names = [f"index of mode {mode + 1}" for mode in chosen]
+        return beta - np.log(J / unit), -slopes / J[..., None, None], np.ones((*J.shape, 1)), names
+
+    D0 = search.random_gains(starts, seed)
+    J0 = indices(loop.closed(search.scale * D0))[0]
+    points = np.hstack([D0[:, search.entries[0], search.entries[1]], np.log(J0 / unit).max(axis=1, keepdims=True)])
+    linear = search.no_constraints(1)
+    solution, evaluator = search.run(objective, points, linear)
+    D = search.gains(solution.x[[solution.best]])[0]
+    names = [f"d > 0 of {channel}" for channel in model.channels] if diagonal else []
+    scale = 1.0 if kind == "ratio" else float(best.max())
+    return LqdrfDesign(
+        model=model,
+        loop=loop,
+        D=D,
+        damping=damping,
+        bounded=search.modes,
+        search=search.report(
+            solution,
+            evaluator,
+            linear_names=names,
+            values=scale * np.exp(solution.f),
+            price=1.0,
+            lower_bound=scale,
+        ),
+        controller=DirectRateFeedback(D, sensors=model.channels, actuators=model.channels),
+        weights=weights,
+        shapes=chosen,
+        regulator_indices=best,
+        kind=kind,
+    )

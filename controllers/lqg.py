@@ -1,0 +1,163 @@
+"""LQG: the regulator on the states that a Kalman filter estimates (equations 4.8-4.29), discrete by (5.2)-(5.5)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from controllers.linear import LinearLaw
+from controllers.lqr import LqrDesign
+from controllers.lqr import design as design_lqr
+from controllers.sampling import hold
+from vlab.design import performance
+from vlab.design.riccati import kalman_filter
+from vlab.design.state_model import StateModel
+from vlab.design.weights import Noise, Weights
+from vlab.errors import BadDesign
+from vlab.fe.model import FeModel
+from vlab.signals import Array
+
+RATE = 1000.0
+"""Samples per second of the published LQG controllers (section 5.3)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LqgDesign:
+    """Regulator, filter, and the discrete law made of them.
+
+    Parameters
+    ----------
+    regulator : LqrDesign
+        F and the model that the law was designed on.
+    noise : Noise
+        V_1, V_2, alpha.
+    K : (2n, n_s) array
+        Filter gain; SI.
+    controller : LinearLaw
+        x_est+ = F22 x_est + F21 y, u = F12 x_est at `controller.rate`.
+    """
+
+    law: str = field(default="lqg", init=False)
+    regulator: LqrDesign
+    noise: Noise
+    K: Array
+    controller: LinearLaw
+
+    @property
+    def model(self) -> StateModel:
+        """The model that the law was designed on."""
+        return self.regulator.model
+
+    @property
+    def weights(self) -> Weights:
+        """Q and R of the regulator."""
+        return self.regulator.weights
+
+    @property
+    def F(self) -> Array:
+        """Gain of the regulator, (n_c, 2n)."""
+        return self.regulator.F
+
+    @property
+    def A_estimator(self) -> Array:
+        """A - B F - K C: what the continuous law integrates (5.5)."""
+        return estimator(self.model, self.F, self.K)
+
+    @property
+    def A_closed(self) -> Array:
+        """The closed loop on the design model for [x, e] (4.16)."""
+        return performance.lqg_loop(self.model, self.F, self.K)
+
+    @property
+    def poles(self) -> performance.Poles:
+        """Poles of the regulator: with those of the filter, all there are on the design model."""
+        return self.regulator.poles
+
+    @property
+    def filter_poles(self) -> performance.Poles:
+        """Poles of the filter, A - K C."""
+        return performance.poles(self.model.A - self.K @ self.model.C)
+
+    def indices(self, modes: int | Sequence[int] | Array) -> Array:
+        """Return J of initial shapes of the design model, the first so many or which (from 0): equation (4.20)."""
+        x0 = performance.initial_states(self.model, modes)
+        return performance.lqg_index(self.model, self.F, self.K, self.weights, x0)
+
+    def A_on(self, full: StateModel) -> Array:
+        """Return the closed loop with another model for [x, x_est], A_E of (4.24)."""
+        return performance.reduced_controller_loop(full, self.model, self.F, self.K)
+
+    def poles_on(self, full: StateModel) -> tuple[performance.Poles, performance.Spillover]:
+        """Return the regulator's poles on a larger model, in the order of `poles`, and the modes that spillover reaches."""
+        return performance.reduced_controller_poles(full, self.model, self.F, self.K)
+
+    def indices_on(self, full: StateModel, weights: Weights, count: int) -> Array:
+        """Return J of initial shapes of another model, with weights for its states: equation (4.26).
+
+        The shapes are those of the modes that the first of the design model are in the other one.
+        """
+        x0 = performance.initial_states(full, performance.shared_modes(full, self.model)[:count])
+        return performance.reduced_controller_index(full, self.model, self.F, self.K, weights, x0)
+
+    def to_control(self) -> Any:
+        """Return the continuous law, velocities in and forces out, in python-control's form."""
+        import control
+
+        zero = np.zeros((self.model.B.shape[1], len(self.model.C)))
+        names = self.model.channels
+        return control.StateSpace(
+            self.A_estimator,
+            self.K,
+            -self.F,
+            zero,
+            inputs=[f"velocity {name}" for name in names],
+            outputs=[f"force {name}" for name in names],
+        )
+
+
+def design(fe: FeModel | StateModel, weights: Weights, noise: Noise, *, rate: float = RATE) -> LqgDesign:
+    """Design an LQG law on a model, full or reduced.
+
+    Parameters
+    ----------
+    fe : FeModel or StateModel
+        The model.
+    weights, noise : Weights and Noise
+        See `vlab.design.weights`.
+    rate : float
+        Samples per second of the discrete law [Hz].
+
+    Raises
+    ------
+    BadDesign
+        Weights or noise do not fit the model, or a Riccati equation has no stabilising solution: why is said.
+    BadController
+        A rate that is not positive.
+    """
+    regulator = design_lqr(fe, weights)
+    model = regulator.model
+    if noise.V1.shape != model.A.shape or len(noise.V2) != len(model.C):
+        raise BadDesign(
+            f"noise V1 {noise.V1.shape} and V2 {noise.V2.shape} does not fit the model's {2 * model.n} states and "
+            f"{len(model.C)} sensors; make it from the same model"
+        )
+    K = kalman_filter(model.A, model.C, noise.V1, noise.V2, noise.alpha).K
+    return LqgDesign(regulator=regulator, noise=noise, K=K, controller=discrete_law(model, regulator.F, K, rate=rate))
+
+
+def estimator(model: StateModel, F: Array, K: Array) -> Array:
+    """Return A - B F - K C (5.5)."""
+    return model.A - model.B @ F - K @ model.C
+
+
+def discrete_law(model: StateModel, F: Array, K: Array, *, rate: float = RATE) -> LinearLaw:
+    """Return the law of (5.2)-(5.5): the samples y are held over a period.
+
+    F12 = -F, F22 = exp(A~ dt), F21 = (F22 - I) A~^-1 K, the integral of exp(A~ t) K; no delay is in the design.
+    """
+    if not (np.isfinite(rate) and rate > 0):
+        raise BadDesign(f"the rate {rate} Hz is not a positive number")
+    F22, F21 = hold(estimator(model, F, K), K, 1 / rate)
+    feedthrough = np.zeros((len(F), len(model.C)))
+    return LinearLaw(F22, F21, -F, feedthrough, sensors=model.channels, actuators=model.channels, rate=rate)

@@ -1,0 +1,102 @@
+"""The linear quadratic regulator u = -F x (equations 4.3-4.7): every state is measured."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from controllers.linear import LinearLaw
+from vlab.design import performance
+from vlab.design.riccati import lqr
+from vlab.design.state_model import StateModel, state_model
+from vlab.design.weights import Weights
+from vlab.errors import BadDesign
+from vlab.fe.model import FeModel
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LqrDesign:
+    """A regulator and what it achieves on the model it was designed on.
+
+    Parameters
+    ----------
+    model : StateModel
+        The model, in state form.
+    weights : Weights
+        Q and R.
+    F : (n_c, 2n) array
+        Gain on x = [q', q]; SI.
+    S : (2n, 2n) array
+        Riccati solution.
+    controller : LinearLaw
+        u = -F y for y = x, at any rate. Its sensors are the states: it runs where all of them are measured.
+    """
+
+    law: str = field(default="lqr", init=False)
+    model: StateModel
+    weights: Weights
+    F: Array
+    S: Array
+    controller: LinearLaw
+
+    @property
+    def A_closed(self) -> Array:
+        """A - B F."""
+        return self.model.A - self.model.B @ self.F
+
+    @property
+    def poles(self) -> performance.Poles:
+        """Modes of the closed loop, by frequency."""
+        return performance.poles(self.A_closed)
+
+    def indices(self, modes: int | Sequence[int] | Array) -> Array:
+        """Return J of initial shapes, the first so many or which (from 0): equation (4.7)."""
+        x0 = performance.initial_states(self.model, modes)
+        return np.einsum("ik,ij,jk->k", x0, self.S, x0)
+
+    def to_control(self) -> Any:
+        """Return the closed loop in python-control's form: forces added to u in, velocities at the coils out."""
+        import control
+
+        zero = np.zeros((len(self.model.C), self.model.B.shape[1]))
+        return control.StateSpace(self.A_closed, self.model.B, self.model.C, zero)
+
+
+def design(fe: FeModel | StateModel, weights: Weights) -> LqrDesign:
+    """Design the regulator of a model.
+
+    Parameters
+    ----------
+    fe : FeModel or StateModel
+        The model, full or reduced.
+    weights : Weights
+        See `vlab.design.weights`.
+
+    Raises
+    ------
+    BadDesign
+        The weights do not fit the model, or the Riccati equation has no stabilising solution: why is said.
+    """
+    model = fe if isinstance(fe, StateModel) else state_model(fe)
+    if weights.Q.shape != model.A.shape or len(weights.R) != model.B.shape[1]:
+        raise BadDesign(
+            f"weights Q {weights.Q.shape} and R {weights.R.shape} do not fit the model's {2 * model.n} states and "
+            f"{model.B.shape[1]} coils; make them from the same model"
+        )
+    regulator = lqr(model.A, model.B, weights.Q, weights.R)
+    return LqrDesign(
+        model=model,
+        weights=weights,
+        F=regulator.F,
+        S=regulator.S,
+        controller=_static(-regulator.F, model.states, model.channels),
+    )
+
+
+def _static(gain: Array, sensors: Sequence[str], actuators: Sequence[str]) -> LinearLaw:
+    n_u, n_y = gain.shape
+    return LinearLaw(
+        np.zeros((0, 0)), np.zeros((0, n_y)), np.zeros((n_u, 0)), gain, sensors=sensors, actuators=actuators
+    )

@@ -1,0 +1,207 @@
+"""A user's own control law, from a file or an entry point that the user names.
+
+The law is a class without required arguments that has the form of `controllers.base.Controller`: the attributes `sensors`
+and `actuators`, `reset()` and `step(y) -> u`. Loading it runs the file's code, so nothing is ever searched for or loaded
+that was not named: ``path/to/law.py:ClassName``, or ``entry:NAME`` for the entry point NAME of the group ``vlab.laws`` of
+an installed package.
+"""
+
+import hashlib
+import importlib.metadata
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.base import Controller
+from controllers.direct_rate_feedback import DirectRateFeedback
+from controllers.linear import LinearLaw
+from vlab.errors import BadController, VlabError, unknown_name
+
+GROUP = "vlab.laws"
+"""Entry point group of packages that bring control laws."""
+ENTRY = "entry:"
+FORM = "path/to/law.py:ClassName or entry:NAME"
+MOST_CHANNELS = 1000
+FAILURES = (Exception, SystemExit)
+"""What a user's code may end with, and becomes one line; an interrupt from the keyboard does not."""
+
+
+def is_user_law(text: str) -> bool:
+    """Say whether a name means a user's own law rather than one of vlab's: it names a Python file or an entry point."""
+    return text.startswith(ENTRY) or text.endswith(".py") or ".py:" in text
+
+
+def load_user_law(text: str) -> Controller:
+    """Load a user's own law and put a guard around it.
+
+    Parameters
+    ----------
+    text : str
+        ``path/to/law.py:ClassName`` or ``entry:NAME``.
+
+    Raises
+    ------
+    BadController
+        No such file, code that fails, no such class, an object without the form of a `Controller`.
+    UnknownName
+        No such class in the file, or no such entry point.
+    """
+    if text.startswith(ENTRY):
+        made_by = _entry_point(text.removeprefix(ENTRY))
+    else:
+        path, colon, name = text.rpartition(":")
+        if not colon or not path.endswith(".py") or not name.isidentifier():
+            raise BadController(f"the law {text!r} names no class of a file; write {FORM}")
+        made_by = class_from_file(Path(path), name)
+    law = _instance(made_by, text)
+    return law if type(law) in (DirectRateFeedback, LinearLaw) else GuardedLaw(law, text)  # those check themselves
+
+
+class GuardedLaw:
+    """A user's law of which every answer is checked: its mistakes become one line that names the law and the sample.
+
+    Parameters
+    ----------
+    law : Controller
+        The user's object.
+    name : str
+        How the user named it.
+
+    Raises
+    ------
+    BadController
+        The object has not the form of a `Controller`.
+    """
+
+    def __init__(self, law: Any, name: str) -> None:
+        self.name, self._law = name, law
+        for needed in ("reset", "step"):
+            if not callable(getattr(law, needed, None)):
+                raise BadController(f"the law {name} has no method {needed}(); a law has reset() and step(y) -> u")
+        self.sensors, self.actuators = self._places("sensors"), self._places("actuators")
+        rate = getattr(law, "rate", None)
+        if rate is not None and not (isinstance(rate, (int, float)) and np.isfinite(rate) and rate > 0):
+            raise BadController(f"the law {name}: rate = {rate!r} is not a positive number of Hz; leave it out for any")
+        self.rate: float | None = rate
+        self._samples = 0
+
+    def reset(self) -> None:
+        """Let the law forget the past.
+
+        Raises
+        ------
+        BadController
+            The law's own code failed.
+        """
+        self._samples = 0
+        try:
+            self._law.reset()
+        except FAILURES as error:
+            raise BadController(f"the law {self.name} fails in reset(): {_said(error)}") from error
+
+    def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the law's commands.
+
+        Raises
+        ------
+        BadController
+            The law's own code failed, or gave something else than as many finite numbers as it has actuators.
+        """
+        self._samples += 1
+        try:
+            given = self._law.step(np.array(y))
+            u = np.asarray(given, dtype=float)
+        except FAILURES as error:
+            raise BadController(
+                f"the law {self.name} fails in step() at sample {self._samples}: {_said(error)}"
+            ) from error
+        if given is None:
+            raise BadController(
+                f"the law {self.name} gave nothing at sample {self._samples}; does step() lack its return?"
+            )
+        if u.shape != (len(self.actuators),):
+            raise BadController(
+                f"the law {self.name} gave {_size(u)} at sample {self._samples}; {len(self.actuators)} are needed, one for each of ({', '.join(self.actuators)})"
+            )
+        if not np.isfinite(u).all():
+            bad = self.actuators[int(np.flatnonzero(~np.isfinite(u))[0])]
+            raise BadController(f"the law {self.name} gave {u[~np.isfinite(u)][0]} for {bad} at sample {self._samples}")
+        return u
+
+    def _places(self, what: str) -> tuple[str, ...]:
+        places = getattr(self._law, what, None)
+        if (
+            isinstance(places, str)
+            or not isinstance(places, Sequence)
+            or not 1 <= len(places) <= MOST_CHANNELS
+            or not all(isinstance(place, str) for place in places)
+        ):
+            raise BadController(
+                f'the law {self.name} must say its {what} as places, for example {what} = ["base"]; it has {places!r}'
+            )
+        return tuple(places)
+
+
+def class_from_file(
+    path: Path, name: str, *, kind: str = "law", form: str = FORM, error: type[VlabError] = BadController
+) -> Any:
+    """Run a user's Python file and return what it calls `name`; `kind` and `form` say in errors what was asked for."""
+    if not path.is_file():
+        raise error(f"there is no {kind} file {str(path)!r}; write {form}")
+    label = f"vlab_user_{kind}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(label, path)
+    if spec is None or spec.loader is None:
+        raise error(f"{path} cannot be read as Python")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[label] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except FAILURES as failure:
+        del sys.modules[label]
+        raise error(f"the {kind} file {path} fails when it is loaded: {_said(failure)}") from failure
+    if not hasattr(module, name):
+        here = [key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == label]
+        raise unknown_name("class", name, here, where=str(path))
+    return getattr(module, name)
+
+
+def _entry_point(name: str) -> Any:
+    points = importlib.metadata.entry_points(group=GROUP)
+    chosen = [point for point in points if point.name == name]
+    if not chosen:
+        raise unknown_name("entry point", name, [point.name for point in points], where=f"group {GROUP!r}")
+    if len(chosen) > 1:
+        raise BadController(
+            f"{len(chosen)} installed packages offer a law {name!r} ({', '.join(p.value for p in chosen)}); keep one"
+        )
+    try:
+        return chosen[0].load()
+    except FAILURES as error:
+        raise BadController(
+            f"the entry point {name!r} ({chosen[0].value}) fails when it is loaded: {_said(error)}"
+        ) from error
+
+
+def _instance(made_by: Any, text: str) -> Any:
+    """Return an object of a class or what a function makes; an object is taken as it is."""
+    if not callable(made_by) or (callable(getattr(made_by, "step", None)) and not isinstance(made_by, type)):
+        return made_by
+    try:
+        return made_by()
+    except FAILURES as error:
+        raise BadController(f"the law {text} cannot be made without arguments: {_said(error)}") from error
+
+
+def _size(u: NDArray[np.float64]) -> str:
+    if u.ndim == 0:
+        return "a single number"
+    return f"{len(u)} commands" if u.ndim == 1 else f"an array of shape {u.shape}"
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]

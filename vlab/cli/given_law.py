@@ -1,0 +1,93 @@
+"""What a law that was made elsewhere achieves on a model: a user's own, or one from a law file."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controllers.catalogue import Asked
+from controllers.law_file import is_law_file
+from controllers.linear import LinearController
+from controllers.user_law import is_user_law
+from vlab.design import performance
+from vlab.design.state_model import state_model
+from vlab.errors import BadController
+from vlab.fe.model import FeModel
+from vlab.hardware import load_hardware
+from vlab.lab.laws import named_law
+from vlab.lab.prediction import SampledLoop, loop_on
+
+
+def is_given(name: str) -> bool:
+    """Say whether a name means a law that was made elsewhere, not one to design."""
+    return is_user_law(name) or is_law_file(name)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GivenLaw:
+    """A law in the laboratory's sampled loop around a model, with its hold, delay and filter.
+
+    Parameters
+    ----------
+    law : LinearController
+        The law.
+    loop : SampledLoop
+        The loop.
+    """
+
+    law: LinearController
+    loop: SampledLoop
+    fe: FeModel
+
+    def describe(self, modes: tuple[int, ...], asked: Asked) -> dict[str, Any]:
+        """Return matrices, damping ratios in the sampled loop and, of a law without states, the continuous indices."""
+        A, B, C, D = self.law.matrices
+        freq, zeta = self.loop.closed().modes(self.fe.linear.freq[list(modes)])
+        critical = self.loop.critical()
+        places = {"sensors": list(self.law.sensors), "actuators": list(self.law.actuators)}
+        return {
+            "gains": {**places, "A": A, "B": B, "C": C, "D": D, "unit": "SI", "rate_hz": self.loop.rate},
+            "frequencies_hz": freq,
+            "damping_ratios": zeta,
+            "performance_indices": self._indices(modes, asked),
+            "objective": {
+                "name": f"smallest damping ratio of the sampled loop, at {critical.hz:.4g} Hz",
+                "value": min(pole.zeta for pole in self.loop.poles()),
+                "unit": "1",
+            },
+        }
+
+    def _indices(self, modes: tuple[int, ...], asked: Asked) -> list[float | None]:
+        """Return (4.33) without delay; none for a law with states, or one that drives the model unstable."""
+        model = state_model(self.fe)
+        A, _, _, D = self.law.matrices
+        same = self.law.sensors == model.channels and self.law.actuators == model.channels
+        if len(A) or not same or np.linalg.eigvals(model.A + model.B @ D @ model.C).real.max() >= 0:
+            return [None] * len(modes)
+        x0 = performance.initial_states(model, modes)
+        return list(performance.rate_feedback_index(model, -D, asked.weights_for(model), x0))
+
+
+def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
+    """Load a law and put it into the sampled loop of the laboratory.
+
+    Parameters
+    ----------
+    rate : float or None
+        Samples per second [Hz]; None for the law's own, or the laboratory's.
+
+    Raises
+    ------
+    BadController
+        The law is not linear, or does not fit the structure or the rate.
+    """
+    law = named_law(fe.structure, name)
+    if not isinstance(law, LinearController):
+        raise BadController(
+            f"the law {name} has no `matrices`: poles and damping ratios are those of linear laws; run vlab experiment instead"
+        )
+    hardware = load_hardware()
+    asked_rate = rate or getattr(law, "rate", None)
+    if asked_rate:
+        hardware = hardware.at_rate(asked_rate)
+    return GivenLaw(law=law, loop=loop_on(fe, law, hardware.converter), fe=fe)

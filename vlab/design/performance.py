@@ -1,0 +1,293 @@
+"""What a closed loop achieves: poles, quadratic indices by Lyapunov equations, spillover, force bounds.
+
+The index is J = integral of x^T Q x + u^T R u (4.4). With the weights of `vlab.design.weights`, which carry their units, J
+of a shape of one inch is the number that the dissertation prints.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+from scipy.optimize import linear_sum_assignment
+
+from vlab.design.state_model import StateModel
+from vlab.design.weights import Weights
+from vlab.errors import BadDesign
+from vlab.signals import Array
+
+INCH = 0.0254
+"""Largest deflection of an initial shape [m]: one inch (section 4.1.1)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Poles:
+    """The modes of a linear system x' = A x, by frequency; of each pair the upper one, a real pole by itself.
+
+    Parameters
+    ----------
+    s : (k,) complex array
+        Poles [rad/s] with Im s >= 0.
+    """
+
+    s: Array
+
+    @property
+    def freq(self) -> Array:
+        """|s| / 2 pi [Hz]."""
+        return np.abs(self.s) / (2 * np.pi)
+
+    @property
+    def zeta(self) -> Array:
+        """Damping ratios -Re s / |s|; 1 for a stable real pole, 0 at the origin."""
+        size = np.abs(self.s)
+        return np.where(size > 0, -self.s.real / np.where(size > 0, size, 1.0), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spillover:
+    """Damping of the modes that a reduced model leaves out, before and after its controller acts on the full model.
+
+    Parameters
+    ----------
+    modes : (k,) tuple of int
+        Numbers of the modes of the full model, from 1.
+    freq : (k,) array
+        Undisturbed frequency [Hz].
+    before, after : (k,) array
+        Damping ratio without and with the controller.
+    """
+
+    modes: tuple[int, ...]
+    freq: Array
+    before: Array
+    after: Array
+
+    @property
+    def change(self) -> Array:
+        """What each mode gains; negative where it is destabilised."""
+        return self.after - self.before
+
+    def losing(self, least: float = 1e-9) -> tuple[int, ...]:
+        """Return the modes that lose more than `least` of damping ratio: more than rounding."""
+        return tuple(mode for mode, change in zip(self.modes, self.change, strict=True) if change < -least)
+
+
+def poles(A: ArrayLike) -> Poles:
+    """Return the poles of x' = A x by frequency."""
+    s = linalg.eigvals(np.asarray(A, dtype=float))
+    s = s[s.imag >= 0]
+    return Poles(s=s[np.argsort(np.abs(s), kind="stable")])
+
+
+def damping_ratios(A: ArrayLike, count: int | None = None) -> Array:
+    """Return the damping ratios of x' = A x by frequency, the first `count` of them."""
+    return poles(A).zeta[:count]
+
+
+def match_poles(expected: ArrayLike, found: ArrayLike) -> Array:
+    """Return for each expected pole the found one that belongs to it, one to one.
+
+    The sum of the distances relative to |expected| is least; two modes that pass each other in frequency are not
+    mistaken as they would be in sorted order.
+
+    Parameters
+    ----------
+    expected : (k,) complex array
+    found : (m,) complex array
+        m >= k.
+    """
+    have = np.asarray(found, dtype=complex)
+    return have[_matched(np.asarray(expected, dtype=complex), have)]
+
+
+def initial_shapes(model: StateModel, modes: int | Sequence[int] | Array, peak: float = INCH) -> Array:
+    """Return undamped mode shapes, (n, k), each with its largest displacement `peak` [m]: section 4.1.1.
+
+    Parameters
+    ----------
+    modes : int or sequence of int
+        The first so many, or which (from 0).
+    peak : float
+        The largest is looked for among the translations, not the rotations, of the model.
+    """
+    chosen = np.arange(modes) if isinstance(modes, int | np.integer) else np.asarray(modes, dtype=int)
+    if not chosen.size or chosen.min() < 0 or chosen.max() >= model.n:
+        raise BadDesign(
+            f"initial shapes {modes} of a model with {model.n} modes; give 1 to {model.n}, or numbers from 0"
+        )
+    shapes = model.shapes[:, chosen]
+    return shapes * (peak / np.abs(shapes[model.is_translation]).max(axis=0))
+
+
+def initial_states(model: StateModel, modes: int | Sequence[int] | Array, peak: float = INCH) -> Array:
+    """Return the states x_0 = [0, phi_i], (2n, k), of the shapes of `initial_shapes`."""
+    shapes = initial_shapes(model, modes, peak)
+    return np.vstack([np.zeros_like(shapes), shapes])
+
+
+def shared_modes(model: StateModel, reduced: StateModel) -> Array:
+    """Return which modes of a model (from 0) the modes of a reduced one are, one to one.
+
+    Alike are modes of like shape at the coordinates of both (MAC in the mass of the reduced model) and of like pole; where
+    the reduction is exact, both agree to rounding.
+    """
+    if reduced.n > model.n:
+        raise BadDesign(f"the reduced model has {reduced.n} modes, the model only {model.n}")
+    distance = _distance(_modal_poles(reduced), _modal_poles(model))
+    common = [label for label in reduced.coordinates if label in model.coordinates]
+    if common:
+        theirs, ours = ([part.coordinates.index(label) for label in common] for part in (reduced, model))
+        mass, phi, seen = reduced.M[np.ix_(theirs, theirs)], reduced.shapes[theirs], model.shapes[ours]
+        lengths = np.outer(*(np.einsum("ij,ik,kj->j", shape, mass, shape) for shape in (phi, seen)))
+        distance = distance + 1 - (phi.T @ mass @ seen) ** 2 / np.maximum(lengths, 1e-300)
+    return linear_sum_assignment(distance)[1]
+
+
+def quadratic_index(A: ArrayLike, Q: ArrayLike, x0: ArrayLike) -> Array:
+    """Return the integral of x^T Q x for x' = A x from each column of x0: x0^T P x0 with A^T P + P A + Q = 0.
+
+    Parameters
+    ----------
+    A, Q : (m, m) array
+    x0 : (m, k) or (m,) array
+
+    Returns
+    -------
+    (k,) array
+
+    Raises
+    ------
+    BadDesign
+        The loop is not asymptotically stable: the integral has no finite value.
+    """
+    a, q, start = (np.asarray(part, dtype=float) for part in (A, Q, x0))
+    start = start.reshape(len(start), -1)
+    if a.ndim != 2 or a.shape != (len(start),) * 2 or q.shape != a.shape:
+        raise BadDesign(f"A {a.shape}, Q {q.shape} and the initial states {start.shape} do not fit together")
+    found = poles(a)
+    if found.s.real.max() >= 0:
+        worst = int(np.argmax(found.s.real))
+        raise BadDesign(
+            f"the closed loop is unstable at {found.freq[worst]:.4g} Hz (damping ratio {found.zeta[worst]:.3g}): "
+            "its quadratic index is infinite; lower the gain or design on a model that has this mode"
+        )
+    P = linalg.solve_continuous_lyapunov(a.T, -q)
+    return np.einsum("ik,ij,jk->k", start, P, start)
+
+
+def regulator_index(model: StateModel, F: ArrayLike, weights: Weights, x0: Array) -> Array:
+    """Return J of u = -F x for each column of x0 (2n, k): (4.7) where F is optimal, for any stable F otherwise."""
+    gain = _gain(F, "the state feedback F", (model.B.shape[1], 2 * model.n))
+    return quadratic_index(model.A - model.B @ gain, weights.Q + gain.T @ weights.R @ gain, x0)
+
+
+def rate_feedback_index(model: StateModel, D: ArrayLike, weights: Weights, x0: Array) -> Array:
+    """Return J of u = -D y for each column of x0 (2n, k): equations (4.33)-(4.36) with F_D = D C."""
+    gain = _gain(D, "the gain matrix D", (model.B.shape[1], len(model.C)))
+    return regulator_index(model, gain @ model.C, weights, x0)
+
+
+def rate_feedback_loop(model: StateModel, D: ArrayLike) -> Array:
+    """Return A - B D C, equation (4.35)."""
+    return model.A - model.B @ _gain(D, "the gain matrix D", (model.B.shape[1], len(model.C))) @ model.C
+
+
+def lqg_loop(model: StateModel, F: Array, K: Array) -> Array:
+    """Return the (4n, 4n) matrix of (4.16) for the state [x, e], e = x - x_est."""
+    A, B, C = model.A, model.B, model.C
+    return np.block([[A - B @ F, B @ F], [np.zeros_like(A), A - K @ C]])
+
+
+def lqg_index(model: StateModel, F: Array, K: Array, weights: Weights, x0: Array) -> Array:
+    """Return J of the estimated state feedback on the model it was designed for: (4.18)-(4.22), x_est(0) = 0."""
+    force = F.T @ weights.R @ F
+    Q = np.block([[weights.Q + force, -force], [-force, force]])
+    return quadratic_index(lqg_loop(model, F, K), Q, np.vstack([x0, x0]))
+
+
+def reduced_controller_loop(model: StateModel, reduced: StateModel, F: Array, K: Array) -> Array:
+    """Return A_E of (4.24): a model with the controller that was designed on a reduced one; state [x, x_R,est]."""
+    if model.channels != reduced.channels:
+        raise BadDesign(f"the model has the coils {model.channels}, the controller's {reduced.channels}")
+    estimator = reduced.A - K @ reduced.C - reduced.B @ F
+    return np.block([[model.A, -model.B @ F], [K @ model.C, estimator]])
+
+
+def reduced_controller_index(
+    model: StateModel, reduced: StateModel, F: Array, K: Array, weights: Weights, x0: Array
+) -> Array:
+    """Return J of a reduced controller on a model: equations (4.26)-(4.29), x_R,est(0) = 0.
+
+    Parameters
+    ----------
+    weights : Weights
+        Q for the states of `model` (not of the reduced one), R.
+    x0 : (2n, k) array
+        Initial states of `model`.
+    """
+    Q = linalg.block_diag(weights.Q, F.T @ weights.R @ F)
+    start = np.vstack([x0, np.zeros((2 * reduced.n, x0.shape[1]))])
+    return quadratic_index(reduced_controller_loop(model, reduced, F, K), Q, start)
+
+
+def reduced_controller_poles(model: StateModel, reduced: StateModel, F: Array, K: Array) -> tuple[Poles, Spillover]:
+    """Return the regulator's poles on a larger model, in the order of the reduced design, and the spillover.
+
+    If the reduction is exact, the poles of A_E would be those of regulator, filter and the modes left out, were these not
+    coupled; each is followed to the pole of A_E that belongs to it.
+
+    Returns
+    -------
+    Poles
+        One a pole of A_R - B_R F, in its order.
+    Spillover
+        Of the modes of `model` that `reduced` does not have; see `shared_modes`.
+    """
+    s = poles(reduced_controller_loop(model, reduced, F, K)).s
+    regulator = poles(reduced.A - reduced.B @ F).s
+    kalman = poles(reduced.A - K @ reduced.C).s
+    open_loop = Poles(s=_modal_poles(model))
+    left_out = np.setdiff1d(np.arange(model.n), shared_modes(model, reduced))
+    found = match_poles(np.concatenate([regulator, kalman, open_loop.s[left_out]]), s)
+    spilled = Spillover(
+        modes=tuple(int(mode) + 1 for mode in left_out),
+        freq=open_loop.freq[left_out],
+        before=open_loop.zeta[left_out],
+        after=Poles(s=found[regulator.size + kalman.size :]).zeta,
+    )
+    return Poles(s=found[: regulator.size]), spilled
+
+
+def force_bounds(D: ArrayLike) -> Array:
+    """Return f_i = sum_j |d_ij|, the largest force of each coil per bound of all velocities: equation (4.31)."""
+    gain = np.asarray(D, dtype=float)
+    if gain.ndim != 2:
+        raise BadDesign(f"the gain matrix D of shape {gain.shape} is no matrix")
+    return np.abs(gain).sum(axis=1)
+
+
+def _modal_poles(model: StateModel) -> Array:
+    """Return the poles of the undamped modes in their order, each with its modal damping."""
+    omega = np.sqrt(np.abs(np.einsum("ij,ik,kj->j", model.shapes, model.K, model.shapes)))
+    C = -model.M @ model.A[: model.n, : model.n]
+    decay = np.einsum("ij,ik,kj->j", model.shapes, C, model.shapes) / 2
+    return -decay + 1j * np.sqrt(np.maximum(omega**2 - decay**2, 0))
+
+
+def _matched(expected: Array, found: Array) -> Array:
+    if found.size < expected.size:
+        raise BadDesign(f"{expected.size} poles are expected but only {found.size} with Im s >= 0 were found")
+    return linear_sum_assignment(_distance(expected, found))[1]
+
+
+def _distance(expected: Array, found: Array) -> Array:
+    return np.abs(expected[:, None] - found[None, :]) / np.maximum(np.abs(expected), 1e-12)[:, None]
+
+
+def _gain(given: ArrayLike, name: str, shape: tuple[int, int]) -> Array:
+    gain = np.asarray(given, dtype=float)
+    if gain.shape != shape or not np.all(np.isfinite(gain)):
+        raise BadDesign(f"{name} of shape {gain.shape} is not a finite {shape[0]} x {shape[1]} matrix")
+    return gain

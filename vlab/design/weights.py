@@ -1,0 +1,206 @@
+"""Weights and noise of the designs: the published conventions, converted once to SI.
+
+The dissertation writes x = [q', q] in inches and radians, forces in pounds and time in centiseconds (section 3.0), and
+gives Q, R, V_1, V_2 and alpha in these units without naming them. Here the state keeps SI units and the weights carry the
+conversion, so that the index J and every gain mean the same.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vlab import units
+from vlab.design.state_model import StateModel
+from vlab.errors import BadDesign
+from vlab.published import PublishedDesign
+from vlab.signals import Array
+
+INDEFINITE = 1e-10
+"""Share of the largest eigenvalue below which a negative one of a scaled weight is rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedUnits:
+    """The units of the published weights.
+
+    Parameters
+    ----------
+    time, length, force : str
+        Angles are radians whatever the length.
+    """
+
+    time: str = "cs"
+    length: str = "in"
+    force: str = "lbf"
+
+    @property
+    def seconds(self) -> float:
+        """Seconds in a unit of time."""
+        return units.factor(self.time, "s")
+
+    @property
+    def metres(self) -> float:
+        """Metres in a unit of length."""
+        return units.factor(self.length, "m")
+
+    @property
+    def newtons(self) -> float:
+        """Newtons in a unit of force."""
+        return units.factor(self.force, "N")
+
+    def per_state(self, model: StateModel) -> Array:
+        """Return what each SI state, (2n,), must be multiplied by to be in these units."""
+        size = np.where(model.is_translation, 1 / self.metres, 1.0)
+        return np.concatenate([size * self.seconds, size])
+
+
+PUBLISHED_UNITS = PublishedUnits()
+"""Centiseconds, inches, pounds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Weights:
+    """Q and R of the index J = integral of x^T Q x + u^T R u over time [s], for x and u in SI.
+
+    Parameters
+    ----------
+    Q : (2n, 2n) array
+        Symmetric, positive semidefinite.
+    R : (n_c, n_c) array
+        Symmetric, positive definite.
+
+    Raises
+    ------
+    BadDesign
+        Not symmetric, indefinite, not finite.
+    """
+
+    Q: Array
+    R: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "Q", checked_weight(self.Q, "the state weight Q", definite=False))
+        object.__setattr__(self, "R", checked_weight(self.R, "the control weight R", definite=True))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Noise:
+    """Intensities and stability margin of the Kalman filter, SI.
+
+    Parameters
+    ----------
+    V1 : (2n, 2n) array
+        Of the state excitation w_1.
+    V2 : (n_s, n_s) array
+        Of the measurement noise w_2; positive definite.
+    alpha : float
+        Every filter pole lies left of -alpha [1/s] (4.9).
+
+    Raises
+    ------
+    BadDesign
+        As for `Weights`; alpha negative or not finite.
+    """
+
+    V1: Array
+    V2: Array
+    alpha: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "V1", checked_weight(self.V1, "the excitation intensity V1", definite=False))
+        object.__setattr__(self, "V2", checked_weight(self.V2, "the measurement noise V2", definite=True))
+        if not (np.isfinite(self.alpha) and self.alpha >= 0):
+            raise BadDesign(f"the stability margin alpha = {self.alpha} 1/s is not zero or a positive number")
+
+
+def identity_weights(model: StateModel, q: float, r: float, units: PublishedUnits = PUBLISHED_UNITS) -> Weights:
+    """Return Q = q I and R = r I of the published convention.
+
+    Parameters
+    ----------
+    q, r : float
+        For example 1 and 0.22 on the beam (section 6.1), 0.01 and 0.84 on the grid (section 6.2.1).
+    """
+    scale = units.per_state(model)
+    Q = _positive(q, "q") * np.diag(scale**2) / units.seconds
+    return Weights(Q=Q, R=_control_weight(model, r, units))
+
+
+def energy_weights(model: StateModel, r: float, units: PublishedUnits = PUBLISHED_UNITS) -> Weights:
+    """Return Q = diag(M, K), twice the energy of the structure (6.1), and R = r I in the published units.
+
+    J is in units of force times length times time.
+    """
+    n = model.n
+    Q = np.zeros((2 * n, 2 * n))
+    Q[:n, :n], Q[n:, n:] = model.M, model.K
+    return Weights(Q=Q / (units.newtons * units.metres * units.seconds), R=_control_weight(model, r, units))
+
+
+def published_noise(
+    model: StateModel, v1: float, v2: float, alpha: float, units: PublishedUnits = PUBLISHED_UNITS
+) -> Noise:
+    """Return V_1 = v1 I, V_2 = v2 I and alpha of the published convention.
+
+    Parameters
+    ----------
+    v1, v2, alpha : float
+        For example 1e-6, 5e-4 and 0.2 per centisecond on the beam (section 6.1).
+    """
+    scale, tick = units.per_state(model), units.seconds
+    velocity = units.metres / tick
+    return Noise(
+        V1=_positive(v1, "v1") * np.diag(scale**-2.0) / tick,
+        V2=_positive(v2, "v2") * velocity**2 * tick * np.eye(len(model.C)),
+        alpha=alpha / tick,
+    )
+
+
+def weights_of(design: PublishedDesign, model: StateModel) -> Weights:
+    """Return the Q and R that a published design was made with, for the states of a model."""
+    if design.weights == "energy":
+        return energy_weights(model, design.r)
+    return identity_weights(model, design.q, design.r)
+
+
+def noise_of(design: PublishedDesign, model: StateModel) -> Noise:
+    """Return the noise and the margin that a published design was made with, for the states of a model."""
+    return published_noise(model, design.v1, design.v2, design.alpha)
+
+
+def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:
+    """Return a symmetric weight, read-only, or refuse it.
+
+    Definiteness is judged after scaling to a unit diagonal, for states of different units are of different sizes.
+    """
+    try:
+        matrix = np.array(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise BadDesign(f"{name} is not a matrix of numbers: {error}") from error
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.all(np.isfinite(matrix)):
+        raise BadDesign(f"{name} of shape {matrix.shape} is not a finite square matrix")
+    if not np.allclose(matrix, matrix.T, rtol=0, atol=1e-9 * np.abs(matrix).max(initial=0.0)):
+        raise BadDesign(f"{name} is not symmetric; give (X + X^T)/2")
+    diagonal = np.diag(matrix)
+    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values = np.linalg.eigvalsh(matrix * np.outer(scale, scale))
+    least = INDEFINITE * max(float(np.abs(values).max(initial=0.0)), 1e-300)
+    if definite and values.min(initial=np.inf) <= least:
+        raise BadDesign(f"{name} is not positive definite: smallest scaled eigenvalue {values.min():.3g}")
+    if not definite and values.min(initial=0.0) < -least:
+        raise BadDesign(f"{name} is indefinite: smallest scaled eigenvalue {values.min():.3g}; it must be >= 0")
+    matrix = (matrix + matrix.T) / 2
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _control_weight(model: StateModel, r: float, units: PublishedUnits) -> Array:
+    return _positive(r, "r") / (units.newtons**2 * units.seconds) * np.eye(model.B.shape[1])
+
+
+def _positive(value: float, name: Literal["q", "r", "v1", "v2"]) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise BadDesign(f"the factor {name} = {value} is not a positive number")
+    return float(value)

@@ -1,0 +1,79 @@
+"""Measured modes of a structure that come with vlab, to correct its reduced models with."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from vlab.assets import asset
+from vlab.errors import BadStructure, UnknownName
+from vlab.schema import Reader, number
+from vlab.signals import ModalModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredDisplacement:
+    """One coordinate of length: its deflection in every mode, relative to the largest of the mode."""
+
+    coordinate: str
+    shape: tuple[float, ...] = number("1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredRotation:
+    """One coordinate of angle: its rotation in every mode [rad] per largest deflection [m]."""
+
+    coordinate: str
+    shape: tuple[float, ...] = number("1/m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredModes:
+    """The file ``assets/identified/<structure>_modes.toml``; every number says its origin.
+
+    Parameters
+    ----------
+    frequencies, ratios : tuple of float
+        Natural frequencies [Hz] and damping ratios, one a mode.
+    others : float
+        Damping ratio of the modes without measured shapes.
+    """
+
+    format: Literal["vlab-measured-modes-1"]
+    structure: str
+    title: str
+    frequencies: tuple[float, ...] = number("Hz", positive=True)
+    ratios: tuple[float, ...] = number("1", at_least=0.0)
+    others: float = number("1", at_least=0.0)
+    displacement: tuple[MeasuredDisplacement, ...]
+    rotation: tuple[MeasuredRotation, ...] = ()
+
+    def at(self, coordinates: tuple[str, ...]) -> ModalModel:
+        """Return the modes at these coordinates, in their order."""
+        rows = {part.coordinate: part.shape for part in self.displacement}
+        rows |= {part.coordinate: part.shape for part in self.rotation}
+        missing = [label for label in coordinates if label not in rows]
+        if missing:
+            raise BadStructure(f"{self.title}: no shapes at {', '.join(missing)} (there are {', '.join(rows)})")
+        return ModalModel(
+            freq=np.array(self.frequencies),
+            zeta=np.array(self.ratios),
+            shapes=np.array([rows[label] for label in coordinates]),
+            coordinates=coordinates,
+        )
+
+
+def measured_modes(structure: str) -> MeasuredModes:
+    """Load the measured modes of a structure.
+
+    Raises
+    ------
+    BadStructure
+        None come with vlab, or the file is malformed.
+    """
+    try:
+        path = asset(f"identified/{structure}_modes.toml")
+    except UnknownName as error:
+        raise BadStructure(f"no measured modes of structure {structure!r} come with vlab; give your own") from error
+    reader = Reader(path)
+    return reader.table(MeasuredModes, reader.load())

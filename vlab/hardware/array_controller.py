@@ -1,0 +1,85 @@
+"""The PC-1000 array controller: one constant matrix times [inputs; states] at every sample (equation 5.1)."""
+
+from typing import NoReturn
+
+import numpy as np
+
+from controllers.linear import LinearController, LinearLaw
+from vlab.errors import BadController
+from vlab.hardware.laboratory import Hardware
+from vlab.signals import Array
+
+
+class ArrayController(LinearLaw):
+    """A law as it is downloaded to the array controller.
+
+    Direct feedback fills F11 alone; an observer fills F12, F21 and F22 (section 5.3). The rest of the matrix is zero
+    and is not multiplied here.
+
+    Parameters
+    ----------
+    law : LinearController
+        What to download: direct rate feedback, a sampled observer, any linear law.
+    hardware : Hardware
+        Its array says the sizes, its converter the rate.
+
+    Raises
+    ------
+    BadController
+        Too many sensors, actuators or states; a law that is not linear or was made for another rate; hardware without
+        an array.
+    """
+
+    def __init__(self, law: LinearController, hardware: Hardware) -> None:
+        if not isinstance(law, LinearController):
+            _refuse(f"{type(law).__name__} has no `matrices`: the array multiplies by one constant matrix")
+        if hardware.array is None:
+            _refuse("this hardware has no array; add a table [array] with inputs, outputs and states to its file")
+        size, rate = hardware.array, hardware.converter.rate
+        made_for = getattr(law, "rate", None)
+        if made_for is not None and abs(made_for / rate - 1) > 1e-9:
+            low, high = hardware.converter.lowest_rate, hardware.converter.highest_rate
+            _refuse(
+                f"the law was made for {made_for:g} Hz and the array samples at {rate:g} Hz; sample the law at the rate of the array, {low:g} to {high:g} Hz"
+            )
+        A, B, C, D = law.matrices
+        for what, given, most, fix in (
+            ("sensors", len(law.sensors), size.inputs, "wire fewer"),
+            ("actuators", len(law.actuators), size.outputs, "wire fewer"),
+            ("states", len(A), size.states, f"reduce the model to {size.states // 2} modes or fewer"),
+        ):
+            if given > most:
+                _refuse(f"the law has {given} {what}; the array takes {most}: {fix}")
+        self.array = size
+        super().__init__(A, B, C, D, sensors=law.sensors, actuators=law.actuators, rate=rate)
+
+    @property
+    def coefficients(self) -> Array:
+        """The whole matrix, (outputs + states, inputs + states): [[F11, F12], [F21, F22]]."""
+        size = self.array
+        F = np.zeros((size.outputs + size.states, size.inputs + size.states))
+        n, n_sensors, n_actuators = len(self.A), len(self.sensors), len(self.actuators)
+        F[:n_actuators, :n_sensors] = self.D
+        F[:n_actuators, size.inputs : size.inputs + n] = self.C
+        F[size.outputs : size.outputs + n, :n_sensors] = self.B
+        F[size.outputs : size.outputs + n, size.inputs : size.inputs + n] = self.A
+        return F
+
+    @property
+    def non_zeros(self) -> int:
+        """Numbers that must be downloaded: 816 for an observer of 12 modes and 5 pairs, 288 in block-diagonal form."""
+        return int(np.count_nonzero(self.coefficients))
+
+    def s_plane(self) -> Array:
+        """Return the roots of the internal states, carried from the z- to the s-plane by z = exp(s T) [rad/s].
+
+        They are the continuous observer's where its frequencies are below half the sample rate: the check of section
+        5.3. The roots of the whole loop are those of `vlab.lab.prediction`.
+        """
+        rate = self.rate or 1.0
+        s = np.log(np.linalg.eigvals(self.A).astype(complex)) * rate
+        return np.asarray(s[np.argsort(np.abs(s), kind="stable")])
+
+
+def _refuse(message: str) -> NoReturn:
+    raise BadController(f"array controller: {message}")

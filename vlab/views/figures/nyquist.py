@@ -1,0 +1,59 @@
+"""Nyquist plot of a loop with one channel or several."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from vlab.errors import BadRecording
+from vlab.views.figures.style import COLOURS, GREY, INK, as_text, styled
+
+NEAR = 3.0
+"""Half width of the picture around -1."""
+
+
+@styled
+def nyquist_figure(freq: ArrayLike, loop: ArrayLike, *, title: str = "") -> Figure:
+    """Draw det(I + L) - 1 over frequency: the closed loop is stable if, like the open loop, -1 is not encircled.
+
+    Of a single channel this is L itself. The circle of radius one about -1 is where the return difference has size one:
+    outside of it feedback reduces what disturbs.
+
+    Parameters
+    ----------
+    freq : (n,) array
+        Frequencies [Hz], increasing.
+    loop : (n, m, m) or (n,) complex array
+        Loop gain L, negative feedback.
+
+    Raises
+    ------
+    BadRecording
+        Fewer than two points, shapes that do not fit, or numbers that are not finite.
+    """
+    f, L = np.asarray(freq, dtype=float), np.asarray(loop, dtype=complex)
+    L = L[:, None, None] if L.ndim == 1 else L
+    if f.ndim != 1 or f.size < 2 or L.ndim != 3 or len(L) != f.size or L.shape[1] != L.shape[2]:
+        raise BadRecording(f"a loop gain of shape {L.shape} on {f.shape} frequencies cannot be drawn")
+    if not (np.all(np.isfinite(L)) and np.all(np.isfinite(f))):
+        raise BadRecording("the loop gain holds a number that is not finite")
+    curve = np.linalg.det(np.eye(L.shape[1]) + L) - 1
+    figure = Figure(figsize=(8.4, 4.2), layout="constrained")
+    whole, close = figure.subplots(1, 2)
+    angle = np.linspace(0, 2 * np.pi, 200)
+    name = "det(I + L) - 1" if L.shape[1] > 1 else "L"
+    axes: Any
+    for axes in (whole, close):
+        axes.plot(curve.real, curve.imag, color=COLOURS[0], lw=1.0)
+        axes.plot(curve.real, -curve.imag, color=COLOURS[0], lw=0.7, linestyle=":")
+        axes.plot(-1 + np.cos(angle), np.sin(angle), color=GREY, lw=0.8, linestyle="--")
+        axes.plot([-1.0], [0.0], marker="+", color=INK, markersize=9)
+        axes.set(xlabel=f"Re {name} [-]", ylabel=f"Im {name} [-]")
+    peak = int(np.abs(curve).argmax())
+    whole.annotate(f"{f[peak]:.3g} Hz", (curve[peak].real, curve[peak].imag), fontsize=7.5, color=INK)
+    whole.set_aspect("equal", adjustable="datalim")
+    close.set(xlim=(-NEAR - 1, NEAR - 1), ylim=(-NEAR, NEAR), title="around -1")
+    close.set_aspect("equal")
+    whole.set_title(as_text(title))
+    return figure

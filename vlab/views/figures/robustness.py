@@ -1,0 +1,109 @@
+"""Robustness of a sampled loop: its least stable pole over delay and gain, and where the law drives instead of damping."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from vlab.errors import BadRecording
+from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, draw_line, stacked_axes, styled
+
+
+@styled
+def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
+    """Draw the growth of the least stable pole over the delay and over the gain, one curve a law.
+
+    Parameters
+    ----------
+    reports : sequence of (label, report)
+        Of `vlab.lab.robustness.robustness_report`, with their sweeps.
+
+    Raises
+    ------
+    BadRecording
+        No report, or one without sweeps.
+    """
+    if not reports or any("delay_sweep" not in report for _, report in reports):
+        raise BadRecording("no robustness report with sweeps was given to draw")
+    figure = Figure(figsize=(7.2, 3.4), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    handles = []
+    for row, key, name in ((axes[0], "delay_sweep", "samples"), (axes[1], "gain_sweep", "factor")):
+        row.axhspan(0.0, 1e3, color="#eeeeee", zorder=0)
+        for k, (_, report) in enumerate(reports):
+            points = report[key]
+            line = draw_line(row, [p[name] for p in points], [p["growth_per_s"] for p in points], k)
+            handles.append(line)
+            _name_modes(row, points, name, COLOURS[k % len(COLOURS)])
+        row.set_yscale("symlog", linthresh=0.1)
+        row.margins(x=0)
+    growths = np.concatenate(
+        [[p["growth_per_s"] for p in r[k]] for _, r in reports for k in ("delay_sweep", "gain_sweep")]
+    )
+    axes[0].set_ylim(1.3 * min(growths.min(), -0.1), 1.3 * max(growths.max(), 0.1))
+    axes[0].axvline(reports[0][1]["delay_samples"], color=INK, lw=0.8, linestyle=":")
+    axes[0].set(xlabel="delay [samples]", ylabel="growth of the least stable pole [1/s]")
+    axes[1].set(xlabel="factor on all commands [-]", xscale="log")
+    draw_legend(figure, handles[: len(reports)], [label for label, _ in reports])
+    return figure
+
+
+def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: str) -> None:
+    """Write the frequency beside each stretch of a curve that belongs to one mode."""
+    start = 0
+    for i in range(1, len(points) + 1):
+        if i == len(points) or points[i]["mode"] != points[start]["mode"]:
+            middle = points[(start + i - 1) // 2]
+            if i - start >= 3:
+                axes.annotate(
+                    f"{middle['hz']:.1f} Hz", (middle[key], middle["growth_per_s"]), (0, 4), textcoords="offset points", fontsize=7, color=colour, ha="center"
+                )  # fmt: skip
+            start = i
+
+
+@styled
+def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tuple[float, str]] = ()) -> Figure:
+    """Draw how a law acts as dampers over frequency; below zero it drives a motion of that frequency.
+
+    Parameters
+    ----------
+    freq : (n_freq,) array
+        [Hz].
+    strengths : (n_freq, n_coils) array
+        [N s/m], of `vlab.lab.robustness.damper_strengths`.
+    marks : sequence of (frequency [Hz], label)
+        Frequencies to point out, for example the modes.
+    """
+    freq, strengths = np.asarray(freq, dtype=float), np.asarray(strengths, dtype=float)
+    figure, (axes,) = stacked_axes(1, each=3.0)
+    low, high = float(strengths.min()), float(strengths.max())
+    axes.axhspan(min(1.15 * low, -0.1), 0.0, color="#eeeeee", zorder=0)
+    handles = [draw_line(axes, freq, column, k) for k, column in enumerate(strengths.T)]
+    last = -np.inf
+    for hz, label in sorted(marks):
+        axes.axvline(hz, color=GREY, lw=0.8, linestyle=":")
+        if hz - last > 0.02 * float(np.ptp(freq)):  # names of close modes would cover each other
+            axes.text(hz, 1.05 * high, as_text(f" {label}"), fontsize=7, rotation=90, va="top", ha="right")
+            last = hz
+    axes.set(xlabel="frequency [Hz]", ylabel="damper strength [N s/m]", ylim=(min(1.15 * low, -0.1), 1.1 * high))
+    axes.margins(x=0)
+    draw_legend(figure, handles, [f"combination {k + 1} of the coils" for k in range(strengths.shape[1])])
+    return figure
+
+
+@styled
+def levels_figure(histories: Sequence[tuple[str, ArrayLike, ArrayLike]], *, ylabel: str = "command, rms [N]") -> Figure:
+    """Draw levels over time on a logarithmic axis: steady growth is a straight line.
+
+    Parameters
+    ----------
+    histories : sequence of (label, time [s], level)
+    """
+    figure, (axes,) = stacked_axes(1, each=3.0)
+    handles = [draw_line(axes, time, np.maximum(level, 1e-300), k) for k, (_, time, level) in enumerate(histories)]
+    axes.set(xlabel="time [s]", ylabel=ylabel, yscale="log")
+    axes.margins(x=0)
+    draw_legend(figure, handles, [label for label, _, _ in histories], columns=2)
+    return figure
