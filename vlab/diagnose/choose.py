@@ -1,0 +1,119 @@
+"""The choice among hypotheses: how many effects, which class of them, where, with what probability."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.diagnose.search import Found, Hypothesis
+
+EXPLAINED = 0.5
+"""An effect must explain this share of what stood above the noise before it."""
+SECOND_SHARE = 0.005
+"""A second effect must explain this share of what stood above the noise without any, too."""
+ABOVE_NOISE = 1.3
+"""Below this multiple of the noise there is nothing to explain."""
+BEYOND_PRIOR = 8.0
+"""An effect is also accepted where it gains this much in score: the refitted model may fit as well, but only with uncertain
+parameters that are less likely than the effect by e^-8."""
+ALIKE = 1.05
+"""Hypotheses that leave within this factor of the best one's difference cannot be told apart by the recordings."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """What is chosen on the fit recordings alone.
+
+    Parameters
+    ----------
+    best : Hypothesis
+        `Found.before` where nothing is missing.
+    alike : tuple of Hypothesis
+        With the best one, all that the recordings cannot tell from it.
+    probability : float
+        Of the best hypothesis' effects, wherever they are.
+    ranking : tuple of (Hypothesis, float)
+        Other hypotheses with their probabilities, best first.
+    places : dict
+        Probability of every place of the first effect.
+    is_supported : bool
+        Whether it explains enough of what stood above the noise.
+    """
+
+    best: Hypothesis
+    alike: tuple[Hypothesis, ...]
+    probability: float
+    ranking: tuple[tuple[Hypothesis, float], ...]
+    places: dict[str, float]
+    is_supported: bool
+
+
+def _excess(hypothesis: Hypothesis) -> float:
+    return max(hypothesis.level**2 - 1.0, 0.0)
+
+
+def choose(found: Found) -> Choice:
+    """Choose the hypothesis that explains the fit recordings with the fewest effects."""
+    before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
+    doubles = [h for h in found.hypotheses if len(h.terms) == 2]
+    best = before
+    if singles:
+        one = singles[0]
+        explains = before.level > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(before)
+        if explains or one.score - before.score > BEYOND_PRIOR:
+            best = one
+    if best is not before:
+        if doubles:
+            two = doubles[0]
+            gained = _excess(one) - _excess(two)
+            first_is_enough = one.level <= ABOVE_NOISE
+            if not first_is_enough and gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before):
+                best = two
+    if best is before:
+        return Choice(
+            best=before, alike=(), probability=1.0, ranking=_ranking(found, before, ()), places={}, is_supported=False
+        )
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    alike = tuple(h for h in same if h.level <= ALIKE * best.level)
+    probability, ranking = _probabilities(found, best)
+    return Choice(
+        best=best,
+        alike=alike,
+        probability=probability,
+        ranking=ranking,
+        places=_places(found, best),
+        is_supported=True,
+    )
+
+
+def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
+    return tuple(sorted(t.effect.name for t in hypothesis.terms))
+
+
+def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
+    """Return the probability of the chosen effects and the ranking of the others with the same number of effects."""
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    by_effect: dict[tuple[str, ...], Hypothesis] = {}
+    for h in [best, *sorted(same, key=lambda h: -h.score)]:
+        by_effect.setdefault(_names(h), h)
+    options = [*by_effect.values(), found.before]
+    scores = np.array([h.score for h in options])
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    ranking = sorted(zip(options[1:], weights[1:].tolist(), strict=True), key=lambda pair: -pair[1])
+    return float(weights[0]), tuple(ranking)
+
+
+def _ranking(found: Found, best: Hypothesis, skip: Sequence[Hypothesis]) -> tuple[tuple[Hypothesis, float], ...]:
+    options = [best, *found.hypotheses[:6]]
+    scores = np.array([h.score for h in options])
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    return tuple(zip(options[1:], weights[1:].tolist(), strict=True))
+
+
+def _places(found: Found, best: Hypothesis) -> dict[str, float]:
+    first = best.terms[0].place.name
+    options = {first: best, **{k: h for k, h in found.places.items() if k != first and _names(h) == _names(best)}}
+    scores = np.array([h.score for h in options.values()])
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    return dict(sorted(zip(options, weights.tolist(), strict=True), key=lambda pair: -pair[1]))

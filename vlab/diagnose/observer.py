@@ -1,0 +1,198 @@
+"""A Kalman filter on the linear twin: innovations that are white where the model is right, and smoothed motion.
+
+The predictor form is used throughout, x(k+1|k) = A x(k|k-1) + B f(k) + K e(k), e(k) = y(k) - C x(k|k-1) - D f(k), with
+the forces that the model lacks as white noise of one intensity on every mode, correlated with acceleration channels
+through D. Smoothing is Bryson and Frazier's (Ten years of progress in the sequential estimation of..., 1963): an adjoint
+recursion over the innovations. The intensity is the one of largest likelihood.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.twin import Discrete
+from vlab.signals import Array
+
+MOST_RICCATI = 4000
+TUNING_SAMPLES = 2500
+"""Samples of every run on which the intensity is tuned."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gains:
+    """A filter's gains: transient ones first, the last one from then on.
+
+    Parameters
+    ----------
+    K : (n_gains, n, p) array
+    S : (n_gains, p, p) array
+        Covariance of the innovations.
+    P : (n_gains, n, n) array
+        Covariance of the predicted state.
+    """
+
+    K: Array
+    S: Array
+    P: Array
+
+    def at(self, k: int) -> int:
+        """Return the index of the gain of sample k."""
+        return min(k, len(self.K) - 1)
+
+
+def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array) -> Gains:
+    """Return the gains of the first parameter set of a system whose inputs are all modal forces.
+
+    Parameters
+    ----------
+    noise : (p,) array
+        Standard deviation of the channels' noise.
+    intensity : float
+        Variance of the unknown force on every mode [N^2/kg].
+    start : (n, n) array
+        Covariance of the state at the first sample.
+    """
+    A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
+    Q, N = intensity * B @ B.T, intensity * B @ D.T
+    R = np.diag(noise**2) + intensity * D @ D.T
+    P, gains = start, []
+    for _ in range(MOST_RICCATI):
+        S = C @ P @ C.T + R
+        K = np.linalg.solve(S, (A @ P @ C.T + N).T).T
+        gains.append((K, S, P))
+        new = A @ P @ A.T + Q - K @ S @ K.T
+        new = 0.5 * (new + new.T)
+        settled = np.abs(new - P).max() <= 1e-7 * np.abs(new).max()
+        P = new
+        if settled:
+            break
+    return Gains(K=np.array([g[0] for g in gains]), S=np.array([g[1] for g in gains]), P=np.array([g[2] for g in gains]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Smoothed:
+    """What a filter makes of some runs of one sample period.
+
+    Parameters
+    ----------
+    e : (n, n_runs, p) array
+        Innovations, zero beyond a run's end.
+    x : (n, n_runs, 2m) array
+        Smoothed states; beyond a run's end they mean nothing.
+    filtered : (n, n_runs, 2m) array
+        States from the samples up to and including their own.
+    predicted : (n, n_runs, p) array
+        Channels from the samples before their own.
+    lengths : (n_runs,) array
+        Samples of every run.
+    loglik : float
+        Of the innovations.
+    """
+
+    e: Array
+    x: Array
+    filtered: Array
+    predicted: Array
+    lengths: Array
+    loglik: float
+
+
+def run_filter(
+    system: Discrete, gains: Gains, forces: Array, y: Array, lengths: Array, *, smooth: bool = True
+) -> Smoothed:
+    """Filter runs side by side, and smooth them.
+
+    Parameters
+    ----------
+    forces : (n, n_runs, m) array
+        Known modal forces.
+    y : (n, n_runs, p) array
+        Measured channels.
+    """
+    A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
+    n, n_runs, p = y.shape
+    direct = y - forces @ D.T
+    driven = forces @ B.T
+    alive = np.arange(n)[:, None] < lengths[None, :]
+    x = np.zeros((n_runs, A.shape[0]))
+    predicted, e = np.zeros((n, n_runs, A.shape[0])), np.zeros((n, n_runs, p))
+    AT, CT = A.T.copy(), C.T.copy()
+    KT = np.transpose(gains.K, (0, 2, 1)).copy()
+    everywhere = bool(alive.all())
+    for k in range(n):
+        predicted[k] = x
+        innovation = direct[k] - x @ CT
+        if not everywhere:
+            innovation *= alive[k][:, None]
+        e[k] = innovation
+        x = x @ AT + innovation @ KT[gains.at(k)] + driven[k]
+    inverse = np.linalg.inv(gains.S)
+    which = np.minimum(np.arange(n), len(gains.S) - 1)
+    logdet = np.linalg.slogdet(gains.S)[1]
+    squared = np.einsum("krp,kpq,krq->kr", e, inverse[which], e)
+    loglik = -0.5 * float(np.sum((squared + logdet[which][:, None]) * alive))
+    if not smooth:
+        return Smoothed(e=e, x=predicted, filtered=predicted, predicted=y, lengths=lengths, loglik=loglik)
+    own = np.linalg.solve(gains.S, C @ gains.P).transpose(0, 2, 1)  # P C^T S^-1, of the measurement alone
+    filtered = predicted + np.einsum("kap,krp->kra", own[which], e)
+    guess = predicted @ C.T + forces @ D.T
+    weighted = np.einsum("krp,kpq->krq", e, inverse[which])
+    r = np.zeros_like(x)
+    L = A[None] - gains.K @ C
+    for k in range(n - 1, -1, -1):
+        i = which[k]
+        r = weighted[k] @ C + r @ L[i]
+        predicted[k] += r @ gains.P[i]
+    return Smoothed(e=e, x=predicted, filtered=filtered, predicted=guess, lengths=lengths, loglik=loglik)
+
+
+def stack_runs(runs: Sequence[Signals], parts: Sequence[Array]) -> tuple[Array, Array]:
+    """Return series of runs side by side, padded with zeros, and their lengths."""
+    lengths = np.array([len(run) for run in runs])
+    out = np.zeros((lengths.max(), len(runs), parts[0].shape[1]))
+    for i, part in enumerate(parts):
+        out[: len(part), i] = part
+    return out, lengths
+
+
+def start_covariance(system: Discrete, y: Array, lengths: Array) -> Array:
+    """Return a wide covariance of the first state: any mode alone may make up all of the largest motion seen."""
+    A, C = system.A[0], system.C[0]
+    m = A.shape[0] // 2
+    largest = np.abs(y).max(axis=(0, 1))
+    out = np.zeros(2 * m)
+    for i in range(2 * m):
+        x, seen = np.zeros(2 * m), np.zeros(len(C))
+        x[i] = 1.0
+        for _ in range(64):
+            seen = np.maximum(seen, np.abs(C @ x))
+            x = A @ x
+        ratio = np.divide(largest, seen, out=np.full(len(C), np.inf), where=seen > 1e-12 * max(seen.max(), 1e-300))
+        out[i] = 4.0 * float(ratio.min()) ** 2 if np.isfinite(ratio.min()) else 1.0
+    return np.diag(np.maximum(out, 1e-300))
+
+
+def tune(system: Discrete, noise: Array, forces: Array, y: Array, lengths: Array) -> tuple[float, Gains]:
+    """Return the intensity of the unknown forces that makes the runs most likely, and its gains."""
+    n = min(len(y), TUNING_SAMPLES)
+    short = np.minimum(lengths, n)
+    start = start_covariance(system, y, lengths)
+    B, C = system.B[0], system.C[0]
+    # one step's force that moves a channel by its noise: the scale of the search
+    response = np.abs(C @ system.A[0] @ B).max(axis=1) + np.abs(system.D[0]).max(axis=1)
+    reference = float(np.median(noise / np.maximum(response, 1e-300)) ** 2)
+
+    def value(log_q: float) -> float:
+        gains = filter_gains(system, noise, reference * 10.0**log_q, start)
+        return run_filter(system, gains, forces[:n], y[:n], short, smooth=False).loglik
+
+    grid = np.arange(-8.0, 9.0, 1.5)
+    values = [value(g) for g in grid]
+    best = float(grid[int(np.argmax(values))])
+    for step in (0.75, 0.375):
+        options = [best - step, best, best + step]
+        best = options[int(np.argmax([value(o) for o in options]))]
+    intensity = reference * 10.0**best
+    return intensity, filter_gains(system, noise, intensity, start)

@@ -1,0 +1,155 @@
+"""Where physics can be missing: the places of a plant, in the twin's modal coordinates."""
+
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from vlab.diagnose.twin import Twin
+from vlab.physics.effect import Effect, PickUp
+from vlab.plants.base import Plant
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+
+SAME = 1e-6
+"""Two ports are one where their rows differ by less than this share."""
+MOST_PORTS = 80
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """One place.
+
+    Parameters
+    ----------
+    name : str
+        As a diagnosis reports it.
+    kind : str
+        ``"port"``, ``"body"``, ``"actuator"`` or ``"sensor"``.
+    rows : (k, m) array
+        Of a port its row per modal coordinate; of a body the three rows of its centre.
+    angular : bool
+        The port is a rotation.
+    stiffness : float
+        Of the elastic element at the port; 0 without one.
+    index : int
+        Of an actuator or a channel.
+    coil : int or None
+        The actuator that acts along the port.
+    aliases : tuple of str
+        Other names of the same port.
+    tag : str
+        As `vlab.plants.base.Port` has it.
+    """
+
+    name: str
+    kind: str
+    rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    angular: bool = False
+    stiffness: float = 0.0
+    index: int = -1
+    coil: int | None = None
+    aliases: tuple[str, ...] = ()
+    tag: str = ""
+
+
+def admissible(effect: Effect, place: Place) -> bool:
+    """Say whether an effect can act at a place."""
+    if effect.kind in ("actuator", "sensor"):
+        return place.kind == effect.kind and not isinstance(effect, PickUp)  # a second signal makes the place a pair
+    if place.kind == "body":
+        return effect.name == "added-mass"
+    if place.kind != "port":
+        return False
+    if ("tension" in effect.needs) != (place.tag == "tension") or (len(place.rows) > 1 and not effect.needs):
+        return False
+    has = {
+        "translation": not place.angular and len(place.rows) == 1,
+        "rotation": place.angular,
+        "stiffness": place.stiffness > 0,
+        "coil": place.coil is not None,
+    }
+    return all(has.get(need, True) for need in effect.needs)
+
+
+def places_of(plant: Plant, twin: Twin, channels: list[str], driven: list[int]) -> list[Place]:
+    """Return the places of a plant.
+
+    Parameters
+    ----------
+    channels : list of str
+        Names of the compared channels.
+    driven : list of int
+        The actuators that recordings or laws drive.
+    """
+    ports: list[Place] = []
+    names, data = list(plant.ports), plant.new_data()
+    rows = plant.port_rows(names) @ twin.shapes
+    scale = np.abs(rows).max(initial=0.0)
+    for name, row in zip(names, rows, strict=True):
+        if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
+            continue
+        twin_port = next(
+            (i for i, p in enumerate(ports) if np.abs(p.rows[0] - row).max() <= SAME * np.abs(row).max()), None
+        )
+        if twin_port is not None and not plant.ports[name].tag:
+            known = ports[twin_port]
+            stiffness = max(known.stiffness, plant.own_stiffness(name))
+            ports[twin_port] = replace(known, aliases=(*known.aliases, name), stiffness=stiffness)
+            continue
+        ports.append(
+            Place(
+                name=name,
+                kind="port",
+                rows=np.vstack([row, *(more.row(data) @ twin.shapes for more in plant.ports[name].more)]),
+                angular=plant.ports[name].unit == "rad",
+                stiffness=plant.own_stiffness(name),
+                coil=_coil(twin, row, driven),
+                tag=plant.ports[name].tag,
+            )
+        )
+    ports = ports[:MOST_PORTS]
+    out = [*ports, *_bodies(plant, twin, ports)]
+    out += [
+        Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
+        for i in driven
+    ]
+    out += [
+        Place(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", index=i) for i, name in enumerate(channels)
+    ]
+    return out
+
+
+def _coil(twin: Twin, row: Array, driven: list[int]) -> int | None:
+    """Return the actuator whose force acts along a port's row."""
+    for i in driven:
+        force = twin.forces[:, i]
+        size = np.linalg.norm(force) * np.linalg.norm(row)
+        if size > 0 and abs(force @ row) > 0.9999 * size:
+            return i
+    return None
+
+
+def _bodies(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
+    """Return the bodies that move with no single port: added mass there has three rows."""
+    if not isinstance(plant, MjcfPlant):
+        return []
+    data = plant.new_data()
+    out = []
+    for i in range(1, plant.model.nbody):
+        name = plant.model.body(i).name
+        jacobian = np.zeros((3, plant.model.nv))
+        mujoco.mj_jacBodyCom(plant.model, data, jacobian, None, i)
+        rows = jacobian @ twin.shapes
+        if not name or plant.model.body_mass[i] <= 0 or np.abs(rows).max(initial=0.0) == 0.0:
+            continue
+        moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
+        single = len(moving) == 1
+        if single and any(
+            np.abs(np.abs(p.rows[0]) - np.abs(moving[0])).max() <= SAME * np.abs(moving).max()
+            for p in ports
+            if not p.angular
+        ):
+            continue
+        out.append(Place(name=f"body:{name}", kind="body", rows=moving))
+    return out

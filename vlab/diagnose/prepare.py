@@ -1,0 +1,224 @@
+"""From a case to what the search works on: the twin, the runs on one clock, the places."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.initial import replayed_commands
+from vlab.cases.playback import bench_for
+from vlab.cases.wiring import Compared, Law, Run
+from vlab.diagnose.linear_view import actuator_forces, channel_rows
+from vlab.diagnose.places import Place, places_of
+from vlab.diagnose.signals import Signals, fastest, signals_of, uniform
+from vlab.diagnose.twin import Change, Twin, observable
+from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters
+from vlab.diagnose.uncertain_structure import adjusted_structure, structure_changes, structure_parameters
+from vlab.errors import BadCase
+from vlab.fe.second_order import SecondOrderModel
+from vlab.physics.running import STAGGERED
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+MOST_MODES = 24
+BAND_MARGIN = 2.0
+"""Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """A case as the search sees it.
+
+    Parameters
+    ----------
+    channels : tuple of Compared
+        All channels that are compared in some run, commands aside.
+    names : tuple of str
+        Their names.
+    runs : tuple of Run
+        As wired.
+    signals : tuple of Signals
+        The same runs on the search's clock, in the same order.
+    """
+
+    case: Case
+    plant: Plant
+    twin: Twin
+    parameters: tuple[Uncertain, ...]
+    channels: tuple[Compared, ...]
+    names: tuple[str, ...]
+    runs: tuple[Run, ...]
+    signals: tuple[Signals, ...]
+    places: tuple[Place, ...]
+
+    def adjusted(self, theta: Array) -> Plant:
+        """Return the plant with its uncertain parameters at given log-factors."""
+        if self.case.structure is None:
+            return adjusted(self.plant, self.parameters, theta)
+        return adjusted_structure(self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta)
+
+    def in_role(self, role: str) -> list[Signals]:
+        """Return the runs of one role."""
+        return [s for s in self.signals if s.role == role]
+
+
+_ORDERS = {
+    "displacement": 0,
+    "angle": 0,
+    "velocity": 1,
+    "angular-velocity": 1,
+    "acceleration": 2,
+    "angular-acceleration": 2,
+}
+
+
+def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
+    """Prepare a case's recordings in some roles.
+
+    Raises
+    ------
+    BadCase
+        No recording, or runs that compare different channels.
+    """
+    runs = case.runs(roles)
+    if not runs:
+        raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
+    channels = tuple(c for c in runs[0].compared if c.actuator is None)
+    for run in runs[1:]:
+        if tuple(c for c in run.compared if c.actuator is None) != channels:
+            raise BadCase(f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones")
+    plant = case.plant
+    names = tuple(c.channel for c in channels)
+    orders = [_ORDERS.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
+    linear = plant.linearise()
+    rows = channel_rows(plant, channels)
+    highest = max(_fastest(run, channels, orders) for run in runs)
+    omega, shapes = linear.eigen
+    rate = min(1 / uniform(run.measured.time) for run in runs)
+    kept = observable(rows.onto(np.eye(plant.model.nv)), shapes, omega)
+    kept &= np.abs(omega) < 2 * np.pi * min(max(BAND_MARGIN * highest, 1.5 * _lowest(omega, kept)), 0.45 * rate)
+    kept &= np.cumsum(kept) <= MOST_MODES
+    if not kept.any():
+        raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {0.45 * rate:.3g} Hz")
+    basis = shapes[:, kept]
+    stepped = _as_stepped(plant, linear, basis)
+    load_ports = tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port))
+    driven = sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | _law_actuators(runs))
+    structure, variant = case.structure, case.table.model.variant
+    given = case.table.model.uncertain
+    parameters: tuple[Uncertain, ...]
+    if structure is None:
+        parameters = tuple(uncertain_parameters(plant, given, names, driven))
+        changes = tuple(_change(plant, parameter, basis) for parameter in parameters)
+    else:
+        parameters = tuple(structure_parameters(structure, given, names, driven))
+        points = [p.name for p in structure.point if p.name in plant.ports]
+        at_points = plant.port_rows(points) @ basis
+        changes = tuple(structure_changes(structure, variant, parameters, at_points, omega[kept], points))
+    twin = Twin(
+        omega=omega[kept],
+        shapes=basis,
+        M=basis.T @ linear.M @ basis,
+        C=basis.T @ linear.C @ basis + np.diag(stepped[0]),
+        K=basis.T @ linear.K @ basis + np.diag(stepped[1]),
+        forces=basis.T @ actuator_forces(plant),
+        loads=(plant.port_rows(load_ports) @ basis).T if load_ports else np.zeros((kept.sum(), 0)),
+        rows=rows.onto(basis),
+        changes=changes,
+    )
+    signals = tuple(
+        signals_of(
+            run,
+            channels,
+            rows.rest,
+            len(plant.actuators),
+            load_ports,
+            orders=orders,
+            commands=_commands(plant, run),
+            highest_hz=highest,
+        )
+        for run in runs
+    )
+    places = tuple(places_of(plant, twin, list(names), driven))
+    return Problem(
+        case=case,
+        plant=plant,
+        twin=twin,
+        parameters=parameters,
+        channels=channels,
+        names=names,
+        runs=tuple(runs),
+        signals=signals,
+        places=places,
+    )
+
+
+def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array) -> tuple[Array, Array]:
+    """Return what MuJoCo's step adds to the modes' damping and stiffness.
+
+    A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
+    end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
+    the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step.
+    """
+    h, model = plant.timestep, plant.model
+    c, k = (np.einsum("ij,ik,kj->j", basis, part, basis) for part in (linear.C, linear.K))
+    if model.opt.integrator not in STAGGERED:
+        return np.zeros_like(c), np.zeros_like(k)
+    at_end = np.zeros_like(linear.C)
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP):
+        at_end[np.diag_indices(model.nv)] = model.dof_damping
+    if model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER:
+        at_end = linear.C if plant.dissipation is None else linear.C - plant.dissipation
+    grown = 1.0 + h * np.einsum("ij,ik,kj->j", basis, at_end, basis)
+    step = np.zeros((len(c), 2, 2))  # of velocity and displacement
+    step[:, 0, 0], step[:, 0, 1] = 1.0 - h * c / grown, -h * k / grown
+    step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
+    s = np.log(np.linalg.eigvals(step).astype(complex)) / h
+    return (-s.sum(axis=1)).real - c, s.prod(axis=1).real - k
+
+
+def _lowest(omega: Array, kept: Array) -> float:
+    moving = np.abs(omega[kept])
+    moving = moving[moving > 1e-3]
+    return float(moving.min() / (2 * np.pi)) if moving.size else 0.0
+
+
+def _fastest(run: Run, channels: Sequence[Compared], orders: Sequence[int]) -> float:
+    data = np.column_stack([run.measured[c.channel] for c in channels])
+    return fastest(data, uniform(run.measured.time), orders)
+
+
+def _law_actuators(runs: Sequence[Run]) -> set[int]:
+    return {i for run in runs if run.law is not None for i in run.law.actuators}
+
+
+def _commands(plant: Plant, run: Run) -> Array | None:
+    """Return what the law in the loop commanded, (n_samples, n_actuators): recorded, or replayed on the recorded sensors."""
+    if run.law is None:
+        return None
+    law: Law = replace(run.law, controller=copy.deepcopy(run.law.controller))
+    out = np.zeros((len(run.measured), len(plant.actuators)))
+    replayed = replayed_commands(run, law, run.measured, bench_for(plant, run))
+    for column, actuator in enumerate(law.actuators):
+        recorded = next((c for c in run.compared if c.actuator == actuator), None)
+        out[:, actuator] = replayed[:, column] if recorded is None else run.measured[recorded.channel]
+    return out
+
+
+def _change(plant: Plant, parameter: Uncertain, basis: Array) -> Change:
+    if parameter.actuator is not None or parameter.sensor is not None:
+        return Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor)
+
+    def matrices(theta: float) -> tuple[Array, Array, Array]:
+        linear = adjusted(plant, [parameter], np.array([theta])).linearise()
+        return linear.M, linear.C, linear.K
+
+    M, C, K = (basis.T @ part @ basis for part in derivative(matrices))
+
+    def significant(part: Array, whole: Array) -> Array | None:
+        return part if np.abs(part).max() > 1e-9 * max(np.abs(whole).max(), 1e-300) else None
+
+    return Change(name=parameter.name, sd=parameter.sd, M=significant(M, np.eye(len(M))), C=C if np.any(C) else None, K=K if np.any(K) else None)

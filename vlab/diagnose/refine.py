@@ -1,0 +1,550 @@
+"""Fits in simulation: a hypothesis with everything uncertain beside it, on all fit runs at once.
+
+The twin is simulated from its initial states with the effects of the hypothesis inside the loop, for many parameter sets
+side by side, and Gauss and Newton's method brings the difference to the recordings down. The uncertain parameters enter
+in the few directions that the recordings say something of; initial states and channel offsets are fitted along.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.places import Place
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
+from vlab.diagnose.twin import discretise
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, Parameter, PortEffect, SensorEffect, Step
+from vlab.signals import Array
+
+ITERATIONS = 12
+CHUNK = 400
+STEPS_PER_CYCLE = 22.0
+"""Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
+OFFSET_SD = 0.02
+"""Prior standard deviation of a channel's zero, as a share of its rms."""
+LEAST_ERROR = 0.005
+"""Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+PRIOR_BOUND = 3.0
+"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
+INFORMED = 0.2
+"""Directions of the uncertain parameters whose prior spread moves the innovations by less than this share of their
+noise, all samples together, stay at the prior's mean."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Term:
+    """One effect at one place with starting values."""
+
+    effect: Effect
+    place: Place
+    values: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one string."""
+        return f"{self.effect.name}@{self.place.name}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hypothesis.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+        With fitted values.
+    theta : (n_changes,) array
+        Log-factors of the uncertain parameters.
+    offsets : (n_channels,) array
+        Zeros of the channels.
+    starts : mapping of str to (2m,) array
+        Modal state at the first sample of every run that does not start at rest.
+    error : (n_runs, n_channels) array
+        Rms of the remaining difference over the channel's rms, runs in the order of the fit.
+    chi2 : float
+        Weighted sum of squares, priors included.
+    cost : float
+        As `chi2`, without the priors.
+    sd : mapping of str to float
+        Standard deviation of every fitted effect parameter (log where unsigned), by ``"label:name"``.
+    """
+
+    terms: tuple[Term, ...]
+    theta: Array
+    offsets: Array
+    starts: dict[str, Array]
+    error: Array
+    chi2: float
+    cost: float
+    sd: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class _Layout:
+    """Which entry of the fitted vector is what."""
+
+    directions: Array  # (n_changes, r)
+    n_channels: int
+    n_start: int  # fitted start entries a run: 2 m_active, or 0
+    runs: list[Signals]
+    free: list[int]  # runs that do not start at rest
+    effects: list[tuple[int, Parameter]] = field(default_factory=list)
+    centre: list[float] = field(default_factory=list)  # the effects' starting entries
+
+    @property
+    def r(self) -> int:
+        return self.directions.shape[1]
+
+    @property
+    def size(self) -> int:
+        return self.r + self.n_channels + self.n_start * len(self.free) + len(self.effects)
+
+
+class Refiner:
+    """Fits hypotheses to a problem's runs.
+
+    Parameters
+    ----------
+    screen : Screen
+        Gives the uncertain parameters' informed directions and the first states.
+    """
+
+    def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None) -> None:
+        self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
+        self.runs = list(runs if runs is not None else screen.runs)
+        self.directions = self._informed()
+        self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in self.runs])
+        samples = sum(run.y.size for run in self.runs)
+        self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        self.highest = max(2.0 / (2 * np.pi) * float(np.abs(self.twin.omega).max()), 1e-3) / 2
+        self.active = self._active()
+
+    def _informed(self) -> Array:
+        """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance."""
+        sd = self.twin.prior
+        scaled = self.screen.nuisance * sd / np.sqrt(self.screen.variance)
+        _, size, rows = np.linalg.svd(scaled, full_matrices=False)
+        return np.asarray((rows[size > INFORMED] * sd).T)
+
+    def _active(self) -> Array:
+        """Return the modes whose first state is fitted: those that carry the first motion."""
+        free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
+        if not free:
+            return np.zeros(0, dtype=int)
+        size = np.zeros(self.twin.m)
+        for run in free:
+            x = self.first_state(self.runs[run])
+            m = self.twin.m
+            energy = x[m:] ** 2 + (self.twin.omega * x[:m]) ** 2
+            size = np.maximum(size, energy / max(energy.max(), 1e-300))
+        return np.flatnonzero(size > 1e-6)[:6]
+
+    def first_state(self, run: Signals) -> Array:
+        """Return the smoothed modal state at the first sample of a run that the screening filtered."""
+        if run.start is not None:
+            return run.start
+        for group in self.screen.groups:
+            for i, other in enumerate(group.runs):
+                if other is run:
+                    return np.asarray(group.smoothed.x[0, i])
+        return np.zeros(2 * self.twin.m)
+
+    # ---- simulation -------------------------------------------------------------------------------------------------
+
+    def simulate(
+        self, runs: list[Signals], terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
+    ) -> Array:
+        """Simulate parameter sets side by side over runs of one sample period.
+
+        Parameters
+        ----------
+        theta : (n_sets, n_changes) array
+        values : sequence of mappings
+            Of every term its parameter values, (n_sets,) arrays.
+        starts : (n_sets, n_runs, 2m) array
+
+        Returns
+        -------
+        (n, n_sets, n_runs, n_channels) array
+            Channels, zero beyond a run's end.
+        """
+        twin, h, n_sets = self.twin, runs[0].h, len(theta)
+        M, C, K, actuator_gain, sensor_gain = twin.matrices(theta)
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, LinearPortEffect):
+                mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness)
+                for row in term.place.rows:
+                    outer = np.outer(row, row)
+                    M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
+                    C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
+                    K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
+        ports = [i for i, term in enumerate(terms) if isinstance(term.effect, PortEffect)]
+        ports.sort(key=lambda i: terms[i].effect.family == "friction")  # sticking answers all other forces
+        substeps = max(1, int(np.ceil(STEPS_PER_CYCLE * self.highest * h))) if ports else 1
+        inputs = np.concatenate(
+            [
+                twin.forces[None] * actuator_gain[:, None, :],
+                np.repeat(np.hstack([twin.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+            ],
+            axis=2,
+        )
+        system = discretise(M, C, K, inputs, twin.rows, h / substeps)
+        known = inputs.shape[2] - len(ports)
+        forces = self._inputs(runs, terms, values, n_sets)
+        y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
+        y *= sensor_gain[:, None, :]
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, SensorEffect):
+                _each_set(y, term, own, runs)
+        return y
+
+    def _inputs(
+        self, runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
+    ) -> Array:
+        """Return commands, behind the actuators' effects, and direct loads, (n, n_sets or 1, n_runs, k)."""
+        n = max(len(run) for run in runs)
+        out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
+        for i, run in enumerate(runs):
+            out[: len(run), 0, i] = np.hstack([run.u, run.load])
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, ActuatorEffect):
+                out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+                for s in range(n_sets):
+                    p = {k: float(v[s]) for k, v in own.items()}
+                    out[:, s, :, term.place.index] = term.effect.actuate(out[:, s, :, term.place.index], p, runs[0].h)
+        return out
+
+    # ---- fitting ----------------------------------------------------------------------------------------------------
+
+    def fit(self, terms: Sequence[Term] = (), start: Fit | None = None, iterations: int = ITERATIONS) -> Fit:
+        """Fit a hypothesis.
+
+        It starts from the screening's values and uncertain parameters, or those of `start` for what both know, with new
+        terms at several sizes, whichever simulates best.
+        """
+        layout = self._layout(terms)
+        first, *others = self._starts(layout, terms, start)
+        best = self._descend(layout, terms, first, iterations)
+        for x in others:  # only worth the time where the screening's estimate led nowhere
+            if start is not None and best.cost < 0.7 * start.cost:
+                break
+            best = min(best, self._descend(layout, terms, x, iterations), key=lambda fit: fit.cost)
+        return best
+
+    def _descend(self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int) -> Fit:
+        damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
+        jacobian = np.zeros((raw.size, x.size))
+        small = 0
+        for _ in range(iterations):
+            weight = self._weight(layout, raw)
+            best = raw * weight
+            cost = float(best @ best)
+            jacobian = self._jacobian(layout, terms, x, raw) * weight[:, None]
+            normal, gradient = jacobian.T @ jacobian, jacobian.T @ best
+            scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
+            lams = damping * np.array([1.0, 1e2, 1e5])
+            trials = np.array([x - np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in lams])
+            trials = self._bounded(layout, trials)
+            residuals = self._residual(layout, terms, trials)
+            costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
+            pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+            if not costs[pick] < cost:
+                damping *= 1e4
+                if damping > 1e6:
+                    break
+                continue
+            small = small + 1 if costs[pick] > cost * (1 - 5e-3) else 0
+            x, raw = trials[pick], residuals[pick]
+            damping = max(lams[pick] * 0.1, 1e-8)
+            if small >= 2 or spread_is_noise(raw, layout.r + layout.n_channels):
+                break
+        return self._result(layout, terms, x, raw, jacobian)
+
+    def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
+        """Return the derivatives of the residual by forward differences; those by channel offsets are known."""
+        steps = self._steps(layout, x)
+        offsets = np.arange(layout.r, layout.r + layout.n_channels)
+        others = np.setdiff1d(np.arange(x.size), offsets)
+        moved = self._residual(layout, terms, x + np.diag(steps)[others])
+        out = np.zeros((raw.size, x.size))
+        out[:, others] = ((moved - raw) / steps[others, None]).T
+        out[offsets, offsets] = 1.0
+        at = layout.r + layout.n_channels
+        for h in sorted({run.h for run in self.runs}):
+            for i, run in enumerate(self.runs):
+                if run.h == h:
+                    block = out[at : at + run.y.size].reshape(len(run), run.y.shape[1], -1)
+                    for c, column in enumerate(offsets):
+                        block[:, c, column] = self._offset_sd()[c] / self.sigma[i][c]
+                    at += run.y.size
+        return out
+
+    def _weight(self, layout: _Layout, raw: Array) -> Array:
+        """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
+
+        The scale of what no parameter explains is unknown; taking it as found keeps the priors in force however wrong a
+        hypothesis is.
+        """
+        priors = layout.r + layout.n_channels
+        worth = self.worth / max(raw.size - priors, 1)
+        spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
+        out = np.full(raw.size, np.sqrt(worth / spread))
+        out[:priors] = 1.0
+        return out
+
+    def _starts(self, layout: _Layout, terms: Sequence[Term], start: Fit | None) -> list[Array]:
+        """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
+        known = {} if start is None else {t.label: t for t in start.terms}
+        theta = self.screen.theta if start is None else start.theta
+        if all(t.label in known for t in terms):
+            own = [known[t.label] for t in terms]
+            return [self._initial(layout, own, theta, start)]
+        candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
+        joint, values = self.screen.given(candidates).estimate
+        out = [self._initial(layout, [replace(t, values=v) for t, v in zip(terms, values, strict=True)], joint, start)]
+        options = []
+        for size in (1.0, 0.3, 0.05):
+            own = []
+            for term in terms:
+                amplitudes = {p.name: term.values[p.name] * size for p in term.effect.amplitudes}
+                own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
+            options.append(self._initial(layout, own, theta, start))
+        X = np.array(options)
+        residuals = self._residual(layout, terms, X)
+        return [*out, np.asarray(X[int(np.argmin(np.einsum("ij,ij->i", residuals, residuals)))])]
+
+    def _layout(self, terms: Sequence[Term]) -> _Layout:
+        free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
+        layout = _Layout(
+            directions=self.directions,
+            n_channels=self.twin.rows.at_q.shape[0],
+            n_start=2 * len(self.active),
+            runs=self.runs,
+            free=free,
+        )
+        layout.effects = [(i, p) for i, term in enumerate(terms) for p in term.effect.parameters]
+        layout.centre = [_inward(p, terms[i].values[p.name]) for i, p in layout.effects]
+        return layout
+
+    def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
+        xi = np.linalg.lstsq(layout.directions, theta, rcond=None)[0] if layout.r else np.zeros(0)
+        offsets = np.zeros(layout.n_channels) if start is None else start.offsets
+        parts = [xi, offsets / self._offset_sd()]
+        for i in layout.free:
+            run = self.runs[i]
+            state = self.first_state(run) if start is None or run.name not in start.starts else start.starts[run.name]
+            parts.append(self._pack(state))
+        parts.append(np.array([_inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
+        return np.concatenate(parts)
+
+    def _offset_sd(self) -> Array:
+        return np.asarray(OFFSET_SD * np.max([run.scale for run in self.runs], axis=0))
+
+    def _pack(self, state: Array) -> Array:
+        m = self.twin.m
+        return np.concatenate([state[self.active], state[m + self.active]]) / self._start_scale()
+
+    def _start_scale(self) -> Array:
+        """Return the sizes that modal states are fitted in: a hundredth of the largest first state."""
+        m, a = self.twin.m, self.active
+        omega = np.maximum(np.abs(self.twin.omega[a]), 1.0)
+        if not len(a):
+            return np.zeros(0)
+        energy = max(
+            float(np.max(np.abs(np.concatenate([x[a] * omega, x[m + a]]))))
+            for x in (self.first_state(run) for run in self.runs if run.start is None and not run.at_rest)
+        )
+        energy = max(energy, 1e-9)
+        return 0.01 * np.concatenate([energy / omega, np.full(len(a), energy)])
+
+    def _unpack(self, layout: _Layout, X: Array) -> tuple[Array, Array, Array, Array]:
+        """Return theta, offsets, starts (n_sets, n_runs, 2m) and effect entries of fitted vectors."""
+        r, p, m = layout.r, layout.n_channels, self.twin.m
+        theta = X[:, :r] @ layout.directions.T
+        offsets = X[:, r : r + p] * self._offset_sd()
+        starts = np.zeros((len(X), len(self.runs), 2 * m))
+        for i, run in enumerate(self.runs):
+            if run.start is not None and not run.at_rest:
+                starts[:, i] = run.start
+        at = r + p
+        for i in layout.free:
+            part = X[:, at : at + layout.n_start] * self._start_scale()
+            full = np.repeat(self.first_state(self.runs[i])[None], len(X), axis=0)
+            half = len(self.active)
+            full[:, self.active], full[:, m + self.active] = part[:, :half], part[:, half:]
+            starts[:, i] = full
+            at += layout.n_start
+        return theta, offsets, starts, X[:, at:]
+
+    def _steps(self, layout: _Layout, x: Array) -> Array:
+        steps = np.full(x.size, 1e-2)
+        at = layout.r + layout.n_channels
+        steps[at : at + layout.n_start * len(layout.free)] = 0.1
+        first = x.size - len(layout.effects)
+        for k, (_, parameter) in enumerate(layout.effects):
+            steps[first + k] = 1e-2 if not parameter.signed else max(1e-2 * abs(x[first + k]), 1e-12)
+        return steps
+
+    def _bounded(self, layout: _Layout, X: Array) -> Array:
+        out = X.copy()
+        first = X.shape[1] - len(layout.effects)
+        for k, (_, parameter) in enumerate(layout.effects):
+            if not parameter.signed:  # no further than a factor of e^9 from the screening's value
+                out[:, first + k] = np.clip(out[:, first + k], layout.centre[k] - 9.0, layout.centre[k] + 9.0)
+        out[:, : layout.r] = np.clip(out[:, : layout.r], -PRIOR_BOUND, PRIOR_BOUND)
+        return out
+
+    def _values(self, layout: _Layout, terms: Sequence[Term], entries: Array) -> list[dict[str, Array]]:
+        out: list[dict[str, Array]] = [{} for _ in terms]
+        for k, (i, parameter) in enumerate(layout.effects):
+            out[i][parameter.name] = _outward(parameter, entries[:, k])
+        return out
+
+    def _residual(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
+        theta, offsets, starts, entries = self._unpack(layout, X)
+        values = self._values(layout, terms, entries)
+        blocks = [X[:, : layout.r + layout.n_channels]]  # priors of unit variance
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h]
+            y = self.simulate([self.runs[i] for i in index], terms, theta, values, starts[:, index])
+            for j, i in enumerate(index):
+                run = self.runs[i]
+                difference = y[: len(run), :, j] + offsets - run.y[:, None, :]
+                blocks.append((difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1))
+        out = np.concatenate(blocks, axis=1)
+        return np.where(np.isfinite(out), np.clip(out, -1e8, 1e8), 1e8)
+
+    def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, jacobian: Array) -> Fit:
+        theta, offsets, starts, entries = self._unpack(layout, x[None])
+        values = self._values(layout, terms, entries)
+        fitted = tuple(
+            replace(term, values={k: float(v[0]) for k, v in own.items()}) for term, own in zip(terms, values, strict=True)
+        )
+        priors = layout.r + layout.n_channels
+        at, error = priors, [np.zeros(0)] * len(self.runs)
+        for i in sorted(range(len(self.runs)), key=lambda i: self.runs[i].h):
+            run = self.runs[i]
+            part = residual[at : at + run.y.size].reshape(run.y.shape) * self.sigma[i]
+            error[i] = np.sqrt(np.mean(part**2, axis=0)) / run.scale
+            at += run.y.size
+        data = float(residual[priors:] @ residual[priors:])
+        normal = jacobian.T @ jacobian
+        covariance = np.linalg.pinv(normal + 1e-12 * np.diag(np.diag(normal)))
+        first = x.size - len(layout.effects)
+        sd = {
+            f"{terms[i].label}:{p.name}": float(np.sqrt(max(covariance[first + k, first + k], 0.0)))
+            for k, (i, p) in enumerate(layout.effects)
+        }
+        return Fit(
+            terms=fitted,
+            theta=theta[0],
+            offsets=offsets[0],
+            starts={self.runs[i].name: starts[0, i] for i in layout.free},
+            error=np.array(error),
+            chi2=float(residual @ residual),
+            cost=data,
+            sd=sd,
+        )
+
+
+def spread_is_noise(raw: Array, priors: int) -> bool:
+    """Return whether the remaining difference is as small as the noise: a better fit means nothing."""
+    return bool(np.mean(raw[priors:] ** 2) < 0.95)
+
+
+def _inward(parameter: Parameter, value: float) -> float:
+    return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
+
+
+def _outward(parameter: Parameter, x: Array) -> Array:
+    return x if parameter.signed else np.exp(np.clip(x, -80, 80))
+
+
+def _each_set(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
+    """Let a sensor effect act on its channel, set by set and run by run."""
+    effect = term.effect
+    assert isinstance(effect, SensorEffect)
+    t = np.arange(len(y)) * runs[0].h
+    for s in range(y.shape[1]):
+        p = {k: float(v[s]) for k, v in own.items()}
+        for j, run in enumerate(runs):
+            y[:, s, j, term.place.index] = effect.sense(y[:, s, j, term.place.index], p, run.h, run.t0 + t)
+
+
+def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:
+    """Return a law's memory after the smoothed motion that stands before every window."""
+    memory = effect.memory((n_sets, len(runs)))
+    longest = max((0 if run.before is None else len(run.before)) for run in runs)
+    if memory is None or longest == 0:
+        return memory
+    m = len(row)
+    z, v = np.zeros((longest, len(runs))), np.zeros((longest, len(runs)))
+    for i, run in enumerate(runs):
+        if run.before is not None and len(run.before):
+            z[-len(run.before) :, i], v[-len(run.before) :, i] = run.before[:, :m] @ row, run.before[:, m:] @ row
+    for k in range(longest):
+        memory = effect.force(z[k][None], v[k][None], p, Step(h=runs[0].h), memory)[1]
+    return memory
+
+
+def _march(
+    system: Any,
+    forces: Array,
+    known: int,
+    terms: Sequence[Term],
+    values: Sequence[Mapping[str, Array]],
+    ports: Sequence[int],
+    starts: Array,
+    runs: Sequence[Signals],
+    substeps: int,
+) -> Array:
+    """March parameter sets through all samples: exact for the linear part, port forces held over a step at its middle."""
+    n, n_sets, n_runs = len(forces), len(starts), starts.shape[1]
+    m = starts.shape[2] // 2
+    AT = np.ascontiguousarray(np.swapaxes(system.A, 1, 2))
+    BT = np.swapaxes(system.B, 1, 2)[:, :known]
+    x = starts.copy()
+    out = np.zeros((n, n_sets, n_runs, system.C.shape[1]))
+    h = runs[0].h
+    step, late = h / substeps, np.array([run.t0 for run in runs])
+    laws = []
+    for k, i in enumerate(ports):
+        row = terms[i].place.rows[0]
+        push = system.B[:, :, known + k]  # (n_sets, 2m)
+        gain = push[:, m:] @ row
+        p = {name: np.asarray(v)[:, None] for name, v in values[i].items()}
+        effect = terms[i].effect
+        assert isinstance(effect, PortEffect)
+        memory = _remember(effect, row, p, runs, n_sets)
+        laws.append((effect, row, push[:, None, :], gain[:, None], p, memory, terms[i].place.coil))
+    for first in range(0, n, CHUNK):
+        part = forces[first : first + CHUNK]
+        drive = np.matmul(part, BT)  # (chunk, n_sets, n_runs, 2m)
+        states = np.zeros((len(part), n_sets, n_runs, 2 * m))
+        pushed = np.zeros((len(part), n_sets, n_runs, len(laws)))
+        for k in range(len(part)):
+            states[k] = x
+            for sub in range(substeps):
+                free = np.matmul(x, AT) + drive[k]
+                for j, (effect, row, push, gain, p, memory, coil) in enumerate(laws):
+                    z = 0.5 * (x[..., :m] + free[..., :m]) @ row
+                    after = free[..., m:] @ row
+                    v = 0.5 * (x[..., m:] @ row + after)
+                    command = part[k][..., coil] if coil is not None else 0.0
+                    now = Step(h=step, t=late + (first + k) * h + (sub + 0.5) * step, mobility=gain, free_velocity=after, command=command)
+                    force, memory = effect.force(z, v, p, now, memory)
+                    laws[j] = (effect, row, push, gain, p, memory, coil)
+                    free = free + force[..., None] * push
+                    if sub == 0:
+                        pushed[k, ..., j] = force
+                x = free
+            if not np.isfinite(x[0, 0, 0]) or np.abs(x).max() > 1e12:
+                x = np.clip(np.nan_to_num(x, nan=1e9, posinf=1e9, neginf=-1e9), -1e9, 1e9)
+        out[first : first + CHUNK] = np.matmul(states, np.swapaxes(system.C, 1, 2))
+        if np.any(system.D):
+            whole = np.concatenate([np.broadcast_to(part, (len(part), n_sets, n_runs, known)), pushed], axis=3)
+            out[first : first + CHUNK] += np.matmul(whole, np.swapaxes(system.D, 1, 2))
+    return out

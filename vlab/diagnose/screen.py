@@ -1,0 +1,492 @@
+"""Which physics, where: a regression of the filter's innovations on every effect at every place.
+
+The innovations of a filter on the nominal model are white where nothing is missing. A force that the model lacks leaves
+in them its response through the observer, which forgets quickly even where the structure rings for minutes: no phase
+drifts, and decays without any input are as good as driven records. The motion at every place is the smoothed one, so the
+law of every effect can be evaluated there, and its amplitude follows by linear regression with the uncertain parameters
+beside it under their priors. What remains is a table of likelihood gains, one for each effect at each place.
+"""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.observer import Gains, Smoothed, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.places import Place, admissible
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.twin import Discrete, Twin, discretise
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step, Values
+from vlab.signals import Array
+
+
+REFITS = 4
+"""The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
+
+
+MOST_ROWS = 60_000
+"""Samples times channels that the screening works on."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """The whitened columns of all effects and shapes at a place, (rows, sum of widths)."""
+
+    effects: list[tuple[Effect, dict[str, float]]]
+    widths: list[int]
+    rows: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """An effect at a place with the shape that the screening found best.
+
+    Parameters
+    ----------
+    gain : float
+        Log-likelihood gained by the regression, shape and amplitude chosen.
+    values : mapping
+        Parameter values of the effect.
+    """
+
+    effect: Effect
+    place: Place
+    values: dict[str, float]
+    gain: float
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one string."""
+        return f"{self.effect.name}@{self.place.name}"
+
+
+@dataclass(eq=False)
+class Group:
+    """Runs of one sample period, filtered side by side."""
+
+    runs: list[Signals]
+    system: Discrete
+    gains: Gains
+    smoothed: Smoothed
+    u: Array
+    forces: Array
+    y: Array
+    lengths: Array
+    motion: tuple[Array, Array, Array] = field(default_factory=tuple)  # type: ignore[assignment]
+    e: Array = field(default_factory=lambda: np.zeros(0))
+    white: Array = field(default_factory=lambda: np.zeros(0))
+    first: int = 0
+
+    @property
+    def h(self) -> float:
+        """Sample period [s]."""
+        return self.runs[0].h
+
+    def rows(self, columns: Array) -> Array:
+        """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
+        keep = np.arange(self.first, len(columns))[:, None] < self.lengths[None, :]
+        return np.asarray(np.einsum("pq,nrqk->nrpk", self.white, columns[self.first :])[keep].reshape(-1, columns.shape[-1]))
+
+
+class Screen:
+    """The screening of a problem's fit runs.
+
+    Parameters
+    ----------
+    problem : Problem
+        The case.
+    """
+
+    def __init__(self, problem: Problem, signals: Sequence[Signals] | None = None, *, trust: float = 1.0) -> None:
+        self.problem, self.twin, self.trust = problem, problem.twin, trust
+        self.runs = list(signals if signals is not None else problem.in_role("fit"))
+        self.runs = self._shortened(self.runs)
+        self._cache: dict[str, _Plan] = {}
+        self._marched: dict[tuple[Any, ...], Array] = {}
+        self.theta = np.zeros(len(self.twin.changes))
+        for _ in range(REFITS):
+            self._linearise()
+            step = self._step
+            if np.all(np.abs(step) <= 0.02 * self.twin.prior + 1e-4):
+                break
+            self.theta = np.clip(self.theta + step, -2.0, 2.0)
+        else:
+            self._linearise()
+
+    def _shortened(self, runs: list[Signals]) -> list[Signals]:
+        """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
+        most = MOST_ROWS // (len(runs) * len(self.twin.rows.at_q))
+        return [run if len(run) <= most else replace(run, u=run.u[:most], load=run.load[:most], y=run.y[:most]) for run in runs]
+
+    def _linearise(self) -> None:
+        """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
+        periods = sorted({run.h for run in self.runs})
+        M, C, K, self.actuator_gain, self.sensor_gain = (part[0] for part in self.twin.matrices(self.theta[None]))
+        self.now = replace(self.twin, M=M, C=C, K=K, forces=self.twin.forces * self.actuator_gain)
+        self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
+        self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
+        self.nuisance = self._nuisance()
+        fixed = np.array([c.sensor is not None for c in self.twin.changes])
+        precision = np.where(fixed, 1e12, 1.0 / np.maximum(self.twin.prior, 1e-9) ** 2)
+        self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
+        self._step = self._gram @ (self.nuisance.T @ self.e - precision * self.theta)
+        self.base = self.e - self.nuisance @ self._step
+        self.variance = float(np.mean(self.base**2))
+        self._plain = (self.nuisance, precision)
+
+    def given(self, candidates: Sequence[Candidate]) -> "Screen":
+        """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
+        other = copy.copy(self)
+        columns = [self.columns_of(candidate) for candidate in candidates]
+        nuisance, precision = self._plain
+        other.nuisance = np.hstack([nuisance, *columns])
+        free = np.concatenate([precision, np.full(other.nuisance.shape[1] - nuisance.shape[1], 1e-12)])
+        other._gram = np.linalg.pinv(other.nuisance.T @ other.nuisance + np.diag(free), hermitian=True)
+        pull = np.concatenate([precision * self.theta, np.zeros(len(free) - len(precision))])
+        solution = other._gram @ (other.nuisance.T @ self.e - pull)
+        other.base = self.e - other.nuisance @ solution
+        other.variance = float(np.mean(other.base**2))
+        other.estimate = self._estimate(candidates, solution)
+        return other
+
+    def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
+        """Return the uncertain parameters and the candidates' values that explain the innovations together."""
+        at, values = len(self.theta), []
+        theta = np.clip(self.theta + solution[:at], -2.0, 2.0)
+        for candidate in candidates:
+            own = dict(candidate.values)
+            for parameter in candidate.effect.amplitudes:
+                found = float(solution[at])
+                own[parameter.name] = found if parameter.signed else max(found, 0.02 * abs(own[parameter.name]), 1e-300)
+                at += 1
+            values.append(own)
+            at += not candidate.effect.amplitudes
+        return theta, values
+
+    def states(self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()) -> list[tuple[Signals, Array]]:
+        """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off."""
+        out = []
+        for group in self.groups:
+            smoothed = group.smoothed
+            if effects:
+                y = group.y.copy()
+                t = np.arange(len(y)) * group.h
+                for effect, place, values in effects:
+                    y[..., place.index] = effect.correct(y[..., place.index], values, group.h, t)
+                smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths)
+            out += [(run, smoothed.x[: len(run), i]) for i, run in enumerate(group.runs)]
+        return out
+
+    def forget(self) -> None:
+        """Drop the laws' forces once their columns are made."""
+        self._marched.clear()
+
+    def columns_of(self, candidate: Candidate) -> Array:
+        """Return the whitened columns of a candidate's amplitudes, (rows, k)."""
+        blocks = []
+        shape = {p.name: candidate.values[p.name] for p in candidate.effect.shapes}
+        plan = self._cache.get(candidate.place.name)
+        start = 0
+        for (effect, values), width in zip(plan.effects, plan.widths, strict=True) if plan is not None else ():
+            if effect.name == candidate.effect.name and values == shape:
+                assert plan is not None
+                return plan.rows[:, start : start + width].astype(float)
+            start += width
+        for group in self.groups:
+            modal, reading = self._columns(group, candidate.place, candidate.effect, shape)
+            blocks.append(group.rows(self.through(group, modal, reading)))
+        return np.concatenate(blocks)
+
+    def _group(self, runs: list[Signals]) -> Group:
+        twin = self.now
+        m = twin.m
+        system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(m), twin.rows, runs[0].h)
+        u, lengths = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+        forces = u @ twin.forces.T + load @ twin.loads.T
+        noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0)) / self.sensor_gain
+        intensity, gains = tune(system, noise, forces, y, lengths)
+        if self.trust != 1.0:
+            gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y, lengths))
+        smoothed = run_filter(system, gains, forces, y, lengths)
+        steady = np.trace(gains.S[-1])
+        settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
+        group = Group(runs, system, gains, smoothed, u, forces, y, lengths, e=smoothed.e)
+        group.motion = _middles(twin, group)
+        group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
+        group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
+        return group
+
+    # ---- what a signal leaves in the innovations --------------------------------------------------------------------
+
+    def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
+        """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
+        system, K = group.system, group.gains.K[-1]
+        A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
+        L, G = A - K @ C, B - K @ D
+        part = modal if modal is not None else reading
+        assert part is not None
+        n, n_runs, _, k = part.shape
+        state = np.zeros((n_runs, k, A.shape[0]))
+        out = np.zeros((n, n_runs, len(C), k))
+        drive = np.zeros((n, n_runs, k, A.shape[0]))
+        if modal is not None:
+            drive += np.einsum("am,nrmk->nrka", G, modal, optimize=True)
+            out += np.einsum("pm,nrmk->nrpk", D, modal, optimize=True)
+        if reading is not None:
+            drive -= np.einsum("ap,nrpk->nrka", K, reading, optimize=True)
+            out += reading
+        seen = np.zeros((n, n_runs, k, len(C)))
+        LT, CT = L.T.copy(), C.T.copy()
+        for i in range(n):
+            seen[i] = state @ CT
+            state = state @ LT + drive[i]
+        return out + np.swapaxes(seen, 2, 3)
+
+    def _nuisance(self) -> Array:
+        blocks = []
+        for group in self.groups:
+            m = self.twin.m
+            p, v, a = group.motion
+            modal = np.zeros((*p.shape, len(self.twin.changes)))
+            reading = np.zeros((*group.y.shape, len(self.twin.changes)))
+            growth = np.exp(self.theta)  # d(exp(theta) - 1)/d theta
+            for i, change in enumerate(self.twin.changes):
+                for matrix, motion in ((change.M, a), (change.C, v), (change.K, p)):
+                    if matrix is not None:
+                        modal[..., i] -= growth[i] * (motion @ matrix.T)
+                if change.actuator is not None:
+                    modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
+                if change.sensor is not None:
+                    reading[..., change.sensor, i] = group.y[..., change.sensor]
+            blocks.append(group.rows(self.through(group, modal, reading)))
+        return np.concatenate(blocks)
+
+    def _left(self, columns: Array) -> Array:
+        """Return columns with what the uncertain parameters explain of them taken off."""
+        return np.asarray(columns - self.nuisance @ (self._gram @ (self.nuisance.T @ columns)))
+
+    # ---- the candidates ---------------------------------------------------------------------------------------------
+
+    def candidates(self, effects: Sequence[Effect], progress: Callable[[float], None] | None = None) -> list[Candidate]:
+        """Return every effect at every place that admits it, best first."""
+        out: list[Candidate] = []
+        places = self.problem.places
+        for done, place in enumerate(places):
+            mine = [effect for effect in effects if admissible(effect, place)]
+            if mine:
+                out += self._at(place, mine)
+            if progress is not None:
+                progress((done + 1) / len(places))
+        return sorted(out, key=lambda c: -c.gain)
+
+    def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
+        """Return the columns of some effects at a place, one block for every effect and shape."""
+        plans = [(effect, values) for effect in effects for values in self._shapes(effect, place)]
+        parts: list[Array] = []
+        widths: list[int] = []
+        for group in self.groups:
+            columns = [self._columns(group, place, effect, values) for effect, values in plans]
+            widths = [self._width(pair) for pair in columns]
+            modal = np.concatenate([self._wide(c[0], group, w, 0) for c, w in zip(columns, widths, strict=True)], axis=-1)
+            reading = np.concatenate([self._wide(c[1], group, w, 1) for c, w in zip(columns, widths, strict=True)], axis=-1)
+            forced = bool(np.any(modal))
+            parts.append(group.rows(self.through(group, modal if forced else None, None if forced else reading)))
+        return _Plan(plans, widths, np.concatenate(parts).astype(np.float32))
+
+    def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
+        if place.name not in self._cache:
+            self._cache[place.name] = self._plan(place, effects)
+        plan = self._cache[place.name]
+        rows = plan.rows.astype(float)
+        left = self._left(rows)
+        best: dict[str, Candidate] = {}
+        start = 0
+        for (effect, values), width in zip(plan.effects, plan.widths, strict=True):
+            part = slice(start, start + width)
+            if isinstance(effect, SensorEffect) and not effect.amplitudes:
+                gain, amplitudes = self._corrected_gain(rows[:, start], left[:, start], effect, values), np.zeros(0)
+            else:
+                gain, amplitudes = self._gain(rows[:, part], left[:, part], effect)
+            start += width
+            names = [p.name for p in effect.amplitudes]
+            found = {**values, **dict(zip(names, amplitudes.tolist(), strict=False))} if names else dict(values)
+            if effect.name not in best or gain > best[effect.name].gain:
+                best[effect.name] = Candidate(effect=effect, place=place, values=found, gain=gain)
+        return list(best.values())
+
+    def _gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
+        """Return the log-likelihood that columns gain beside the uncertain parameters, and their coefficients.
+
+        With W = (I + N P N^T)^-1, N the uncertain parameters' columns and P their prior covariance, the gain is
+        b^T A^-1 b/2, A = c^T W c, b = c^T W e; innovations are scaled to unit variance.
+        """
+        size = np.sqrt(np.einsum("ij,ij->j", columns, left).clip(0.0))
+        width = columns.shape[1]
+        if not np.all(size > 1e-9):
+            return 0.0, np.zeros(width)
+        gram = (columns / size).T @ (left / size) + 1e-9 * np.eye(width)
+        b = (columns / size).T @ self.base
+        x = np.linalg.solve(gram, b)
+        negative = [i for i, p in enumerate(effect.amplitudes) if not p.signed and x[i] < 0]
+        if negative:  # a negative friction or mass is no candidate: what is left of the law without it
+            others = [i for i in range(width) if i not in negative]
+            x = np.zeros(width)
+            if others:
+                x[others] = np.linalg.solve(gram[np.ix_(others, others)], b[others])
+            if any(x[i] < 0 for i, p in enumerate(effect.amplitudes) if not p.signed):
+                return 0.0, np.zeros(width)
+        if not effect.amplitudes and x[0] < 0.2 * size[0]:
+            return 0.0, np.zeros(width)
+        return 0.5 * float(b @ x) / self.variance, x / size
+
+    def _corrected_gain(self, column: Array, left: Array, effect: SensorEffect, values: dict[str, float]) -> float:
+        """Return the log-likelihood that a corrected recording gains, its stretching paid for."""
+        before = float(self.base @ self.e)
+        after = before - 2 * float(column @ self.base) + float(column @ left)
+        if not after > 0:
+            return 0.0
+        samples = len(self.e) / len(self.twin.rows.at_q)
+        return 0.5 * len(self.e) * float(np.log(before / after)) + samples * effect.stretch(values, self.groups[0].h)
+
+    def _width(self, pair: tuple[Array | None, Array | None]) -> int:
+        part = pair[0] if pair[0] is not None else pair[1]
+        assert part is not None
+        return int(part.shape[-1])
+
+    def _wide(self, part: Array | None, group: Group, width: int, which: int) -> Array:
+        n, n_runs = group.y.shape[:2]
+        size = self.twin.m if which == 0 else group.y.shape[2]
+        return np.zeros((n, n_runs, size, width)) if part is None else part
+
+    def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
+        """Return displacement and velocity of a port at the middles of the steps, (n, n_runs)."""
+        row = place.rows[0]
+        return group.motion[0] @ row, group.motion[1] @ row
+
+    def reference(self, name: str, place: Place) -> float:
+        """Return what a parameter's values are multiples of at a place."""
+        if name in ("displacement", "velocity"):
+            which = 0 if name == "displacement" else 1
+            sizes = []
+            for group in self.groups:
+                x = self.motion(group, place)[which]
+                for i, length in enumerate(group.lengths):
+                    part = x[group.first : length, i]
+                    sizes.append(float(np.abs(part).max(initial=0.0)))
+            return max(max(sizes), 1e-300)
+        if name == "input":
+            return max(max(float(np.abs(g.u[..., place.index]).max()) for g in self.groups), 1e-300)
+        if name == "output":
+            return max(max(float(np.abs(g.y[..., place.index]).max()) for g in self.groups), 1e-300)
+        if name == "duration":
+            return max(float(g.lengths.max() * g.h) for g in self.groups)
+        if name == "step":
+            return max(g.h for g in self.groups)
+        return 1.0
+
+    def _shapes(self, effect: Effect, place: Place) -> list[dict[str, float]]:
+        if not effect.shapes:
+            return [{}]
+        grids = [[g * self._reference_of(effect, p.name, place) for g in p.grid] for p in effect.shapes]
+        return [dict(zip((p.name for p in effect.shapes), values, strict=True)) for values in product(*grids)]
+
+    def _reference_of(self, effect: Effect, name: str, place: Place) -> float:
+        value = self.reference(effect.parameter(name).reference, place)
+        if effect.name == "slew-limit":
+            value = max(float(np.abs(np.diff(g.u[..., place.index], axis=0)).max() / g.h) for g in self.groups)
+        return value
+
+    def _columns(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> tuple[Array | None, Array | None]:
+        """Return modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) of an effect's amplitudes."""
+        if isinstance(effect, SensorEffect):
+            recorded = group.y[..., place.index]
+            t = np.arange(len(recorded)) * group.h
+            parts = [recorded - effect.correct(recorded, v, group.h, t) for v in _unit_amplitudes(effect, shape)]
+            reading = np.zeros((*group.y.shape, len(parts)))
+            reading[..., place.index, :] = np.stack(parts, axis=-1)
+            return None, reading
+        if isinstance(effect, ActuatorEffect):
+            command = group.u[..., place.index]
+            parts = [effect.actuate(command, v, group.h) - command for v in _unit_amplitudes(effect, shape)]
+            series = np.stack(parts, axis=-1)
+            return self.now.forces[:, place.index][:, None] * series[..., None, :], None
+        if isinstance(effect, LinearPortEffect):
+            return self._linear_columns(group, place, effect), None
+        assert isinstance(effect, PortEffect)
+        z, v = self.motion(group, place)
+        command = group.u[..., place.coil] if place.coil is not None else 0.0
+        parts = [
+            self._series(group, place, effect, values, z, v, command) for values in _unit_amplitudes(effect, shape)
+        ]
+        return place.rows[0][:, None] * np.stack(parts, axis=-1)[..., None, :], None
+
+    def _series(
+        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
+    ) -> Array:
+        """Return an effect's force along the motion at a place; laws with memory are marched at all places at once."""
+        if effect.memory((1,)) is None:
+            return port_series(effect, z, v, values, group.h, command)
+        ports = [p for p in self.problem.places if p.kind == "port" and admissible(effect, p)]
+        unit = tuple(values[p.name] for p in effect.amplitudes)
+        shapes = [self._shapes(effect, p) for p in ports]
+        at = next((i for i, p in enumerate(ports) if p.name == place.name), -1)
+        shape = {p.name: values[p.name] for p in effect.shapes}
+        if at < 0 or shape not in shapes[at]:
+            return port_series(effect, z, v, values, group.h, command)
+        which = shapes[at].index(shape)
+        key = (id(group), effect.name, which, unit)
+        if key not in self._marched:
+            motion = [self.motion(group, p) for p in ports]
+            both = [np.stack([m[i] for m in motion], axis=-1) for i in range(2)]
+            own = {p.name: np.array([s[which][p.name] for s in shapes]) for p in effect.shapes}
+            amplitudes = {p.name: values[p.name] for p in effect.amplitudes}
+            self._marched[key] = port_series(effect, both[0], both[1], {**own, **amplitudes}, group.h)
+        return np.asarray(self._marched[key][..., at])
+
+    def _linear_columns(self, group: Group, place: Place, effect: LinearPortEffect) -> Array:
+        p, v, a = group.motion
+        out = np.zeros((*p.shape, 1))
+        (values,) = _unit_amplitudes(effect, {})
+        mass, damping, stiffness = effect.impedance(values, place.stiffness)
+        for row in place.rows:
+            force = mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row)
+            out[..., 0] -= force[..., None] * row
+        return out
+
+
+def _middles(twin: Twin, group: Group) -> tuple[Array, Array, Array]:
+    """Return modal displacement, velocity and acceleration in the middle of every step, from the samples before it.
+
+    Only what was known at a sample goes into the laws that act after it: the smoothed motion knows the later samples, and
+    a force made of it would explain their noise. The acceleration is the nominal model's own for the same reason.
+    """
+    m, h = twin.m, group.h
+    p, v = group.smoothed.filtered[..., :m], group.smoothed.filtered[..., m:]
+    forces = group.forces
+    a = (forces - p @ twin.K.T - v @ twin.C.T) @ np.linalg.inv(twin.M).T
+    p_mid, v_mid = p + 0.5 * h * v + 0.125 * h * h * a, v + 0.5 * h * a
+    return p_mid, v_mid, (forces - p_mid @ twin.K.T - v_mid @ twin.C.T) @ np.linalg.inv(twin.M).T
+
+
+def _unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
+    """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
+    names = [p.name for p in effect.amplitudes]
+    return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
+
+
+def port_series(effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0) -> Array:
+    """Return an effect's force along given motion, time along the first axis."""
+    memory = effect.memory(z.shape[1:])
+    t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h
+    if memory is None:
+        return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
+    out = np.zeros(z.shape)
+    for k in range(len(z)):
+        out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=(k + 0.5) * h), memory)
+    return out

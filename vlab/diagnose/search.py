@@ -1,0 +1,248 @@
+"""The search: hypotheses from the screening, fitted in windows, scored, and the best ones fitted over whole runs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.refine import ITERATIONS, Fit, Refiner, Term
+from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.signals import windows
+from vlab.physics.effect import Effect, SensorEffect
+
+SHORTLIST = 6
+"""Effects that are fitted because they gained most in the screening."""
+FAMILIES = 4
+"""Effects of other families that are fitted besides."""
+LEAST_GAIN = 3.0
+"""Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
+SECONDS = 3
+SEEDS = 2
+"""Second effects tried on top of each of the best single ones."""
+ENOUGH = 1.3
+"""A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
+SECOND_WORTH = 8.0
+"""Score that a second effect must add to the penalty for its parameters."""
+QUICK, FINISHED = 3, 3
+"""Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
+WORTH = 40.0
+"""Independent samples that a score counts at most. The recordings hold many more, but what a model leaves of them is its own
+error, which does not average out: five per cent less of it are odds of e^2, not of e^50."""
+PLACES = 5
+"""Places at which the chosen effect is fitted again."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A fitted set of effects.
+
+    Parameters
+    ----------
+    fit : Fit
+        In windows.
+    score : float
+        Log evidence by Schwarz's approximation, of at most `WORTH` samples; larger is better.
+    level : float
+        Root mean square of the remaining difference over the noise.
+    gain : float
+        Log-likelihood gained in the screening.
+    """
+
+    fit: Fit
+    score: float
+    level: float
+    gain: float = 0.0
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Its effects."""
+        return self.fit.terms
+
+    @property
+    def label(self) -> str:
+        """Its effects and places in one string."""
+        return " + ".join(t.label for t in self.terms) or "nothing"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """What the search found.
+
+    Parameters
+    ----------
+    before : Hypothesis
+        The same physics with its uncertain parameters refitted.
+    hypotheses : tuple of Hypothesis
+        All that were fitted, best first, without `before`.
+    places : mapping of str to Hypothesis
+        The best hypothesis with its first effect at other places, by place.
+    candidates : tuple of Candidate
+        The screening's table, best first.
+    whole : Refiner
+        Fits over whole runs.
+    """
+
+    problem: Problem
+    screen: Screen
+    windows: Refiner
+    whole: Refiner
+    before: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
+    places: dict[str, Hypothesis] = field(default_factory=dict)
+    candidates: tuple[Candidate, ...] = ()
+
+
+def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None) -> Found:
+    """Search what is missing on a problem's fit runs.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing.
+    progress : callable or None
+        Called with the share done and what is being done.
+    """
+    report = progress or (lambda share, what: None)
+    screen = Screen(problem)
+    candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
+    narrow, whole = in_windows(screen), Refiner(screen)
+    before = _scored(narrow, narrow.fit(), 0.0)
+    shortlist = _shortlist(candidates)
+    screen.forget()
+    report(0.25, "fitting single effects")
+    rough = in_windows(screen, every=2)
+    start = replace(before.fit, cost=rough.fit((), before.fit, 1).cost)
+    fitted = side_by_side(lambda c: _fitted(rough, [c], start, QUICK), shortlist)
+    fitted = _finished(narrow, fitted)
+    report(0.5, "fitting single effects")
+    if fitted and min(h.level for h in fitted) > ENOUGH:
+        fitted += _finished(narrow, _pairs(screen, rough, shortlist, fitted, start, effects, report))
+        fitted.sort(key=lambda h: -h.score)
+    places = _other_places(narrow, fitted[0], candidates, before) if fitted else {}
+    report(0.95, "choosing")
+    return Found(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=whole,
+        before=before,
+        hypotheses=tuple(fitted),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses by score, the best of them fitted to the end."""
+    order = sorted(hypotheses, key=lambda h: -h.score)
+    def finished(item: tuple[int, Hypothesis]) -> Hypothesis:
+        own = _for(refiner, item[1].terms)
+        return _scored(own, own.fit(item[1].terms, item[1].fit, ITERATIONS if item[0] < FINISHED else 0), item[1].gain)
+
+    done = side_by_side(finished, list(enumerate(order)))
+    return sorted(done, key=lambda h: -h.score)
+
+
+def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Refiner:
+    """Return the refiner of a screening's runs in windows, which start from smoothed states.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        A hypothesis; what its sensor effects do to the recordings is taken off before smoothing.
+    every : int
+        Only every n-th window.
+    """
+    omega = np.abs(screen.twin.omega)
+    moving = omega[omega > 0.1]
+    slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
+    wrong = [(t.effect, t.place, t.values) for t in terms if isinstance(t.effect, SensorEffect)]
+    parts = [w for run, states in screen.states(wrong) for w in windows(run, states, slowest)]
+    return Refiner(screen, parts[::every])
+
+
+def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best place of the effects that gained most, and of the best of other families."""
+    best: dict[str, Candidate] = {}
+    for candidate in candidates:
+        best.setdefault(candidate.effect.name, candidate)
+    order = [c for c in best.values() if c.gain > 0]
+    out = order[:SHORTLIST]
+    families = {c.effect.family for c in out}
+    for candidate in order[SHORTLIST:]:
+        if len(out) >= SHORTLIST + FAMILIES:
+            break
+        if candidate.effect.family not in families and candidate.gain > LEAST_GAIN:
+            families.add(candidate.effect.family)
+            out.append(candidate)
+    return out
+
+
+def _terms(candidates: Sequence[Candidate]) -> list[Term]:
+    return [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
+
+
+def _fitted(refiner: Refiner, candidates: Sequence[Candidate], before: Fit, iterations: int = ITERATIONS) -> Hypothesis:
+    terms = _terms(candidates)
+    own = _for(refiner, terms, 2)
+    return _scored(own, own.fit(terms, before, iterations), sum(c.gain for c in candidates))
+
+
+def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
+    """Return the refiner of a hypothesis: windows of its own where it says that a sensor is wrong."""
+    return in_windows(refiner.screen, terms, every) if any(isinstance(t.effect, SensorEffect) for t in terms) else refiner
+
+
+def _scored(refiner: Refiner, fit: Fit, gain: float) -> Hypothesis:
+    samples = sum(run.y.size for run in refiner.runs)
+    level = float(np.sqrt(fit.cost / samples))
+    count = sum(len(t.effect.parameters) for t in fit.terms)
+    worth = min(refiner.worth, WORTH)
+    score = -worth * np.log(max(level, 1.0)) - 0.5 * (fit.chi2 - fit.cost) - 0.5 * count * np.log(worth)
+    return Hypothesis(fit=fit, score=float(score), level=level, gain=gain)
+
+
+def _pairs(
+    screen: Screen,
+    refiner: Refiner,
+    shortlist: Sequence[Candidate],
+    fitted: Sequence[Hypothesis],
+    start: Fit,
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+) -> list[Hypothesis]:
+    """Return fits of a second effect on top of the best single ones: by score, and by what they gained in the screening."""
+    by_label = {c.label: c for c in shortlist}
+    seeds = [by_label[h.label] for h in fitted[:2]]
+    seeds += [c for c in shortlist[:SEEDS] if c not in seeds]
+    pairs: dict[frozenset[str], list[Candidate]] = {}
+    for seed in seeds[:SEEDS]:
+        rest = screen.given([seed])
+        best: dict[str, Candidate] = {}
+        for candidate in rest.candidates(effects):
+            if candidate.label != seed.label:
+                best.setdefault(candidate.effect.name, candidate)
+        for second in list(best.values())[:SECONDS]:
+            if second.gain > LEAST_GAIN:
+                pairs.setdefault(frozenset((seed.label, second.label)), [seed, second])
+    report(0.65, "fitting pairs of effects")
+    return side_by_side(lambda pair: _fitted(refiner, pair, start, QUICK), list(pairs.values()))
+
+
+def _other_places(
+    refiner: Refiner, best: Hypothesis, candidates: Sequence[Candidate], before: Hypothesis
+) -> dict[str, Hypothesis]:
+    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    first, others = best.terms[0], best.terms[1:]
+    alternatives = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+
+    def fitted(candidate: Candidate) -> Hypothesis:
+        terms = [Term(effect=candidate.effect, place=candidate.place, values=candidate.values), *others]
+        own = _for(refiner, terms)
+        return _scored(own, own.fit(terms, before.fit, QUICK + 2), candidate.gain)
+
+    chosen = alternatives[: PLACES - 1]
+    found = side_by_side(fitted, chosen)
+    return {first.place.name: best, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

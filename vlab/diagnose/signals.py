@@ -1,0 +1,255 @@
+"""The runs of a case on one clock: interval means of the inputs, deviations of the outputs from rest, noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+
+from vlab.cases.wiring import Compared, Run
+from vlab.signals import Array
+
+POINTS_PER_CYCLE = 14.0
+"""Samples of the search per cycle of the fastest motion that carries power: phase errors of its laws stay below 2 %."""
+ENOUGH_SAMPLES = 6000
+"""A run is not thinned below this length."""
+MOST_SAMPLES = 8000
+"""The search looks at the first part of longer runs; the verdict at all of them."""
+POWER_SHARE = 0.99
+NOISE_BAND = 0.7
+"""The noise is read off the spectrum above this share of half the sample rate, as its median there."""
+LEAST_NOISE = 1e-4
+"""Least noise that is believed, as a share of a channel's rms: what integrators and converters leave."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Signals:
+    """One run as the search sees it.
+
+    Parameters
+    ----------
+    name, role : str
+        Of the run.
+    h : float
+        Sample period of the search [s].
+    u : (n, n_actuators) array
+        Mean command of every actuator from each sample to the next.
+    load : (n, n_ports) array
+        Mean force on the ports that a recording drives directly.
+    y : (n, n_channels) array
+        Compared channels, deviations from the model's rest where the recording counts from elsewhere.
+    noise : (n_channels,) array
+        Standard deviation of the noise of y.
+    scale : (n_channels,) array
+        Rms of y about its mean, never zero.
+    at_rest : bool
+        Whether the run starts at rest.
+    t0 : float
+        Time of the first sample from the start of the recording [s].
+    start : (2m,) array or None
+        Modal state at the first sample, where it is taken as known.
+    before : (k, 2m) array or None
+        Modal states at the samples before the first one, for laws with memory.
+    """
+
+    name: str
+    role: str
+    h: float
+    u: Array
+    load: Array
+    y: Array
+    noise: Array
+    scale: Array
+    at_rest: bool
+    t0: float = 0.0
+    start: Array | None = None
+    before: Array | None = None
+
+    @property
+    def t(self) -> Array:
+        """Time stamps from the start [s]."""
+        return self.t0 + np.arange(len(self.y)) * self.h
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+
+WINDOWS = 16
+"""A run is cut into this many windows for the first fits."""
+CYCLES = 3.0
+"""A window holds at least this many cycles of the slowest mode that oscillates."""
+LEAST_WINDOW = 150
+PREROLL = 120
+"""Samples of smoothed motion that a law with memory sees before a window."""
+
+
+def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
+    """Cut a run into windows that start from known states, so that a fit cannot lose the phase over a long record.
+
+    Parameters
+    ----------
+    states : (n, 2m) array
+        Smoothed modal states at the run's samples.
+    slowest_hz : float
+        Frequency of the slowest mode; 0 where nothing oscillates.
+    """
+    n = len(run)
+    length = max(n // WINDOWS, LEAST_WINDOW, int(CYCLES / (slowest_hz * run.h)) if slowest_hz > 0 else 0)
+    count = max(1, n // length)
+    edges = np.linspace(0, n, count + 1).astype(int)
+    out = []
+    for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        part = slice(a, b)
+        out.append(
+            replace(
+                run,
+                name=f"{run.name}[{i}]",
+                u=run.u[part],
+                load=run.load[part],
+                y=run.y[part],
+                at_rest=run.at_rest and i == 0,
+                t0=run.t0 + float(a * run.h),
+                start=states[a],
+                before=states[max(a - PREROLL, 0) : a],
+            )
+        )
+    return out
+
+
+def uniform(time: Array) -> float:
+    """Return the sample period of a record, the median of its steps."""
+    return float(np.median(np.diff(time)))
+
+
+def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
+    """Return the frequency below which nearly all power of the velocities lies [Hz].
+
+    Parameters
+    ----------
+    orders : sequence of int
+        0 where a channel is a displacement, 1 a velocity, 2 an acceleration.
+    """
+    out = 0.0
+    for column, order in zip(y.T, orders, strict=True):
+        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
+        floor = np.median(power[freq > NOISE_BAND / (2 * h)]) if freq.size > 8 else 0.0
+        power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
+        total = np.cumsum(power)
+        if total[-1] > 0:
+            out = max(out, float(freq[np.searchsorted(total, POWER_SHARE * total[-1])]))
+    return out
+
+
+def noise_level(column: Array) -> float:
+    """Return the standard deviation of a channel's noise: white noise of the level at the upper end of its spectrum."""
+    if len(column) < 64:
+        return LEAST_NOISE * float(np.std(column) or 1.0)
+    freq, power = signal.welch(column - column.mean(), 1.0, nperseg=min(len(column), 1024), window="blackmanharris")
+    floor = float(np.median(power[freq > NOISE_BAND / 2]))
+    steps = np.diff(np.unique(column))
+    grain = float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
+    rms = float(np.std(column)) or 1.0
+    return float(np.hypot(max(np.sqrt(floor / 2), LEAST_NOISE * rms), grain / np.sqrt(12)))
+
+
+def thinning(count: int, h: float, highest_hz: float) -> int:
+    """Return by how much a run of `count` samples can be thinned."""
+    if highest_hz <= 0 or count <= ENOUGH_SAMPLES:
+        return 1
+    by_band = int(1.0 / (h * POINTS_PER_CYCLE * highest_hz))
+    return max(1, min(by_band, count // ENOUGH_SAMPLES))
+
+
+def interval_means(run: Run, name: str, is_held: bool, grid: Array) -> Array:
+    """Return the mean of an input from every grid time to the next (the last interval repeats its start)."""
+    time = run.measured.time - run.measured.time[0]
+    values = run.measured[name]
+    h = grid[1] - grid[0]
+    edges = np.append(grid, grid[-1] + h)
+    if is_held:
+        end = max(edges[-1], time[-1]) + h
+        integral = np.concatenate([[0.0], np.cumsum(values * np.diff(np.append(time, end)))])
+        at = np.interp(edges, np.append(time, end), integral)
+    else:
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+        fine = np.searchsorted(time, edges, side="right").clip(1, len(time) - 1) - 1
+        part = np.clip(edges - time[fine], 0.0, None)
+        slope = (values[fine + 1] - values[fine]) / (time[fine + 1] - time[fine])
+        at = integral[fine] + values[fine] * part + 0.5 * slope * part**2
+    return np.asarray(np.diff(at) / h)
+
+
+def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
+    """Return a channel at the grid's times: low-passed where the grid is coarser, interpolated where it is not aligned."""
+    h = uniform(time)
+    even = time[0] + h * np.arange(int(round((time[-1] - time[0]) / h)) + 1)
+    aligned = even.size == time.size and bool(np.all(np.abs(even - time) < 1e-3 * h))
+    x = values if aligned else np.interp(even, time, values)
+    if thin > 1:
+        taps = signal.firwin(20 * thin + 1, 1.0 / thin, window="hamming")
+        padded = np.concatenate([2 * x[0] - x[10 * thin : 0 : -1], x, 2 * x[-1] - x[-2 : -10 * thin - 2 : -1]])
+        x = np.convolve(padded, taps, mode="valid")[: len(x)]
+    out = x[::thin]
+    return out[: len(grid)] if len(out) >= len(grid) else np.interp(grid, even[::thin] - even[0], out)
+
+
+def signals_of(
+    run: Run,
+    compared: Sequence[Compared],
+    rest: Array,
+    n_actuators: int,
+    port_names: Sequence[str],
+    *,
+    orders: Sequence[int],
+    commands: Array | None = None,
+    highest_hz: float | None = None,
+) -> Signals:
+    """Put one run on the search's clock.
+
+    Parameters
+    ----------
+    compared : sequence of Compared
+        Measured channels, without commands.
+    rest : (n_channels,) array
+        The model's values at rest.
+    commands : (n_samples, n_actuators) array or None
+        What a law in the loop commanded, added to the inputs.
+    highest_hz : float or None
+        Fastest motion of interest; found from the run itself by default.
+    """
+    time = run.measured.time - run.measured.time[0]
+    h = uniform(time)
+    columns = np.column_stack(
+        [run.measured[c.channel] - (0.0 if c.from_rest else r) for c, r in zip(compared, rest, strict=True)]
+    )
+    top = fastest(columns, h, orders) if highest_hz is None else highest_hz
+    thin = thinning(len(time), h, top)
+    grid = h * thin * np.arange((int(round(time[-1] / h))) // thin + 1)[:MOST_SAMPLES]
+    y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
+    u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(port_names)))
+    for drive in run.drives:
+        mean = interval_means(run, drive.channel, drive.is_held, grid)
+        if drive.actuator is not None:
+            u[:, drive.actuator] += mean
+        else:
+            load[:, list(port_names).index(drive.port)] += mean
+    if commands is not None:
+        for j in range(n_actuators):
+            at = np.searchsorted(time, grid + 1e-9 * h, side="right") - 1
+            u[:, j] += commands[at, j]
+    scale = np.std(y, axis=0)
+    scale = np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12)
+    largest = np.abs(y).max(axis=0)
+    slow = np.array([order < 2 for order in orders])
+    starts = bool(np.all(np.abs(y[0, slow]) <= 0.02 * largest[slow])) and (bool(run.drives) or commands is not None)
+    return Signals(
+        name=run.name,
+        role=run.role,
+        h=float(h * thin),
+        u=u,
+        load=load,
+        y=y,
+        noise=np.array([noise_level(column) for column in y.T]),
+        scale=scale,
+        at_rest=run.initial == "rest" or (run.initial == "auto" and starts),
+    )

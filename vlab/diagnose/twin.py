@@ -1,0 +1,162 @@
+"""The linear twin: a plant about rest in its own modes, with everything uncertain as parameters, for many sets at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from vlab.diagnose.linear_view import ChannelRows
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Change:
+    """What one uncertain parameter changes, in modal coordinates, per unit of it.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, for reports: ``"stiffness"``, ``"joint:hinge:damping"``, ``"gain:motor"``.
+    sd : float
+        Its prior standard deviation about zero.
+    M, C, K : (m, m) array or None
+        Matrices added per unit.
+    actuator, sensor : int or None
+        The gain of this actuator or channel grows by one per unit.
+    """
+
+    name: str
+    sd: float
+    M: Array | None = None
+    C: Array | None = None
+    K: Array | None = None
+    actuator: int | None = None
+    sensor: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Twin:
+    """The plant near rest.
+
+    Parameters
+    ----------
+    omega : (m,) array
+        Circular frequencies of the modes that are kept [rad/s].
+    shapes : (nv, m) array
+        Mass-normalised mode shapes.
+    M, C, K : (m, m) array
+        In modal coordinates.
+    forces : (m, n_actuators) array
+        Modal force of a unit command.
+    loads : (m, n_loads) array
+        Modal force of a unit force at the ports that recordings drive directly.
+    rows : ChannelRows
+        The channels per modal coordinate.
+    changes : tuple of Change
+        What is uncertain.
+    """
+
+    omega: Array
+    shapes: Array
+    M: Array
+    C: Array
+    K: Array
+    forces: Array
+    loads: Array
+    rows: ChannelRows
+    changes: tuple[Change, ...]
+
+    @property
+    def m(self) -> int:
+        """Number of modes."""
+        return len(self.omega)
+
+    @property
+    def prior(self) -> Array:
+        """Prior standard deviations of the uncertain parameters."""
+        return np.array([c.sd for c in self.changes])
+
+    def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return M, C, K (n_sets, m, m), actuator gains and channel gains (n_sets, ...) for parameter sets.
+
+        Parameters
+        ----------
+        theta : (n_sets, n_changes) array
+            Log-factors of positive quantities: a matrix enters with exp(theta) - 1, a gain with exp(theta).
+        """
+        factor = np.expm1(np.clip(theta, -3, 3))
+        out = [np.repeat(x[None], len(theta), axis=0) for x in (self.M, self.C, self.K)]
+        gains = [np.ones((len(theta), self.forces.shape[1])), np.ones((len(theta), len(self.rows.at_q)))]
+        for i, change in enumerate(self.changes):
+            for whole, part in zip(out, (change.M, change.C, change.K), strict=True):
+                if part is not None:
+                    whole += factor[:, i, None, None] * part
+            if change.actuator is not None:
+                gains[0][:, change.actuator] *= 1.0 + factor[:, i]
+            if change.sensor is not None:
+                gains[1][:, change.sensor] *= 1.0 + factor[:, i]
+        return out[0], out[1], out[2], gains[0], gains[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Discrete:
+    """Parameter sets of a twin, sampled: x+ = A x + B f with x = [p, p'], y = C x + D f, f held over the step.
+
+    Parameters
+    ----------
+    A : (n_sets, 2m, 2m) array
+    B : (n_sets, 2m, k) array
+        Of the modal forces' columns asked for.
+    C : (n_sets, n_channels, 2m) array
+    D : (n_sets, n_channels, k) array
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+def discretise(M: Array, C: Array, K: Array, inputs: Array, rows: ChannelRows, h: float) -> Discrete:
+    """Sample parameter sets exactly for inputs that are constant from sample to sample.
+
+    Parameters
+    ----------
+    M, C, K : (n_sets, m, m) array
+    inputs : (n_sets, m, k) or (m, k) array
+        Modal force of each input.
+    """
+    n_sets, m = M.shape[0], M.shape[1]
+    inputs = np.broadcast_to(inputs, (n_sets, m, inputs.shape[-1]))
+    k = inputs.shape[-1]
+    solved = np.linalg.solve(M, np.concatenate([K, C, inputs], axis=2))
+    block = np.zeros((n_sets, 2 * m + k, 2 * m + k))
+    block[:, :m, m : 2 * m] = np.eye(m)
+    block[:, m : 2 * m, :m], block[:, m : 2 * m, m : 2 * m] = -solved[:, :, :m], -solved[:, :, m : 2 * m]
+    block[:, m : 2 * m, 2 * m :] = solved[:, :, 2 * m :]
+    whole = linalg.expm(block * h)
+    out = np.concatenate(
+        [
+            rows.at_q - rows.at_a @ solved[:, :, :m],
+            rows.at_v - rows.at_a @ solved[:, :, m : 2 * m],
+        ],
+        axis=2,
+    )
+    return Discrete(
+        A=whole[:, : 2 * m, : 2 * m], B=whole[:, : 2 * m, 2 * m :], C=out, D=rows.at_a @ solved[:, :, 2 * m :]
+    )
+
+
+def observable(rows: ChannelRows, shapes: Array, omega: Array) -> Array:
+    """Return which modes some channel sees: above one part in ten thousand of what it sees of its largest mode."""
+    size = np.abs(rows.at_q @ shapes) + np.abs(rows.at_v @ shapes) * np.maximum(np.abs(omega), 1.0)
+    size = size + np.abs(rows.at_a @ shapes) * np.maximum(omega**2, 1.0)
+    compliance = size / np.maximum(np.abs(omega), 1.0) ** 2
+    largest = compliance.max(axis=1, keepdims=True)
+    return np.asarray((compliance > 1e-4 * np.maximum(largest, 1e-300)).any(axis=0))
+
+
+def stack_sets(theta: Array, steps: Sequence[float]) -> Array:
+    """Return parameter sets with one parameter moved at a time: the base first, then one row a parameter."""
+    return np.vstack([theta, theta + np.diag(np.asarray(steps))])

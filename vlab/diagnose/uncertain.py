@@ -1,0 +1,144 @@
+"""What may be off in a model although no physics is missing: stiffness, mass, damping, gains; and models with them changed."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.plants.base import Plant
+from vlab.plants.equilibrium import settle
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+
+DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.05, "sensor": 0.01}
+"""Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
+known to a third, sensors are calibrated."""
+OWN_SHARE = 0.4
+"""Every element may deviate from its kind's common factor by this share of the kind's standard deviation."""
+MOST_ELEMENTS = 12
+"""Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertain:
+    """One uncertain parameter: a log-factor on some numbers of the model.
+
+    Parameters
+    ----------
+    name : str
+        ``"stiffness"`` for all of a kind, ``"joint:hinge:stiffness"`` for one element, ``"gain:motor"``, ``"sensor:enc"``.
+    sd : float
+        Prior standard deviation of the log-factor.
+    fields : tuple
+        (name of the model's array, index) of the numbers that are multiplied.
+    actuator, sensor : int or None
+        The actuator's or channel's gain that is multiplied instead.
+    """
+
+    name: str
+    kind: str
+    sd: float
+    fields: tuple[tuple[str, int], ...] = ()
+    actuator: int | None = None
+    sensor: int | None = None
+
+
+def uncertain_parameters(
+    plant: Plant, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
+) -> list[Uncertain]:
+    """Return what is uncertain of an MJCF plant.
+
+    Parameters
+    ----------
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    channels : sequence of str
+        Names of the compared channels.
+    actuators : sequence of int
+        The actuators that are driven.
+    """
+    out: list[Uncertain] = []
+    for kind in ("stiffness", "damping", "mass"):
+        elements = _elements(plant.model, kind)
+        sd = given.get(kind, DEFAULT_SD[kind])
+        every = tuple(field for fields in elements.values() for field in fields)
+        if every:
+            out.append(Uncertain(name=kind, kind=kind, sd=sd, fields=every))
+        if 1 < len(elements) <= MOST_ELEMENTS:
+            out += [
+                Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN_SHARE * sd, fields=fields)
+                for name, fields in elements.items()
+            ]
+        for name, fields in elements.items():
+            own = given.get(f"{name}:{kind}") or (given.get(f"{name}:inertia") if kind == "mass" else None)
+            if own:
+                out = [u for u in out if u.name != f"{name}:{kind}"]
+                out.append(Uncertain(name=f"{name}:{kind}", kind=kind, sd=own, fields=fields))
+    for i in actuators:
+        name = plant.actuators[i].name
+        sd = given.get(f"actuator:{name}:gain", given.get("gain", DEFAULT_SD["gain"]))
+        out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, actuator=i))
+    for i, name in enumerate(channels):
+        sd = given.get(f"sensor:{name}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
+        out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
+    return out
+
+
+def _elements(model: Any, kind: str) -> dict[str, tuple[tuple[str, int], ...]]:
+    """Return the elements of a model that have a stiffness, damping or mass, with their fields."""
+    out: dict[str, tuple[tuple[str, int], ...]] = {}
+    if kind == "mass":
+        for i in range(1, model.nbody):
+            if model.body_mass[i] > 0 and model.body_weldid[i] != 0:
+                name = model.body(i).name or f"body{i}"
+                out[f"body:{name}"] = (("body_mass", i), ("body_inertia", i))
+        return out
+    for i in range(model.njnt):
+        name = f"joint:{model.joint(i).name or i}"
+        if kind == "stiffness" and (model.jnt_stiffness[i] or np.any(model.jnt_stiffnesspoly[i])):
+            out[name] = (("jnt_stiffness", i), ("jnt_stiffnesspoly", i))
+        if kind == "damping":
+            count = {0: 6, 1: 3}.get(int(model.jnt_type[i]), 1)
+            dofs = range(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + count)
+            if any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
+                out[name] = tuple((field, d) for d in dofs for field in ("dof_damping", "dof_dampingpoly"))
+    for i in range(model.ntendon):
+        name = f"tendon:{model.tendon(i).name or i}"
+        array, poly = f"tendon_{kind}", f"tendon_{kind}poly"
+        if getattr(model, array)[i] or np.any(getattr(model, poly)[i]):
+            out[name] = ((array, i), (poly, i))
+    return out
+
+
+def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
+    """Return the plant with its uncertain parameters at given log-factors; channel gains are not the plant's.
+
+    The equilibrium is found again. Actuator gains go into the plant's actuators' gain or gear.
+    """
+    model = copy.copy(plant.model)
+    for parameter, value in zip(parameters, theta, strict=True):
+        factor = float(np.exp(value))
+        for name, index in parameter.fields:
+            getattr(model, name)[index] *= factor
+        if parameter.actuator is not None:
+            for control in plant.actuators[parameter.actuator].controls:
+                model.actuator_gear[control] *= factor
+    return with_model(plant, model)
+
+
+def with_model(plant: Plant, model: Any) -> Plant:
+    """Return the plant with another compiled model of the same layout, at its own equilibrium."""
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    if isinstance(plant, MjcfPlant):
+        rest, notes = settle(model)
+        return replace(plant, model=model, rest=rest, notes=notes)
+    return replace(plant, model=model)
+
+
+def derivative(make: Callable[[float], tuple[Array, Array, Array]], step: float = 1e-3) -> tuple[Array, Array, Array]:
+    """Return the derivatives of M, C and K by a log-factor at zero, by central differences."""
+    high, low = make(step), make(-step)
+    return tuple((a - b) / (2 * step) for a, b in zip(high, low, strict=True))  # type: ignore[return-value]

@@ -1,0 +1,214 @@
+"""What may be off in a structure: its sections, fittings, tension and damping; and plants of it with them changed."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.diagnose.twin import Change
+from vlab.diagnose.uncertain import DEFAULT_SD, OWN_SHARE, Uncertain
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
+from vlab.fe.model import FeModel
+from vlab.modal.mac import match_modes
+from vlab.plants.base import Plant
+from vlab.plants.build import build_plant
+from vlab.signals import Array, ModalModel
+from vlab.structure.model import Structure
+
+Edit = Callable[[Structure, float], Structure]
+"""A structure and a factor to the structure with something multiplied by it."""
+STEP = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureUncertain(Uncertain):
+    """An uncertain parameter of a structure.
+
+    Parameters
+    ----------
+    edit : callable
+        Multiplies it; None for gains.
+    """
+
+    edit: Edit | None = None
+
+
+def structure_parameters(
+    structure: Structure, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
+) -> list[StructureUncertain]:
+    """Return what is uncertain of a structure.
+
+    Parameters
+    ----------
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    channels : sequence of str
+        Names of the compared channels.
+    actuators : sequence of int
+        The coils that are driven.
+    """
+    sd = {kind: given.get(kind, default) for kind, default in {**DEFAULT_SD, "tension": 0.05}.items()}
+    out = []
+    for name in structure.section:
+        out.append(StructureUncertain(name=f"section:{name}:stiffness", kind="stiffness", sd=sd["stiffness"], edit=_stiffness(name)))
+        if structure.section[name].mass_per_length > 0:
+            out.append(StructureUncertain(name=f"section:{name}:mass", kind="mass", sd=sd["mass"], edit=_mass(name)))
+    if structure.mass or structure.clamp or structure.coil:
+        out.append(StructureUncertain(name="fittings:mass", kind="mass", sd=sd["mass"], edit=_fittings))
+    if any(cable.tension for cable in structure.cable):
+        out.append(StructureUncertain(name="tension", kind="tension", sd=sd["tension"], edit=_tension))
+    if structure.plate:
+        out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
+    out.append(StructureUncertain(name="damping", kind="damping", sd=sd["damping"], edit=_damping(None)))
+    out += [
+        StructureUncertain(name=f"damping:mode{i + 1}", kind="damping", sd=OWN_SHARE * sd["damping"], edit=_damping(i))
+        for i in range(len(structure.damping.ratios))
+    ]
+    for i in actuators:
+        out.append(StructureUncertain(name=f"gain:{structure.coil[i].name}", kind="gain", sd=sd["gain"], actuator=i))
+    for i, name in enumerate(channels):
+        out.append(StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i))
+    return out
+
+
+def _stiffness(name: str) -> Edit:
+    def edit(structure: Structure, factor: float) -> Structure:
+        old = structure.section[name]
+        new = replace(
+            old,
+            bending_stiffness=old.bending_stiffness * factor,
+            torsion_stiffness=old.torsion_stiffness * factor,
+            shear_stiffness=old.shear_stiffness * factor,
+        )
+        return replace(structure, section={**structure.section, name: new})
+
+    return edit
+
+
+def _mass(name: str) -> Edit:
+    def edit(structure: Structure, factor: float) -> Structure:
+        old = structure.section[name]
+        new = replace(
+            old,
+            mass_per_length=old.mass_per_length * factor,
+            polar_inertia_per_length=old.polar_inertia_per_length * factor,
+        )
+        return replace(structure, section={**structure.section, name: new})
+
+    return edit
+
+
+def _fittings(structure: Structure, factor: float) -> Structure:
+    return replace(
+        structure,
+        mass=tuple(replace(m, mass=m.mass * factor, rotary_inertia=m.rotary_inertia * factor) for m in structure.mass),
+        clamp=tuple(replace(c, mass=c.mass * factor) for c in structure.clamp),
+        coil=tuple(replace(c, mass=c.mass * factor) for c in structure.coil),
+    )
+
+
+def _tension(structure: Structure, factor: float) -> Structure:
+    return replace(
+        structure, cable=tuple(replace(c, tension=c.tension * factor) if c.tension else c for c in structure.cable)
+    )
+
+
+def _plates(structure: Structure, factor: float) -> Structure:
+    return replace(structure, plate=tuple(replace(p, weight_moment=p.weight_moment * factor) for p in structure.plate))
+
+
+def _damping(mode: int | None) -> Edit:
+    def edit(structure: Structure, factor: float) -> Structure:
+        damping = structure.damping
+        ratios = tuple(z * (factor if mode in (None, i) else 1.0) for i, z in enumerate(damping.ratios))
+        higher = damping.higher * (factor if mode is None else 1.0)
+        return replace(structure, damping=replace(damping, ratios=ratios, higher=higher))
+
+    return edit
+
+
+def edited(structure: Structure, parameters: Sequence[Uncertain], theta: Array) -> Structure:
+    """Return a structure with its uncertain parameters at given log-factors; gains are not the structure's."""
+    for parameter, value in zip(parameters, theta, strict=True):
+        if isinstance(parameter, StructureUncertain) and parameter.edit is not None and value:
+            structure = parameter.edit(structure, float(np.exp(value)))
+    return structure
+
+
+def adjusted_structure(
+    structure: Structure, plant: Plant, variant: str, parameters: Sequence[Uncertain], theta: Array
+) -> Plant:
+    """Return a structure's plant with its uncertain parameters at given log-factors.
+
+    Coil gains multiply the gear of the coils' controls.
+    """
+    out = build_plant(edited(structure, parameters, theta), plant.name, variant)
+    for parameter, value in zip(parameters, theta, strict=True):
+        if parameter.actuator is not None:
+            for control in out.actuators[parameter.actuator].controls:
+                out.model.actuator_gear[control] *= float(np.exp(value))
+    return out
+
+
+def structure_changes(
+    structure: Structure, variant: str, parameters: Sequence[Uncertain], shapes_at_points: Array, omega: Array, points: Sequence[str]
+) -> list[Change]:
+    """Return what the uncertain parameters of a structure change in a plant's modes.
+
+    The derivatives are the FE model's; they are carried over to the plant's modes by the shapes at the points, which both
+    know and which agree (`vlab modes`).
+
+    Parameters
+    ----------
+    shapes_at_points : (n_points, m) array
+        The plant's mass-normalised modes at the structure's points.
+    omega : (m,) array
+        Their circular frequencies.
+    """
+    fe = build_fe_model(structure, variant)
+    carry = _carry(fe, shapes_at_points, omega, points)
+    out = []
+    for parameter in parameters:
+        edit = parameter.edit if isinstance(parameter, StructureUncertain) else None
+        if edit is None:
+            out.append(Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor))
+            continue
+        high, low = (build_fe_model(edit(structure, np.exp(s)), variant).linear for s in (STEP, -STEP))
+        if parameter.kind == "damping":
+            change = _modal_damping(structure, fe, parameter.name, carry, omega)
+            out.append(Change(name=parameter.name, sd=parameter.sd, C=change))
+            continue
+        M, K = ((a - b) / (2 * STEP) for a, b in ((high.M, low.M), (high.K, low.K)))
+        M, K = carry.T @ M @ carry, carry.T @ K @ carry
+        out.append(Change(name=parameter.name, sd=parameter.sd, M=M if np.abs(M).max() > 1e-9 else None, K=K))
+    return out
+
+
+def _carry(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[str]) -> Array:
+    """Return the FE coordinates per modal coordinate of the plant, (n, m)."""
+    all_omega, all_shapes = fe.linear.eigen
+    rows = fe.deflections(points) @ all_shapes
+    visible = np.flatnonzero(np.abs(rows).max(axis=0) > 1e-6 * np.abs(rows).max())
+    visible = visible[: max(2 * len(omega), len(omega) + 4)]
+    a, b = (
+        ModalModel(freq=w / (2 * np.pi), zeta=np.zeros(len(w)), shapes=r, coordinates=tuple(points))
+        for w, r in ((all_omega[visible], rows[:, visible]), (omega, shapes_at_points))
+    )
+    pairing = match_modes(a, b)
+    out = np.zeros((fe.linear.n, len(omega)))
+    for i, j in zip(pairing.a, pairing.b, strict=True):
+        sign = np.sign(rows[:, visible[i]] @ shapes_at_points[:, j]) or 1.0
+        out[:, j] = sign * all_shapes[:, visible[i]]
+    return out
+
+
+def _modal_damping(structure: Structure, fe: FeModel, name: str, carry: Array, omega: Array) -> Array:
+    zeta = np.einsum("ij,ik,kj->j", carry, fe.linear.C, carry) / (2 * np.maximum(np.abs(omega), 1e-12))
+    which = np.ones(len(omega), dtype=bool)
+    if name != "damping":
+        number = int(name.removeprefix("damping:mode")) - 1
+        driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
+        target = fe.linear.eigen[1][:, driven[number]] if number < len(driven) else None
+        which = np.array([target is not None and np.allclose(np.abs(column @ fe.linear.M @ target), 1.0, atol=1e-6) for column in carry.T])
+    return np.diag(np.where(which, 2 * zeta * np.abs(omega), 0.0))

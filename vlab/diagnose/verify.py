@@ -1,0 +1,150 @@
+"""The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.simulate import simulate
+from vlab.cases.wiring import Run
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.refine import Fit
+from vlab.diagnose.signals import noise_level
+from vlab.errors import VlabError
+from vlab.physics.attach import Attached, attach
+from vlab.plants.base import Plant
+from vlab.signals import Array, Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Amended:
+    """A plant with uncertain parameters refitted and physics added, and what stands between it and the recordings.
+
+    Parameters
+    ----------
+    sensor_gain, offset : (n_channels,) array
+        Of the compared channels, in the order of `Problem.names`.
+    names : tuple of str
+        The channels.
+    """
+
+    plant: Plant
+    names: tuple[str, ...] = ()
+    sensor_gain: Array | None = None
+    offset: Array | None = None
+
+    def simulated(self, run: Run) -> Recording:
+        """Return what a run's channels are with this plant."""
+        recording = simulate(self.plant, run).recording
+        if self.sensor_gain is None or self.offset is None:
+            return recording
+        data = recording.data.copy()
+        for name, gain, offset in zip(self.names, self.sensor_gain, self.offset, strict=True):
+            data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
+        return replace(recording, data=data)
+
+
+def amended(problem: Problem, fit: Fit) -> Amended:
+    """Return a problem's plant as a fit has it."""
+    plant = problem.adjusted(fit.theta)
+    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
+    gains = np.ones(len(problem.names))
+    for parameter, value in zip(problem.parameters, fit.theta, strict=True):
+        if parameter.sensor is not None:
+            gains[parameter.sensor] *= np.exp(value)
+    return Amended(
+        plant=attach(plant, effects, channels=problem.names) if effects else plant,
+        names=problem.names,
+        sensor_gain=gains,
+        offset=np.asarray(fit.offsets),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checked:
+    """How far the models are from one recording.
+
+    Parameters
+    ----------
+    nominal, before, after, noise : float
+        Root mean square over channels of the error over the recording's rms about its mean; infinite where a model
+        cannot follow at all.
+    channels : dict
+        The same by channel: (nominal, before, after, noise).
+    simulated : tuple of Recording or None
+        Of the three models.
+    """
+
+    name: str
+    role: str
+    nominal: float
+    before: float
+    after: float
+    noise: float
+    channels: dict[str, tuple[float, float, float, float]]
+    measured: Recording
+    simulated: tuple[Recording | None, Recording | None, Recording | None]
+
+    @property
+    def gap_closed(self) -> float | None:
+        """(before - after)/(before - noise); None where before is within the noise."""
+        return gap_closed(self.before, self.after, self.noise)
+
+
+def gap_closed(before: float, after: float, noise: float) -> float | None:
+    """Return the share of the distance to the noise that was closed; None where there is none."""
+    if not np.isfinite(before):
+        return 1.0 if np.isfinite(after) else 0.0
+    if before <= 1.1 * noise:
+        return None
+    return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
+
+
+def check(case: Case, runs: Sequence[Run], before: Amended, after: Amended | None) -> list[Checked]:
+    """Simulate runs with the nominal, the refitted and the amended model and measure what is left."""
+    models = [Amended(plant=case.plant), before, after]
+    return [_checked(run, models) for run in runs]
+
+
+def _checked(run: Run, models: Sequence[Amended | None]) -> Checked:
+    names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    scale = np.array([np.std(run.measured[n]) for n in names])
+    noise = np.array([noise_level(run.measured[n]) for n in names]) / scale
+    errors, recordings = [], []
+    for model in models:
+        recording = None if model is None else _try(model, run)
+        recordings.append(recording)
+        if recording is None:
+            errors.append(np.full(len(names), np.inf if model is not None else np.nan))
+        else:
+            errors.append(
+                np.array([np.sqrt(np.mean((recording[n] - run.measured[n]) ** 2)) for n in names]) / scale
+            )
+    if models[2] is None:
+        errors[2], recordings[2] = errors[1], recordings[1]
+    total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
+    return Checked(
+        name=run.name,
+        role=run.role,
+        nominal=total[0],
+        before=total[1],
+        after=total[2],
+        noise=total[3],
+        channels={n: tuple(float(x[i]) for x in (*errors, noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        measured=run.measured,
+        simulated=(recordings[0], recordings[1], recordings[2]),
+    )
+
+
+def _try(model: Amended, run: Run) -> Recording | None:
+    try:
+        return model.simulated(run)
+    except VlabError:  # diverged, or no start found: it cannot follow this recording at all
+        return None
+
+
+def total(checked: Sequence[Checked], which: str) -> float:
+    """Return the root mean square over recordings of one of their errors."""
+    values = np.array([getattr(c, which) for c in checked])
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -1,0 +1,56 @@
+"""What a diagnosis says in words: what was not excluded, and the measurement that would decide."""
+
+from vlab.diagnose.choose import Choice
+from vlab.diagnose.prepare import Problem
+
+_SEPARATES = {
+    frozenset({"friction", "hysteresis"}): "a slow quasi-static sweep through several amplitudes: the loop of dry friction has "
+    "vertical sides at every amplitude, that of micro-slip a slope",
+    frozenset({"damping", "friction"}): "releases or sine dwells at three amplitudes a factor of three apart: damping ratios that rise "
+    "with amplitude speak for drag, falling ones for dry friction, constant ones for viscous damping",
+    frozenset({"nonlinear-stiffness", "clearance"}): "sine dwells at three amplitudes below and above the gap, harmonics recorded",
+    frozenset({"nonlinear-stiffness", "contact"}): "sine dwells at three amplitudes, harmonics recorded: a stop sets in at one amplitude",
+    frozenset({"mass", "stiffness"}): "the same test with a known mass added at the place, or modes with a node there",
+    frozenset({"gain", "mass"}): "a calibration of one actuator against a known force, or of one sensor against a known motion",
+    frozenset({"gain", "stiffness"}): "a static test: a known force and the deflection it gives",
+    frozenset({"gain"}): "a calibration of one actuator against a known force, or of one sensor against a known motion",
+    frozenset({"timing"}): "excitation up to frequencies where a delay turns the phase by much more than a first-order lag",
+    frozenset({"saturation"}): "the same excitation at a level that is twice as large, the actuator's own force recorded",
+    frozenset({"mass"}): "the same test with a known mass moved along the structure",
+    frozenset({"stiffness"}): "mode shapes at more points: a local loss of stiffness shows as a kink where its curvature is large",
+}
+
+
+def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
+    """Return what the recordings leave open."""
+    out: list[str] = []
+    if verdict == "missing-physics":
+        others = [h.label for h in choice.alike if h is not choice.best]
+        out += [f"{label} leaves as little" for label in others[:5]]
+        best = choice.best.terms[0].place.name
+        out += [f"{choice.best.terms[0].effect.name} at {p}" for p, share in choice.places.items() if share > 0.05 and p != best]
+    elif verdict == "nothing-missing":
+        out.append("effects whose trace is smaller than the noise and the model's own uncertainty")
+    else:
+        out += [f"{h.label} was tried and leaves {h.level:.2g} times the noise" for h, _ in choice.ranking[:3]]
+        out.append("physics that is not in the catalogue")
+    return tuple(out)
+
+
+def next_measurement(choice: Choice, verdict: str, problem: Problem) -> str:
+    """Return the measurement that would separate what is left."""
+    if verdict == "nothing-missing":
+        return "a recording at a level several times higher, which brings out what grows with amplitude"
+    if verdict == "none-of-these":
+        return "a sensor on both sides of the place where the mismatch is largest, and three levels of a periodic excitation"
+    families = {t.effect.family for h in (choice.best, *choice.alike) for t in h.terms[:1]}
+    if len(families) == 1:
+        single = frozenset(families)
+        if len(choice.alike) > 1 and single in _SEPARATES:
+            return _SEPARATES[single]
+    for pair, words in _SEPARATES.items():
+        if pair <= families and len(pair) > 1:
+            return words
+    if len([p for p in choice.places.values() if p > 0.1]) > 1:
+        return "a sensor between the places that are left, " + " and ".join(list(choice.places)[:2])
+    return "a repetition on another day, with the same excitation at a third of the level"
