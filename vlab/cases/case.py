@@ -8,16 +8,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from controllers.user_law import is_user_law
 from vlab.cases.description import CaseTable, RecordingTable
 from vlab.cases.wiring import Run, find_input, find_output, find_place, make_run, wire
 from vlab.errors import BadCase, VlabError, unknown_name
 from vlab.hardware import Hardware, load_hardware
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import EFFECTS, effect_named
 from vlab.plants.base import Plant
 from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, to_recording
 from vlab.schema import Reader
+from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
 
 _NAMED = ("body", "geom", "joint", "tendon", "actuator", "sensor", "site")
@@ -37,12 +41,15 @@ class Case:
         The nominal model.
     hardware : Hardware or None
         What stands between law and structure; None for an MJCF model, whose converters are ideal.
+    structure : Structure or None
+        What the plant was built from, where it was.
     """
 
     path: Path
     table: CaseTable
     plant: Plant
     hardware: Hardware | None
+    structure: Structure | None = None
 
     @property
     def folder(self) -> Path:
@@ -96,9 +103,10 @@ def load_case(path: Path | str) -> Case:
         _check_inside(reader, f"recording[{i}].file", recording.file)
     for i, frf in enumerate(table.frf):
         _check_inside(reader, f"frf[{i}].file", frf.file)
-    plant, hardware = _build(reader, table)
+    plant, hardware, structure = _build(reader, table)
+    plant = _with_effects(reader, table, plant)
     _check_names(reader, table, plant)
-    return Case(path=path, table=table, plant=plant, hardware=hardware)
+    return Case(path=path, table=table, plant=plant, hardware=hardware, structure=structure)
 
 
 def _check_inside(reader: Reader, key: str, file: str) -> None:
@@ -115,14 +123,14 @@ def _check_inside(reader: Reader, key: str, file: str) -> None:
         raise reader.fail(key, f"{file!r} is no file name: {error}") from error
 
 
-def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None]:
+def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None, Structure | None]:
     folder, model = Path(reader.file).parent, table.model
     if model.mjcf:
         _check_inside(reader, "model.mjcf", model.mjcf)
         for key in ("hardware", "plant", "variant"):
             if getattr(model, key) != type(model).__dataclass_fields__[key].default:
                 raise reader.fail(f"model.{key}", "this key belongs to a structure; an MJCF model is used as it is")
-        return build_mjcf(model.mjcf, folder=folder), None
+        return build_mjcf(model.mjcf, folder=folder), None, None
     if model.structure in BUILT_IN:
         structure = load_structure(model.structure)
     elif model.structure.endswith(".toml"):
@@ -137,7 +145,21 @@ def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None]:
         plant = build_plant(structure, model.plant, model.variant)
     except LookupError as error:
         raise reader.fail("model", str(error)) from error
-    return plant, load_hardware(folder / model.hardware if model.hardware else None)
+    return plant, load_hardware(folder / model.hardware if model.hardware else None), structure
+
+
+def _with_effects(reader: Reader, table: CaseTable, plant: Plant) -> Plant:
+    """Return the plant with the physics of ``[[model.effect]]``; only the catalogue's own, a case runs nobody's code."""
+    channels = {name for recording in table.recording for name in recording.channel_names}
+    for i, effect in enumerate(table.model.effect):
+        try:
+            if is_user_law(effect.name):
+                raise unknown_name("effect", effect.name, EFFECTS)
+            one = Attached(effect=effect_named(effect.name), place=effect.place, values=effect.parameters)
+            plant = attach(plant, [one], channels=sorted(channels))
+        except VlabError as error:
+            raise reader.fail(f"model.effect[{i}]", str(error)) from error
+    return plant
 
 
 def _check_names(reader: Reader, table: CaseTable, plant: Plant) -> None:

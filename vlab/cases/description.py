@@ -30,6 +30,15 @@ def check_unit(unit: str, si: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EffectTable:
+    """``[[model.effect]]``: physics of the catalogue that the model has besides what its file says, see `vlab effects`."""
+
+    name: str
+    place: str
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelTable:
     """``[model]``: an MJCF file in the case's folder, or a structure by name or file.
 
@@ -41,6 +50,8 @@ class ModelTable:
         Of a structure: a hardware description in the case's folder; the laboratory's own by default.
     uncertain : mapping
         Relative standard deviation by kind (`UNCERTAIN_KINDS`) or by name (``geom:arm:mass``).
+    effect : sequence of EffectTable
+        Physics that is added, in this order.
     """
 
     mjcf: str = ""
@@ -49,6 +60,7 @@ class ModelTable:
     variant: str = "published"
     hardware: str = ""
     uncertain: dict[str, float] = field(default_factory=dict)
+    effect: tuple[EffectTable, ...] = ()
 
     def __post_init__(self) -> None:
         if bool(self.mjcf) == bool(self.structure):

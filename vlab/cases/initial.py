@@ -160,7 +160,7 @@ def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
     part = replace(run.measured, time=run.measured.time[:samples], data=run.measured.data[:samples])
     if law is None:
         return replace(run, measured=part, law=None)
-    commands = _replayed(run, law, part, bench)
+    commands = replayed_commands(run, law, part, bench)
     for c in run.compared:
         if c.actuator in law.actuators:
             commands[:, law.actuators.index(c.actuator)] = part[c.channel]
@@ -176,7 +176,7 @@ def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
     return replace(run, measured=both, law=None, drives=(*run.drives, *drives))
 
 
-def _replayed(run: Run, law: Law, part: Recording, bench: Bench) -> Array:
+def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Array:
     """Return what a copy of the law gives to the recorded sensors; zero where they were not all recorded."""
     commands = np.zeros((len(part), len(law.actuators)))
     channels = compared_with_sensors(run, law.sensors)

@@ -8,6 +8,7 @@ any sensor belong to the time they are labelled with.
 
 import copy
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -19,6 +20,8 @@ from vlab.errors import BadCase
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import coil_gain
+from vlab.lab.callback import control_callback
+from vlab.physics.running import STAGGERED, Running
 from vlab.plants.base import Plant, check_run
 from vlab.signals import Array
 
@@ -26,11 +29,6 @@ CHECK_EVERY = 500
 """Integration steps between two looks at the state: a diverged run stops here."""
 MAX_STEPS = 100_000_000
 """Longest run [integration steps]; at 5 us a step it takes minutes."""
-_STAGGERED = (
-    mujoco.mjtIntegrator.mjINT_EULER,
-    mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-)
 
 
 @dataclass(frozen=True)
@@ -127,10 +125,12 @@ class Bench:
         self.plant, self.model = plant, plant.model
         self.data, self._copy = plant.new_data(), plant.new_data()
         self.rest = State(self.data.qpos.copy(), np.zeros(self.model.nv))
-        self._ahead = self.model.opt.timestep / 2 if self.model.opt.integrator in _STAGGERED else 0.0
+        self._ahead = self.model.opt.timestep / 2 if self.model.opt.integrator in STAGGERED else 0.0
         self._sum = np.zeros((len(plant.sensors), self.model.nsensordata))
         for i, tap in enumerate(plant.sensors):
             self._sum[i, list(tap.addresses)] = 1.0
+        self.applied = np.zeros(self.model.nv)
+        """Generalised forces from outside in the present step, without those of attached physics."""
         self._range = linear_range
         self._coils = [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
 
@@ -142,14 +142,26 @@ class Bench:
             mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
         mujoco.mj_forward(self.model, self.data)
 
-    def look(self, ctrl: Array) -> None:
-        """Evaluate the present true state in the copy, under given controls and the applied forces."""
+    def look(self, ctrl: Array, physics: Running | None = None) -> None:
+        """Evaluate the present true state in the copy, under given controls and the applied forces.
+
+        Physics that is at work acts as it would there; it remembers nothing of it.
+        """
         data, model = self._copy, self.model
         mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
         if self._ahead:
             mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
         data.ctrl[:] = ctrl
         mujoco.mj_forward(model, data)
+        if physics is not None and physics.ports is not None:
+            data.qfrc_applied[:] = self.applied
+            physics.ports.look(data, physics.force)
+            mujoco.mj_forward(model, data)
+
+    @property
+    def acceleration(self) -> Array:
+        """Generalised acceleration at what `look` saw, (nv,)."""
+        return np.asarray(self._copy.qacc)
 
     def sensors(self) -> Array:
         """Return the plant's sensor values at what `look` saw."""
@@ -224,12 +236,19 @@ def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) ->
     Diverged
         The run left the finite world or MuJoCo reset it.
     """
+    physics = _physics(bench.plant, run, clock)
+    with nullcontext() if physics is None else control_callback(bench.data, physics.callback):
+        return _played(bench, run, clock, state, law, physics)
+
+
+def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None, physics: Running | None) -> Played:
     plant, model, data = bench.plant, bench.model, bench.data
     means, present = _drives(run, clock, plant)
     loads = [drive for drive in run.drives if drive.port]
     load_means, _ = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
     push = None if law is None else _chain(law, run, clock)
-    controls, every = plant.control_matrix, bool(loads) or plant.dissipation is not None
+    controls = plant.control_matrix
+    every = bool(loads) or plant.dissipation is not None or physics is not None
     feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
     command = np.zeros(len(plant.actuators))
     out = np.zeros((clock.readings, len(run.compared)))
@@ -237,9 +256,17 @@ def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) ->
     last_check = 0
     for k in range(clock.readings):
         part = (k % clock.law_every) * clock.steps
-        bench.look(controls @ (present[k] + feedback[part - 1]))
+        force = present[k] + feedback[part - 1]
+        if physics is not None:
+            force = force + physics.last_change
+        bench.look(controls @ force, physics)
         sensors = bench.sensors()
+        if physics is not None:
+            physics.sense(sensors, clock.times[k])
         out[k] = bench.values(run.compared, sensors)
+        if physics is not None:
+            for i, c in enumerate(run.compared):
+                out[k, i] = physics.read(c.channel, float(out[k, i]), clock.times[k])
         if law is not None and push is not None and part == 0:
             command[list(law.actuators)] = law.step(sensors)
             feedback[:, list(law.actuators)] = push(command[list(law.actuators)])
@@ -250,14 +277,29 @@ def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) ->
             break
         first = k * clock.steps
         force = means[first : first + clock.steps] + feedback[part : part + clock.steps]
-        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, loads)
+        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, loads, physics)
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
     return Played(clock.times, out)
 
 
-def _advance(bench: Bench, controls: Array, force: Array, loads: Array | None, drives: Sequence[Drive]) -> None:
+def _physics(plant: Plant, run: Run, clock: Clock) -> Running | None:
+    """Return the physics attached to a plant, at the start of a run."""
+    if not plant.physics:
+        return None
+    read = {c.channel: plant.sensors[c.sensor].name for c in run.compared if c.sensor is not None}
+    return Running(plant, sample=clock.steps * clock.timestep, channels=read)
+
+
+def _advance(
+    bench: Bench,
+    controls: Array,
+    force: Array,
+    loads: Array | None,
+    drives: Sequence[Drive],
+    physics: Running | None = None,
+) -> None:
     """Take the integration steps between two readings."""
     plant, data = bench.plant, bench.data
     if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
@@ -265,11 +307,16 @@ def _advance(bench: Bench, controls: Array, force: Array, loads: Array | None, d
         mujoco.mj_step(plant.model, data, nstep=len(force))
         return
     for i, row in enumerate(force):
+        if physics is not None:
+            physics.actuate(row)
+            physics.force[:], physics.is_due = row, True
         data.ctrl[:] = controls @ row
         if loads is not None:
-            data.qfrc_applied[:] = 0.0 if plant.dissipation is None else -plant.dissipation @ data.qvel
+            applied = bench.applied
+            applied[:] = 0.0 if plant.dissipation is None else -plant.dissipation @ data.qvel
             for load, drive in zip(loads[i], drives, strict=True):
-                data.qfrc_applied += plant.port(drive.port).row(data) * load
+                applied += plant.port(drive.port).row(data) * load
+            data.qfrc_applied[:] = applied
         mujoco.mj_step(plant.model, data)
 
 

@@ -21,10 +21,12 @@ VERBS = {
     "modes": "FE model, every plant and the published values side by side",
     "design": "a control law designed on a model of a structure, and what it achieves",
     "experiment": "a simulated experiment, written as a run folder",
+    "effects": "the catalogue of physics that a model can have left out",
     "modal-test": "frequency responses, poles and mode shapes from recordings",
     "reproduce": "the dissertation's tables beside ours",
     "correct": "a reduced model corrected by a simulated modal test of a structure that differs from it",
     "compare": "a case: recordings beside their model, and by how much they differ",
+    "diagnose": "what physics the model of a case lacks, where, and how much better it fits with it",
     "show": "open a run in the Rerun viewer",
     "bench": "speed side by side with what a user would use instead",
 }

@@ -68,3 +68,18 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
             bar.update(done_s - bar.n)
 
         yield report
+
+
+@contextlib.contextmanager
+def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
+    """Show the share of a long work that is done, and what is being done, on stderr, where stderr is a terminal."""
+    with tqdm(
+        total=100, desc=label, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
+        bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}",
+    ) as bar:  # fmt: skip
+
+        def report(share: float, what: str) -> None:
+            bar.set_postfix_str(what, refresh=False)
+            bar.update(100 * share - bar.n)
+
+        yield report

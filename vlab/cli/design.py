@@ -3,12 +3,14 @@
 import argparse
 import json
 import time
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
 from controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
 from controllers.law_file import write_law
 from controllers.lqdrf import KINDS, LqdrfDesign
@@ -17,14 +19,22 @@ from controllers.lqr import LqrDesign
 from controllers.mfdrf import MfdrfDesign
 from vlab import units
 from vlab.cli.common import Outcome, finite, text_table
-from vlab.cli.given_law import is_given, load_given
+from vlab.cli.given_law import is_given, laboratory_for, linear_gains, load_given
 from vlab.design.gain_search import bounded_modes
-from vlab.errors import BadController, BadDesign, unknown_name
+from vlab.design.performance import shared_modes
+from vlab.design.state_model import StateModel, state_model
+from vlab.design.weights import noise_of, weights_of
+from vlab.errors import BadDesign, unknown_name
+from vlab.fe.assembly import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import MODELS, build_reduced_model
+from vlab.hardware.array_controller import array_report, array_text
+from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
+from vlab.lab.robustness import robustness_report, robustness_text
 from vlab.outputs import output_folder, write_manifest
 from vlab.structure import load_structure
+from vlab.structure.model import Structure
 
 PRINTED = "lbf s/in"
 """Unit in which gains of direct rate feedback are printed beside SI, as in Tables 7, 11 and 15."""
@@ -61,16 +71,84 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--starts", type=int, help="random starts of the search")
     parser.add_argument("--seed", type=int, help="seed of the random starts (default 0)")
     parser.add_argument("--rate", type=float, help="samples per second of a law with states (default 1000)")
+    parser.add_argument("--with-delay", action="store_true", help="lqg: design it for the loop with its delay and hold")
+    parser.add_argument(
+        "--robustness", action="store_true", help="margins of the sampled loop, and which mode goes first"
+    )
+    parser.add_argument("--array", action="store_true", help="whether the law fits the array controller, and how")
     parser.add_argument("--out", help="folder for design.json, controller.toml and figures")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Made:
+    """A law on a model, ready to be reported.
+
+    Parameters
+    ----------
+    law : LinearController or None
+        What runs in a loop; None for the regulator, which has no sensors.
+    modelled : StateModel or None
+        The design model.
+    continuous : array or None
+        Roots of the law before it was sampled [rad/s].
+    figures : callable
+        Returns the law's figures, up to a frequency [Hz].
+    """
+
+    fe: FeModel
+    law: LinearController | None
+    document: dict[str, Any]
+    asked: Asked
+    modelled: StateModel | None = None
+    continuous: Any = None
+    figures: Callable[[float], dict[str, Any]]
+
+
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Design the law and say what it achieves."""
+    """Design the law, or take one that was made elsewhere, and say what it achieves."""
     structure = load_structure(arguments.structure)
     if not arguments.law:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
-    if is_given(arguments.law):
-        return _judge(arguments)
+    if arguments.with_delay and arguments.law != "lqg":
+        raise BadDesign(f"--with-delay is for the law lqg; {arguments.law!r} has no model that the delay could be in")
+    begun = time.perf_counter()
+    made = _judge(arguments, structure) if is_given(arguments.law) else _design(arguments, structure)
+    document = made.document
+    document["seconds"] = time.perf_counter() - begun
+    loop = None
+    if arguments.array or arguments.robustness:
+        law = _in_a_loop(made.law)
+        hardware = laboratory_for(law, arguments.rate)
+        if arguments.array:
+            document["array"] = finite(array_report(law, hardware, continuous=made.continuous))
+        if arguments.robustness:
+            full = build_fe_model(structure, arguments.variant)
+            loop = loop_on(full, law, hardware.converter)
+            document["robustness"] = finite(robustness_report(loop, modelled=_modelled(full, made.modelled)))
+    if arguments.out:
+        with output_folder(arguments.out) as folder:
+            _write(folder, made, loop)
+            settings = {key: document[key] for key in ("law", "structure", "model")}
+            write_manifest(folder, verb="design", **settings, asked=as_plain(made.asked))
+        document["out"] = str(arguments.out)
+    return Outcome(document=document, text=_text(structure.title, document))
+
+
+def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None:
+    """Return which modes of the full model, from 1, the design model has."""
+    return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
+
+
+def _in_a_loop(law: LinearController | None) -> LinearController:
+    if law is None:
+        raise BadDesign(
+            "the law lqr feeds every state back, which no sensors measure, so it has no sampled loop; take lqg"
+        )
+    return law
+
+
+def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
+    """Design a law of the catalogue."""
     if arguments.law not in LAWS:
         raise unknown_name("law", arguments.law, LAWS, where="design")
     if arguments.objective is not None and arguments.objective not in KINDS:
@@ -80,42 +158,81 @@ def run(arguments: argparse.Namespace) -> Outcome:
     changes = {name: getattr(arguments, name) for name in names} | {"kind": arguments.objective}
     asked = asked_of(structure, model, **changes)
     fe = build_reduced_model(structure, model, arguments.variant)
-    begun = time.perf_counter()
+    if arguments.with_delay:
+        return _with_delay(fe, model, asked)
     design = design_law(fe, arguments.law, asked)
-    seconds = time.perf_counter() - begun
     document = describe(fe, design, arguments.law, model, asked)
-    document["seconds"] = seconds
-    if arguments.out:
-        with output_folder(arguments.out) as folder:
-            _write(folder, fe, design, document)
-            write_manifest(
-                folder,
-                verb="design",
-                structure=structure.name,
-                law=arguments.law,
-                model=model,
-                **{"asked": as_plain(asked)},
-            )
-        document["out"] = str(arguments.out)
-    return Outcome(document=document, text=_text(structure.title, document))
+    title = f"{arguments.law} on the {model} model"
+
+    def figures(top: float) -> dict[str, Any]:
+        from vlab.views.design_view import design_figures
+
+        return design_figures(fe, design, title=title, top=top, damping=asked.damping)
+
+    law = None if isinstance(design, LqrDesign) else design.controller
+    continuous = np.linalg.eigvals(design.A_estimator) if isinstance(design, LqgDesign) else None
+    return Made(
+        fe=fe,
+        law=law,
+        document=document,
+        asked=asked,
+        modelled=design.model,
+        continuous=continuous,
+        figures=figures,
+    )
 
 
-def _judge(arguments: argparse.Namespace) -> Outcome:
-    """Say what a law that was made elsewhere achieves, in the laboratory's sampled loop."""
-    if arguments.out:
-        raise BadController(
-            f"the law {arguments.law} is not designed here; leave --out away, its numbers come with --json"
-        )
-    structure = load_structure(arguments.structure)
+def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
+    """Design LQG for the sampled plant with delay and hold; damping ratios are those of its regulator."""
+    state, converter = state_model(fe), laboratory_for(None, asked.rate).converter
+    design = delayed_lqg.design(
+        state,
+        weights_of(asked, state),
+        noise_of(asked, state),
+        rate=asked.rate,
+        delay_samples=converter.delay_samples,
+    )
+    law, modes = design.controller, _shown(fe, asked)
+    z = design.regulator_poles
+    z = z[np.abs(z) > 1e-9]  # states that the delay alone moves
+    freq, zeta = ClosedLoop(z, np.log(z.astype(complex)) * asked.rate).modes(fe.linear.freq[list(modes)])
+    least = float(zeta[: asked.modes].min())
+    document = {
+        "law": "lqg with delay",
+        "structure": fe.structure.name,
+        "model": model,
+        "asked": as_plain(asked),
+        "gains": linear_gains(law, asked.rate),
+        "modes": [mode + 1 for mode in modes],
+        "frequencies_hz": freq,
+        "damping_ratios": zeta,
+        "performance_indices": [None] * len(modes),
+        "objective": {"name": "smallest damping ratio of the bounded modes", "value": least, "unit": "1"},
+    }
+    figures = _loop_figures(fe, loop_on(fe, law, converter), f"lqg with delay on the {model} model", asked)
+    return Made(fe=fe, law=law, document=finite(document), asked=asked, modelled=state, figures=figures)
+
+
+def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
+    """Take a law that was made elsewhere, and see what it achieves in the laboratory's sampled loop."""
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
-    begun = time.perf_counter()
     asked = asked_of(structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")})
-    modes = _shown(fe, asked)
+    modes, given = _shown(fe, asked), load_given(fe, arguments.law, arguments.rate)
     document: dict[str, Any] = {"law": arguments.law, "structure": structure.name, "model": model}
-    document |= load_given(fe, arguments.law, arguments.rate).describe(modes, asked)
-    document = finite(document | {"modes": [mode + 1 for mode in modes], "seconds": time.perf_counter() - begun})
-    return Outcome(document=document, text=_text(structure.title, document))
+    document |= given.describe(modes, asked)
+    document["modes"] = [mode + 1 for mode in modes]
+    figures = _loop_figures(fe, given.loop, f"{arguments.law} on the {model} model", asked)
+    return Made(fe=fe, law=given.law, document=finite(document), asked=asked, figures=figures)
+
+
+def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> Callable[[float], dict[str, Any]]:
+    def figures(top: float) -> dict[str, Any]:
+        from vlab.views.design_view import loop_figures
+
+        return loop_figures(fe, loop, title=title, top=top, damping=asked.damping)
+
+    return figures
 
 
 def _shown(fe: FeModel, asked: Asked) -> tuple[int, ...]:
@@ -134,7 +251,7 @@ def describe(fe: FeModel, design: Design, law: str, model: str, asked: Asked) ->
     else:
         tracked = design.loop.track(design.D, max(modes) + 1)
         zeta, freq = tracked.zeta[0, list(modes)], tracked.freq[0, list(modes)]
-        indices = design.indices(asked.weights_for(design.model), modes)
+        indices = design.indices(weights_of(asked, design.model), modes)
     document: dict[str, Any] = {
         "law": law,
         "structure": fe.structure.name,
@@ -210,6 +327,10 @@ def _text(title: str, document: dict[str, Any]) -> str:
             "optima found: " + ", ".join(f"{value:.6g}" for value in search["local_minima"]),
             "active: " + (", ".join(f"{name} ({price:.3g})" for name, price in search["active"].items()) or "nothing"),
         ]
+    if "array" in document:
+        lines += ["", array_text(document["array"])]
+    if "robustness" in document:
+        lines += ["", "in the sampled loop on the full model:", robustness_text(document["robustness"])]
     if "out" in document:
         lines.append(
             f"written to {document['out']}: design.json, figures; controller.toml where the law can run in a loop"
@@ -217,58 +338,17 @@ def _text(title: str, document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _write(folder: Path, fe: FeModel, design: Design, document: dict[str, Any]) -> None:
+def _write(folder: Path, made: Made, loop: SampledLoop | None) -> None:
     """Write everything but the manifest."""
-    from controllers.loop_matrices import loops_of, response
-    from vlab.signals import FrequencyResponse
-    from vlab.views.figures import frf_figure, nyquist_figure, pole_figure, to_png, to_svg
+    from vlab.views.design_view import robustness_figures, write_figures
 
+    document = made.document
     text = json.dumps(document, allow_nan=False, indent=2)
     (folder / "design.json").write_text(text + "\n", encoding="utf-8")
-    if not isinstance(design, LqrDesign):
+    if isinstance(made.law, DirectRateFeedback | LinearLaw):
         labels = {"name": document["law"], "structure": document["structure"], "model": document["model"]}
-        write_law(design.controller, folder / "controller.toml", **labels)
-    loops, channels = loops_of(design), design.model.channels
-    top = 1.3 * max(document["frequencies_hz"])
-    freq = _lines(
-        0.3 * float(fe.linear.freq[fe.linear.freq > 0].min()), top, [loops.plant.poles(), loops.closed.poles()]
-    )
-
-    def frf(system: Any) -> FrequencyResponse:
-        outputs = tuple(f"velocity:{name}" for name in channels)
-        inputs = tuple(f"force:{name}" for name in channels)
-        return FrequencyResponse(freq=freq, H=response(system, freq), outputs=outputs, inputs=inputs, unit="m/s/N")
-
-    exciter = fe.structure.exciter if fe.structure.exciter in channels else channels[0]
-    title = f"{document['law']} on the {document['model']} model"
-    figures = {
-        "bode": frf_figure(
-            frf(loops.plant),
-            frf(loops.closed),
-            exciter,
-            exciter,
-            labels=("open loop", "closed loop"),
-            title=title,
-            log_frequency=True,
-        ),
-        "nyquist": nyquist_figure(freq, response(loops.gain, freq), title=title),
-        "poles": pole_figure(
-            [("open loop", loops.plant.poles()), ("closed loop", loops.closed.poles())],
-            damping=(document["asked"]["damping"],),
-            highest_hz=top,
-        ),
-    }
-    for name, figure in figures.items():
-        (folder / f"{name}.svg").write_text(to_svg(figure), encoding="utf-8")
-        (folder / f"{name}.png").write_bytes(to_png(figure))
-
-
-def _lines(low: float, high: float, poles: list[Any]) -> Any:
-    """Return frequencies [Hz] that are dense around every resonance, so that the circles of a Nyquist plot are round."""
-    lines = [np.geomspace(low, high, 800)]
-    around = np.sinh(np.linspace(-4, 4, 81))  # half widths of the resonance
-    for s in np.concatenate(poles):
-        if 0 < s.imag < 2 * np.pi * high:
-            lines.append((s.imag + abs(s.real) * around) / (2 * np.pi))
-    freq = np.unique(np.concatenate(lines))
-    return freq[(freq >= low) & (freq <= high)]
+        write_law(made.law, folder / "controller.toml", **labels)
+    figures = made.figures(1.3 * max(document["frequencies_hz"]))
+    if loop is not None:
+        figures |= robustness_figures(loop, document["robustness"], document["law"])
+    write_figures(folder, figures)

@@ -11,9 +11,10 @@ from controllers.linear import LinearController
 from controllers.user_law import is_user_law
 from vlab.design import performance
 from vlab.design.state_model import state_model
+from vlab.design.weights import weights_of
 from vlab.errors import BadController
 from vlab.fe.model import FeModel
-from vlab.hardware import load_hardware
+from vlab.hardware import Hardware, load_hardware
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import SampledLoop, loop_on
 
@@ -41,18 +42,20 @@ class GivenLaw:
 
     def describe(self, modes: tuple[int, ...], asked: Asked) -> dict[str, Any]:
         """Return matrices, damping ratios in the sampled loop and, of a law without states, the continuous indices."""
-        A, B, C, D = self.law.matrices
-        freq, zeta = self.loop.closed().modes(self.fe.linear.freq[list(modes)])
-        critical = self.loop.critical()
-        places = {"sensors": list(self.law.sensors), "actuators": list(self.law.actuators)}
+        if len(self.law.matrices[0]):  # its own poles lie among the structure's
+            found = self.loop.mode_poles(modes)
+            freq, zeta = np.array([p.hz for p in found]), np.array([p.zeta for p in found])
+        else:
+            freq, zeta = self.loop.closed().modes(self.fe.linear.freq[list(modes)])
+        least = min(self.loop.poles(), key=lambda pole: pole.zeta)
         return {
-            "gains": {**places, "A": A, "B": B, "C": C, "D": D, "unit": "SI", "rate_hz": self.loop.rate},
+            "gains": linear_gains(self.law, self.loop.rate),
             "frequencies_hz": freq,
             "damping_ratios": zeta,
             "performance_indices": self._indices(modes, asked),
             "objective": {
-                "name": f"smallest damping ratio of the sampled loop, at {critical.hz:.4g} Hz",
-                "value": min(pole.zeta for pole in self.loop.poles()),
+                "name": f"smallest damping ratio of the sampled loop, at {least.hz:.4g} Hz",
+                "value": least.zeta,
                 "unit": "1",
             },
         }
@@ -65,7 +68,7 @@ class GivenLaw:
         if len(A) or not same or np.linalg.eigvals(model.A + model.B @ D @ model.C).real.max() >= 0:
             return [None] * len(modes)
         x0 = performance.initial_states(model, modes)
-        return list(performance.rate_feedback_index(model, -D, asked.weights_for(model), x0))
+        return list(performance.rate_feedback_index(model, -D, weights_of(asked, model), x0))
 
 
 def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
@@ -86,8 +89,16 @@ def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
         raise BadController(
             f"the law {name} has no `matrices`: poles and damping ratios are those of linear laws; run vlab experiment instead"
         )
-    hardware = load_hardware()
-    asked_rate = rate or getattr(law, "rate", None)
-    if asked_rate:
-        hardware = hardware.at_rate(asked_rate)
-    return GivenLaw(law=law, loop=loop_on(fe, law, hardware.converter), fe=fe)
+    return GivenLaw(law=law, loop=loop_on(fe, law, laboratory_for(law, rate).converter), fe=fe)
+
+
+def laboratory_for(law: LinearController | None, rate: float | None) -> Hardware:
+    """Return the laboratory's hardware at a rate [Hz]; at the law's own, or else the laboratory's, where none is given."""
+    hardware, chosen = load_hardware(), rate or getattr(law, "rate", None)
+    return hardware.at_rate(chosen) if chosen else hardware
+
+
+def linear_gains(law: LinearController, rate: float) -> dict[str, Any]:
+    """Return the matrices of a linear law as plain data."""
+    places = {"sensors": list(law.sensors), "actuators": list(law.actuators)}
+    return {**places, **dict(zip("ABCD", law.matrices, strict=True)), "unit": "SI", "rate_hz": rate}

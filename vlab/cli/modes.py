@@ -5,6 +5,7 @@ import argparse
 import numpy as np
 
 from vlab.cli.common import Outcome, text_table
+from vlab.errors import BadStructure
 from vlab.modal.mac import comac, mac
 from vlab.outputs import output_folder, write_manifest
 from vlab.reproduce import cross_check
@@ -31,12 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how many modes (1 to 12; by default all published)",
     )
-    parser.add_argument("--out", help="folder for mode shapes, their differences and MAC as figures")
+    parser.add_argument(
+        "--force", metavar="PLACE", help="with --out: responses to a force there, open loop, as figures"
+    )
+    parser.add_argument("--response", nargs="+", metavar="PLACE", help="where; at all coils by default")
+    parser.add_argument("--out", help="folder for mode shapes, their differences, MAC and responses as figures")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Compare FE model, plants and published values."""
     structure = load_structure(arguments.structure)
+    if (arguments.force or arguments.response) and not (arguments.force and arguments.out):
+        raise BadStructure("responses are figures: give --force, where the force acts, and --out, the folder for them")
     check = cross_check(structure, arguments.variant, model=arguments.model, modes=arguments.modes)
     document = check.as_dict()
     plants = list(check.plants)
@@ -73,7 +80,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.out:
         from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
 
+        responses = {}
+        if arguments.force:
+            from vlab.views.response_view import response_figures
+
+            responses = response_figures(check.fe, arguments.force, arguments.response or ())
         with output_folder(arguments.out) as folder:
+            for file, figure in responses.items():
+                (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
             for name, modes in plant_modes.items():
                 drawings = {
                     f"shapes-{name}": mode_shapes_figure(structure, fe_modes, modes),

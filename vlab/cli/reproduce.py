@@ -1,45 +1,124 @@
 """``vlab reproduce``."""
 
 import argparse
+from collections.abc import Sequence
+from typing import Any
 
-from vlab.cli.common import Outcome, text_table
-from vlab.reproduce.tables import NOT_REPRODUCIBLE, REPRODUCED, reproduce_tables, share
+from vlab.cli.common import Outcome, finite, progress_bar, text_table
+from vlab.errors import BadExperiment
+from vlab.outputs import output_folder, write_manifest
+from vlab.reproduce.tables import NOT_REPRODUCIBLE, REPRODUCED, ReproducedTable, reproduce_tables, share, widened
+from vlab.structure import load_structure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("table", nargs="*", help=f"tables to reproduce: {', '.join(REPRODUCED)} (default all)")
+    parser.add_argument(
+        "--limit-cycle",
+        action="store_true",
+        help="instead of tables, the vibration of 41 Hz that LQG had on the beam (section 6.1): what the model explains of it",
+    )
+    parser.add_argument(
+        "--out", help="with --limit-cycle: folder for the study as JSON, its time histories and figures (a minute)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Print each cell published / ours / tolerance / ok."""
+    if arguments.limit_cycle:
+        return _limit_cycle(arguments)
+    if arguments.out:
+        raise BadExperiment("--out belongs to --limit-cycle; the tables come as JSON with --json")
     tables = reproduce_tables(arguments.table)
     missing = [{"table": table, "why": why} for table, why in NOT_REPRODUCIBLE.items()]
-    lines = []
-    for table in tables:
-        rows = [
-            [
-                c.row,
-                c.column,
-                c.published,
-                c.ours,
-                c.unit,
-                100 * (c.ours - c.published) / c.published if c.published else None,
-                c.allowed,
-                c.ok if c.determined else f"({'yes' if c.ok else 'no'})",
-            ]
-            for c in table.cells
-        ]
-        lines += [
-            f"Table {table.table}. {table.title}",
-            "",
-            text_table(["row", "column", "published", "ours", "unit", "off %", "tolerance", "ok"], rows),
-            "",
-        ]
+    lines = [line for table in tables for line in _table_lines(table)]
+    shares = {name: _shares(tables, name) for name in ("beam", "grid")}
+    lines += ["Cells that the published data determine, inside the honest tolerance:"]
+    for name, counted in shares.items():
+        if counted["of"]:
+            percent = 100 * counted["inside_honest"] / counted["of"]
+            lines += [f"  {name}: {counted['inside_honest']} of {counted['of']} ({percent:.3g} %)"]
+    lines += _widened_lines(tables)
     shown = share(tables, determined=False)
-    lines += [f"Inside the tolerance: {share(tables)} cells that the published data determine."]
     if shown.of:
         lines += [f"In brackets: {shown} cells that they do not determine; see below."]
     lines += ["", "Not reproduced:", *(f"  Table {part['table']}: {part['why']}" for part in missing)]
-    document = {"tables": [t.as_dict() for t in tables], "not_reproducible": missing}
+    document = {"tables": [t.as_dict() for t in tables], "shares": shares, "not_reproducible": missing}
     return Outcome(document=document, text="\n".join(lines), holds=all(t.ok for t in tables))
+
+
+def _table_lines(table: ReproducedTable) -> list[str]:
+    rows = [
+        [
+            c.row,
+            c.column,
+            c.published,
+            c.ours,
+            c.unit,
+            None if c.off is None else 100 * c.off,
+            c.allowed + ("" if c.honest is None else " *"),
+            c.ok if c.determined else f"({'yes' if c.ok else 'no'})",
+        ]
+        for c in table.cells
+    ]
+    headers = ["row", "column", "published", "ours", "unit", "off %", "tolerance", "ok"]
+    return [f"Table {table.table}. {table.title}", "", text_table(headers, rows), ""]
+
+
+def _shares(tables: Sequence[ReproducedTable], structure: str) -> dict[str, int]:
+    """Count the determined cells of a structure: all, inside the honest tolerance, inside the one they are held to."""
+    own = [table for table in tables if REPRODUCED[table.table][0] == structure]
+    held, honest = share(own), share(own, honest=True)
+    return {"of": held.of, "inside_honest": honest.inside, "inside": held.inside}
+
+
+def _widened_lines(tables: Sequence[ReproducedTable]) -> list[str]:
+    """Name the cells whose tolerance was widened, and whether they need it."""
+    wide = widened(tables)
+    if not wide:
+        return []
+    rows = [
+        f"  Table {number}, {c.column}, {c.row}: {100 * abs(c.off or 0.0):.3g} % off, {100 * (c.honest or 0.0):.3g} % honest, {c.allowed} allowed"
+        for number, c in wide
+    ]
+    return [f"Widened (*): {len(wide)} cells, {sum(c.ok for _, c in wide)} of them inside the wider tolerance:", *rows]
+
+
+def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
+    """Report what the model can and cannot explain of the limit cycle; with a folder, its time histories, too."""
+    from vlab.reproduce.limit_cycle import limit_cycle_report
+    from vlab.reproduce.limit_cycle_runs import simulated_seconds
+
+    if arguments.table:
+        raise BadExperiment(f"--limit-cycle is a study of its own; leave the tables {', '.join(arguments.table)} away")
+    beam = load_structure("beam")
+    if not arguments.out:
+        document: dict[str, Any] = limit_cycle_report(beam)
+    else:
+        from vlab.views.limit_cycle import write_limit_cycle
+
+        with output_folder(arguments.out) as folder:
+            with progress_bar("time histories", simulated_seconds()) as report:
+                document = write_limit_cycle(folder, beam, progress=report)
+            write_manifest(folder, verb="reproduce", structure=beam.name, study="limit-cycle")
+        document["out"] = str(arguments.out)
+    lines = ["The limit cycle near 41 Hz of LQG on the beam (section 6.1)", "", *document["verdict"]]
+    lines += [line for run in document.get("histories", ()) for line in _history_lines(run)]
+    if arguments.out:
+        lines += ["", f"written to {arguments.out}: limit-cycle.json, figures"]
+    return Outcome(document=finite(document), text="\n".join(lines))
+
+
+def _history_lines(run: dict[str, Any]) -> list[str]:
+    """Say what a time history did beside what was predicted."""
+    parts = []
+    for name in ("simulated", "predicted"):
+        told = run[name]
+        values = [
+            f"{told[key]:.3g} {unit}"
+            for key, unit in (("hz", "Hz"), ("amplitude_n", "N"), ("growth_per_s", "1/s growth"))
+            if told.get(key) is not None
+        ]
+        parts.append(f"{name} {', '.join(values) or 'nothing'}")
+    return [f"{run['name']}: {'; '.join(parts)}"]

@@ -23,8 +23,6 @@ ITERATIONS = 12
 CHUNK = 400
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
-OFFSET_SD = 0.02
-"""Prior standard deviation of a channel's zero, as a share of its rms."""
 LEAST_ERROR = 0.005
 """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
 PRIOR_BOUND = 3.0
@@ -125,7 +123,7 @@ class Refiner:
     def _informed(self) -> Array:
         """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance."""
         sd = self.twin.prior
-        scaled = self.screen.nuisance * sd / np.sqrt(self.screen.variance)
+        scaled = self.screen.nuisance[:, : len(sd)] * sd / np.sqrt(self.screen.variance)
         _, size, rows = np.linalg.svd(scaled, full_matrices=False)
         return np.asarray((rows[size > INFORMED] * sd).T)
 
@@ -341,7 +339,7 @@ class Refiner:
         return np.concatenate(parts)
 
     def _offset_sd(self) -> Array:
-        return np.asarray(OFFSET_SD * np.max([run.scale for run in self.runs], axis=0))
+        return self.screen.offset_sd
 
     def _pack(self, state: Array) -> Array:
         m = self.twin.m

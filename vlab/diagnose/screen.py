@@ -28,6 +28,8 @@ REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 
 
+OFFSET_SD = 0.02
+"""Prior standard deviation of a channel's zero, as a share of its rms."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
@@ -129,12 +131,15 @@ class Screen:
         self.now = replace(self.twin, M=M, C=C, K=K, forces=self.twin.forces * self.actuator_gain)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
-        self.nuisance = self._nuisance()
+        self.nuisance = np.hstack([self._nuisance(), self._offsets()])
         fixed = np.array([c.sensor is not None for c in self.twin.changes])
-        precision = np.where(fixed, 1e12, 1.0 / np.maximum(self.twin.prior, 1e-9) ** 2)
+        known = np.where(fixed, 1e12, 1.0 / np.maximum(self.twin.prior, 1e-9) ** 2)
+        precision = np.concatenate([known, 1.0 / self.offset_sd**2])
         self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
-        self._step = self._gram @ (self.nuisance.T @ self.e - precision * self.theta)
-        self.base = self.e - self.nuisance @ self._step
+        present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
+        step = self._gram @ (self.nuisance.T @ self.e - precision * present)
+        self._step = step[: len(self.theta)]
+        self.base = self.e - self.nuisance @ step
         self.variance = float(np.mean(self.base**2))
         self._plain = (self.nuisance, precision)
 
@@ -146,7 +151,8 @@ class Screen:
         other.nuisance = np.hstack([nuisance, *columns])
         free = np.concatenate([precision, np.full(other.nuisance.shape[1] - nuisance.shape[1], 1e-12)])
         other._gram = np.linalg.pinv(other.nuisance.T @ other.nuisance + np.diag(free), hermitian=True)
-        pull = np.concatenate([precision * self.theta, np.zeros(len(free) - len(precision))])
+        pull = np.zeros(len(free))
+        pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
         solution = other._gram @ (other.nuisance.T @ self.e - pull)
         other.base = self.e - other.nuisance @ solution
         other.variance = float(np.mean(other.base**2))
@@ -155,8 +161,8 @@ class Screen:
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
         """Return the uncertain parameters and the candidates' values that explain the innovations together."""
-        at, values = len(self.theta), []
-        theta = np.clip(self.theta + solution[:at], -2.0, 2.0)
+        at, values = len(self.theta) + len(self.offset_sd), []
+        theta = np.clip(self.theta + solution[: len(self.theta)], -2.0, 2.0)
         for candidate in candidates:
             own = dict(candidate.values)
             for parameter in candidate.effect.amplitudes:
@@ -266,6 +272,21 @@ class Screen:
                     reading[..., change.sensor, i] = group.y[..., change.sensor]
             blocks.append(group.rows(self.through(group, modal, reading)))
         return np.concatenate(blocks)
+
+    def _offsets(self) -> Array:
+        """Return the columns of the channels' zeros."""
+        blocks = []
+        for group in self.groups:
+            reading = np.zeros((*group.y.shape, group.y.shape[2]))
+            for i in range(group.y.shape[2]):
+                reading[..., i, i] = 1.0
+            blocks.append(group.rows(self.through(group, None, reading)))
+        return np.concatenate(blocks)
+
+    @property
+    def offset_sd(self) -> Array:
+        """Prior standard deviation of the channels' zeros."""
+        return np.asarray(OFFSET_SD * np.max([run.scale for run in self.runs], axis=0))
 
     def _left(self, columns: Array) -> Array:
         """Return columns with what the uncertain parameters explain of them taken off."""

@@ -18,6 +18,9 @@ FAMILIES = 4
 """Effects of other families that are fitted besides."""
 LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
+SLOW, SLOW_SHORTLIST = 1e-3, 5
+"""Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
+well: it forgets slowly and sees what only adds up over many cycles."""
 SECONDS = 3
 SEEDS = 2
 """Second effects tried on top of each of the best single ones."""
@@ -110,6 +113,11 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
     narrow, whole = in_windows(screen), Refiner(screen)
     before = _scored(narrow, narrow.fit(), 0.0)
     shortlist = _shortlist(candidates)
+    if before.level > ENOUGH:
+        report(0.2, "screening with a slower observer")
+        slow = Screen(problem, trust=SLOW)
+        known = {c.label for c in shortlist}
+        shortlist += [c for c in _shortlist(slow.candidates(effects))[:SLOW_SHORTLIST] if c.label not in known]
     screen.forget()
     report(0.25, "fitting single effects")
     rough = in_windows(screen, every=2)

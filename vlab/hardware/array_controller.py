@@ -1,9 +1,10 @@
 """The PC-1000 array controller: one constant matrix times [inputs; states] at every sample (equation 5.1)."""
 
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
+from controllers.block_diagonal import block_diagonal
 from controllers.linear import LinearController, LinearLaw
 from vlab.errors import BadController
 from vlab.hardware.laboratory import Hardware
@@ -79,6 +80,54 @@ class ArrayController(LinearLaw):
         rate = self.rate or 1.0
         s = np.log(np.linalg.eigvals(self.A).astype(complex)) * rate
         return np.asarray(s[np.argsort(np.abs(s), kind="stable")])
+
+
+def array_report(law: LinearController, hardware: Hardware, *, continuous: Array | None = None) -> dict[str, Any]:
+    """Return what a law takes of the array as plain data: sizes, non-zeros in both forms, roots of its states.
+
+    Parameters
+    ----------
+    continuous : (n_states,) complex array or None
+        Roots of the law before it was sampled [rad/s], for the z- to s-plane check.
+
+    Raises
+    ------
+    BadController
+        The law does not fit; see `ArrayController`.
+    """
+    array, size = ArrayController(law, hardware), hardware.array
+    assert size is not None  # or the law would have been refused
+    roots = array.s_plane()
+    parts = {"inputs": len(law.sensors), "outputs": len(law.actuators), "states": len(roots)}
+    return {
+        "rate_hz": array.rate,
+        **parts,
+        "room": {name: getattr(size, name) for name in parts},
+        "non_zeros": array.non_zeros,
+        "non_zeros_block_diagonal": ArrayController(block_diagonal(law), hardware).non_zeros,
+        "roots_hz": np.abs(roots) / (2 * np.pi),
+        "s_plane_error": None if continuous is None else _farthest(roots, continuous),
+    }
+
+
+def array_text(report: dict[str, Any]) -> str:
+    """Return the report of `array_report` in words."""
+    room = report["room"]
+    used = ", ".join(f"{report[name]} of {room[name]} {name}" for name in room)
+    text = f"array controller at {report['rate_hz']:g} Hz: fits with {used}; {report['non_zeros']} non-zeros"
+    if report["states"]:
+        text += f", {report['non_zeros_block_diagonal']} in block-diagonal form"
+    if report["s_plane_error"] is not None:
+        text += (
+            f"; its roots, carried back to the s-plane, are the continuous law's within {report['s_plane_error']:.1g}"
+        )
+    return text
+
+
+def _farthest(roots: Array, continuous: Array) -> float:
+    """Return the largest relative distance from a root to the continuous one nearest to it."""
+    apart = np.abs(roots[:, None] - continuous[None, :]) / np.abs(continuous)[None, :]
+    return float(apart.min(axis=0).max(initial=0.0))
 
 
 def _refuse(message: str) -> NoReturn:

@@ -23,6 +23,9 @@ NEEDS: dict[Equipment, tuple[Equipment, ...]] = {"software": ("computers",), "co
 STARTS: tuple[Equipment, ...] = ("computers",)
 """What gives large transients when it starts."""
 
+PAUSE = 60.0
+"""Time between two steps of an order that is told [s]; assumed, for the text gives none."""
+
 FaultKind = Literal["starting-impulse", "coil-tripped", "unstable-sensors"]
 
 
@@ -225,6 +228,33 @@ def power_up(hardware: Hardware) -> PowerUp:
     switches = PowerUp(hardware)
     for step in ORDER:
         switches.switch_on(step)
+    return switches
+
+
+def power_up_as_told(hardware: Hardware, order: str) -> PowerUp:
+    """Switch the bench on without its interlock, in an order that is told, with `PAUSE` between two steps.
+
+    Parameters
+    ----------
+    order : str
+        Names of `ORDER` with commas between them.
+
+    Raises
+    ------
+    UnknownName
+        Nothing of that name.
+    BadExperiment
+        Something cannot run yet, is named twice or is missing, or a coil tripped.
+    """
+    switches = PowerUp(hardware, interlocked=False)
+    for step in order.split(","):
+        switches.switch_on(step.strip())
+        switches.wait(PAUSE)
+    tripped = next((fault for fault in switches.faults if fault.kind == "coil-tripped"), None)
+    if tripped is not None and not switches.is_ready:
+        _refuse(
+            f"after {tripped.time:.0f} s {tripped.words}; no experiment can run (the right order: {', '.join(ORDER)})"
+        )
     return switches
 
 

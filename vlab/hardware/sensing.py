@@ -59,9 +59,17 @@ class Sampling:
         at : int or slice
             Which samples of the run these are, for the noise.
         """
+        return self.converted(self.rolled_off(values, travel), at)
+
+    def rolled_off(self, values: Array, travel: Array | None) -> Array:
+        """Return what coil sensors give of true values: less, outside their linear travel."""
         if travel is not None:
             values = values.copy()
             values[..., self.is_velocity] *= coil_gain(travel, self.hardware.velocity_sensor.linear_range)
+        return values
+
+    def converted(self, values: Array, at: int | slice) -> Array:
+        """Return what the converter gives of the sensors' values: with noise, in its steps."""
         if self.noise is not None:
             values = values + self.noise[at]
         step = self.hardware.converter.resolution

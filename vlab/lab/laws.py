@@ -19,11 +19,13 @@ def law_names(structure: Structure) -> list[str]:
     return [table.part for table in published_tables(structure.name) if number is not None and table.number == number]
 
 
-def named_law(structure: Structure, name: str, *, rate: float = RATE, variant: str = "published") -> Controller:
+def named_law(
+    structure: Structure, name: str, *, rate: float = RATE, variant: str = "published", model: str = ""
+) -> Controller:
     """Return a law by its name.
 
     A user's own from the file or entry point that the name says; one that `vlab design` wrote (``controller.toml``); one
-    with printed gains; or one that is designed here and now with the published weights.
+    with printed gains, unless a model is named; or one that is designed here and now with the published weights.
 
     Parameters
     ----------
@@ -31,20 +33,24 @@ def named_law(structure: Structure, name: str, *, rate: float = RATE, variant: s
         Samples per second of the loop, for laws with states [Hz].
     variant : str
         Of the structure's model that a law is designed on.
+    model : str
+        To design the law on (`vlab.fe.reduced.MODELS`); that of the published design by default.
 
     Raises
     ------
     UnknownName
         No law of that name.
     BadController
-        A law that cannot run in a loop, or a bad law file.
+        A law that cannot run in a loop, or a bad law file, or a model for a law that is not designed here.
     """
+    if model and (is_user_law(name) or is_law_file(name)):
+        raise BadController(f"the law {name} is made already: the model {model!r} is for laws that are designed here")
     if is_user_law(name):
         return load_user_law(name)
     if is_law_file(name):
         return load_law(name)
     printed = law_names(structure)
-    if name in printed:
+    if name in printed and not model:
         return published_law(structure, name)
     if name == "lqr":
         raise BadController(
@@ -53,7 +59,7 @@ def named_law(structure: Structure, name: str, *, rate: float = RATE, variant: s
     if name not in LAWS:
         known = [*printed, *(law for law in LAWS if law not in printed and law != "lqr")]
         raise unknown_name("law", name, known, where=f"structure {structure.name!r}")
-    return published_way(structure, name, rate=rate, variant=variant).controller
+    return published_way(structure, name, rate=rate, variant=variant, model=model).controller
 
 
 def published_law(structure: Structure, name: str) -> Controller:

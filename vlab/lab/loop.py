@@ -11,6 +11,7 @@ from vlab.errors import BadController
 from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
+from vlab.physics.running import Running
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -55,6 +56,9 @@ class ControlLoop:
         self._limited: Array | None = None
         self.commands = np.zeros((samples, n_actuators))
         self.frames = np.zeros((-(-samples // frame_every), plant.model.nq))
+        self._physics = Running(plant, sample=substeps * plant.timestep) if plant.physics else None
+        changed = self._physics is not None and self._physics.has_sensors
+        self._sensed = np.zeros((samples, len(plant.sensors))) if changed else None
         self._chain = OutputChain(hardware.converter, channels=n_actuators, substeps=substeps)
         if controller is not None:
             self._check_law(controller)
@@ -63,6 +67,8 @@ class ControlLoop:
     @property
     def sampled(self) -> Array:
         """What the sensors gave at every sample, (n_samples, n_sensors)."""
+        if self._sensed is not None:
+            return self.sampling.converted(self._sensed, slice(None))
         travel = self._raw[:, self.plant.travel]
         return self.sampling.samples(
             self._raw @ self.plant.sensor_matrix.T, travel if travel.size else None, slice(None)
@@ -70,7 +76,8 @@ class ControlLoop:
 
     @property
     def applied(self) -> Array:
-        """Mean force at every actuator over every sample, (n_samples, n_actuators)."""
+        """Mean force at every actuator over every sample, (n_samples, n_actuators); what attached physics does to it is
+        behind what the laboratory records."""
         forces = self._limited if self._limited is not None else self._chain.response(self.commands) + self.added
         return forces.reshape(-1, self.substeps, forces.shape[1]).mean(axis=1)
 
@@ -107,15 +114,21 @@ class ControlLoop:
         direct, plain = every[wired].dot, sampling.is_ideal
         travel, half_travel = sensordata[self.plant.travel], self.hardware.velocity_sensor.linear_range / 2
         known_travel = travel if travel.size else None
+        sensed = self._sensed
         scattered = list(to) != list(range(commands.shape[1]))
         wide = np.zeros(commands.shape[1])
 
         def tick(sample: int) -> Array:
+            if sensed is not None:
+                return answer(sampling.converted(sensed[sample], sample)[wired], sample)
             in_range = plain
             for x in travel.tolist():  # a few plain floats compare faster than an array
                 if not -half_travel <= x <= half_travel:
                     in_range = False
             y = direct(sensordata) if in_range else sampling.samples(every @ sensordata, known_travel, sample)[wired]
+            return answer(y, sample)
+
+        def answer(y: Array, sample: int) -> Array:
             command = law(y)
             if scattered:
                 wide[to] = command
@@ -133,6 +146,7 @@ class ControlLoop:
         added = [(i, self.added[:, i].tolist()) for i in range(self.added.shape[1]) if np.any(self.added[:, i])]
         limit_forces, give = self._amplifier(), self._outlet()
         dissipate = None if plant.dissipation is None else (-plant.dissipation).dot
+        actuate, sense, push = self._attached()
         tick, per_step, n_steps = self._feedback(), 1.0 / plant.timestep, len(self.added)
         forces = np.zeros((substeps, len(plant.actuators)))  # of the steps until the next sample; a row serves once
         last = -1
@@ -146,6 +160,8 @@ class ControlLoop:
             sample, part = divmod(step, substeps)
             if part == 0:
                 raw[sample] = sensordata
+                if sense is not None:
+                    sense(sample)
                 if sample % frame_every == 0:
                     frames[sample // frame_every] = qpos
                 if tick is not None:
@@ -157,11 +173,44 @@ class ControlLoop:
                 force[actuator] += signal[step]
             if limit_forces is not None:
                 limit_forces(force, step)
+            if actuate is not None:
+                actuate(force)
             give(force)
             if dissipate is not None:
                 dissipate(qvel, generalised)
+            if push is not None:
+                push(data)
 
         return callback
+
+    def _attached(
+        self,
+    ) -> tuple[Callable[[Array], None] | None, Callable[[int], None] | None, Callable[[Any], None] | None]:
+        """Return what attached physics does to the forces, to a sample, and to the structure; None where it does nothing."""
+        physics, sensed, sampling, plant = self._physics, self._sensed, self.sampling, self.plant
+        if physics is None:
+            return None, None, None
+        present, ports, period = physics.force, physics.ports, self.substeps * plant.timestep
+        sensordata, generalised, stays = self.data.sensordata, self.data.qfrc_applied, plant.dissipation is not None
+        travel, every = sensordata[plant.travel], plant.sensor_matrix
+
+        def actuate(force: Array) -> None:
+            physics.actuate(force)
+            present[:] = force
+
+        def sense(sample: int) -> None:
+            values = sampling.rolled_off(every @ sensordata, travel if travel.size else None)
+            physics.sense(values, sample * period)
+            if sensed is not None:
+                sensed[sample] = values
+
+        def push(data: Any) -> None:
+            if not stays:
+                generalised[:] = 0.0
+            if ports is not None:
+                ports.push(data, present)
+
+        return actuate, None if sensed is None else sense, None if ports is None else push
 
     def _outlet(self) -> Callable[[Array], None]:
         """Return the function that hands the actuators' forces to MuJoCo's controls, several of which may be alike."""

@@ -47,7 +47,7 @@ class ClosedLoop:
 
         Eigenvalues are assigned so that the sum of their distances to the open-loop frequencies, in log frequency, is
         least; a heavily damped mode keeps its place that way. A law with states of its own has eigenvalues near the
-        structure's: `SampledLoop.poles` tells them apart.
+        structure's: `SampledLoop.mode_poles` tells them apart.
         """
         upper = self.s[self.s.imag > 1e-9]
         freq = np.abs(upper) / (2 * np.pi)
@@ -184,6 +184,23 @@ class SampledLoop:
 
     def poles(self) -> list[LoopPole]:
         """Return the eigenvalues by frequency, one of each pair, each with the mode that moves most in it."""
+        return sorted((pole for pole, _ in self._poles_and_energies()), key=lambda pole: pole.hz)
+
+    def mode_poles(self, modes: Sequence[int]) -> list[LoopPole]:
+        """Return the poles that continue some modes, counted from 0, each another one.
+
+        Chosen are poles near in log frequency in which the mode moves most and, because a law with states of its own puts
+        poles among the structure's, that are lightly damped.
+        """
+        found = self._poles_and_energies()
+        energies = np.array([energy[list(modes)] for _, energy in found]).T
+        zeta = np.array([pole.zeta for pole, _ in found])
+        apart = np.log([max(pole.hz, 1e-12) for pole, _ in found]) - np.log(self.omega[list(modes), None] / (2 * np.pi))
+        rows, columns = linear_sum_assignment(np.abs(apart) + 1 - energies + zeta)
+        return [found[column][0] for column in columns[np.argsort(rows)]]
+
+    def _poles_and_energies(self) -> list[tuple[LoopPole, Array]]:
+        """Return one eigenvalue of each pair, and the share of its energy in every mode, (m,)."""
         z, vectors = linalg.eig(self.matrix)
         upper = np.flatnonzero((z.imag >= 0) & (np.abs(z) > 1e-12))
         n = len(self.omega)
@@ -191,18 +208,20 @@ class SampledLoop:
         moving = vectors[:, upper]
         energy = np.abs(moving[:n]) ** 2 + (self.omega[:, None] * np.abs(moving[n : 2 * n])) ** 2
         energy = energy / np.maximum(energy.sum(axis=0), 1e-300)
-        poles = [
-            LoopPole(
-                hz=float(abs(root)) / (2 * np.pi),
-                zeta=float(-root.real / abs(root)),
-                growth=float(root.real),
-                mode=int(share.argmax()) + 1,
-                share=float(share.max()),
-                mode_hz=float(self.omega[share.argmax()] / (2 * np.pi)),
+        return [
+            (
+                LoopPole(
+                    hz=float(abs(root)) / (2 * np.pi),
+                    zeta=float(-root.real / abs(root)),
+                    growth=float(root.real),
+                    mode=int(share.argmax()) + 1,
+                    share=float(share.max()),
+                    mode_hz=float(self.omega[share.argmax()] / (2 * np.pi)),
+                ),
+                share,
             )
             for root, share in zip(s, energy.T, strict=True)
         ]
-        return sorted(poles, key=lambda pole: pole.hz)
 
     def critical(self) -> LoopPole:
         """Return the pole that grows most or decays least."""

@@ -6,7 +6,7 @@ step of the walk is not seen; the steps are stated where they are chosen.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -187,15 +187,17 @@ def damper_strengths(loop: SampledLoop, freq: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh((H + np.conj(np.swapaxes(H, 1, 2))) / 2))
 
 
-def robustness_report(loop: SampledLoop, *, modelled: int | None = None, sweeps: bool = True) -> dict[str, Any]:
+def robustness_report(
+    loop: SampledLoop, *, modelled: Collection[int] | None = None, sweeps: bool = True
+) -> dict[str, Any]:
     """Return margins, sweeps and poles of a loop as plain data.
 
     Parameters
     ----------
     loop : SampledLoop
         See `vlab.lab.prediction.loop_on`.
-    modelled : int or None
-        How many of the structure's first modes the law's design model has; the others are unmodelled. None: unknown.
+    modelled : collection of int or None
+        The structure's modes, from 1, that the law's design model has; the others are unmodelled. None: unknown.
     sweeps : bool
         Add the least stable pole over delay and gain.
     """
@@ -203,7 +205,7 @@ def robustness_report(loop: SampledLoop, *, modelled: int | None = None, sweeps:
     def pole(p: LoopPole | None) -> dict[str, Any] | None:
         if p is None:
             return None
-        known = None if modelled is None or not p.is_mode else p.mode <= modelled
+        known = None if modelled is None or not p.is_mode else p.mode in modelled
         return {
             "hz": p.hz,
             "zeta": p.zeta,

@@ -12,10 +12,13 @@ from controllers import Controller
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
+from vlab.hardware.interlock import Fault, power_up_as_told
 from vlab.lab.excitation import build_excitation
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
 from vlab.outputs import write_manifest
+from vlab.physics.attach import attach
+from vlab.physics.spelled import parse_effect
 from vlab.plants import Plant, build_plant
 from vlab.recordings import read_recording, write_recording
 from vlab.schema import Reader
@@ -34,6 +37,7 @@ class RunSettings:
     plant: str = "composite"
     variant: str = "published"
     law: str = ""
+    model: str = ""
     excite: str = "multisine"
     at: str = ""
     level: float | None = None
@@ -46,6 +50,8 @@ class RunSettings:
     seed: int = 0
     noise: float = 0.0
     hardware: str = ""
+    power_up: str = ""
+    effect: tuple[str, ...] = ()
 
     def prepare(self) -> "PreparedRun":
         """Build every part, so that whatever is wrong is said before anything runs or is written."""
@@ -71,8 +77,16 @@ class RunSettings:
             odd=self.odd,
             seed=None if release else self.seed,
         )
-        law = named_law(structure, self.law, rate=hardware.converter.rate, variant=self.variant) if self.law else None
+        faults: tuple[Fault, ...] = ()
+        if self.power_up:
+            switches = power_up_as_told(hardware, self.power_up)
+            hardware, faults = switches.bench(), tuple(switches.faults)
+        if self.model and not self.law:
+            raise BadExperiment(f"the model {self.model!r} is what a law is designed on; name the law, too")
+        rate = hardware.converter.rate
+        law = named_law(structure, self.law, rate=rate, variant=self.variant, model=self.model) if self.law else None
         plant = build_plant(structure, self.plant, self.variant)
+        plant = attach(plant, [parse_effect(text) for text in self.effect])
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
         plant.actuator_index(at)
@@ -86,7 +100,13 @@ class RunSettings:
             seed=self.seed,
         )
         return PreparedRun(
-            settings=self, structure=structure, hardware=hardware, plant=plant, law=law, experiment=experiment
+            settings=self,
+            structure=structure,
+            hardware=hardware,
+            plant=plant,
+            law=law,
+            experiment=experiment,
+            faults=faults,
         )
 
     def to_toml(self) -> str:
@@ -97,7 +117,7 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedRun:
-    """A run whose parts are all built."""
+    """A run whose parts are all built; what went wrong while the bench was switched on is in `faults`."""
 
     settings: RunSettings
     structure: Structure
@@ -105,6 +125,7 @@ class PreparedRun:
     plant: Plant
     law: Controller | None
     experiment: Experiment
+    faults: tuple[Fault, ...] = ()
 
     def fe_model(self) -> FeModel:
         """Return the FE model of the same variant, for the analytical responses."""
@@ -132,6 +153,7 @@ class DoneRun:
             verb="experiment",
             settings=asdict(self.prepared.settings),
             recording_sha256=digest,
+            faults=[asdict(fault) for fault in self.prepared.faults],
             elapsed_s=self.elapsed_s,
         )
 
@@ -142,6 +164,7 @@ def perform(prepared: PreparedRun, folder: Path, *, progress: Callable[[float], 
     result = run_experiment(prepared.experiment, progress=progress)
     elapsed = time.perf_counter() - begun
     facts = {key: value for key, value in asdict(prepared.settings).items() if value is not None}
+    facts["effect"] = "; ".join(prepared.settings.effect)
     recording = replace(result.recording, meta={**facts, **result.recording.meta})
     result = replace(result, recording=recording)
     write_recording(recording, folder / RECORDING)

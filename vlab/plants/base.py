@@ -71,12 +71,25 @@ class Port:
         MjData -> (nv,) Jacobian row of the coordinate at the present configuration.
     position : callable
         MjData -> value [m or rad].
+    stiffness : float
+        Of the elastic element that the coordinate is the deflection of [N/m or N m/rad]; 0 without one.
+    is_constant : bool
+        Whether the row is the same in every configuration.
+    more : sequence of Port
+        Other coordinates on which an effect at this place acts in the same way: three directions of a body, the elements
+        of a stretched bar.
+    tag : str
+        What the place is besides a coordinate: ``"tension"`` for the rows of a stretched bar, ``"floor"``, ``"body"``.
     """
 
     name: str
     unit: str
     row: Callable[[Any], Array]
     position: Callable[[Any], float]
+    stiffness: float = 0.0
+    is_constant: bool = False
+    more: tuple["Port", ...] = ()
+    tag: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +115,10 @@ class Plant:
         empty where a plant does not know them.
     left_out : sequence of str
         What this plant does not carry of the structure, in words.
+    physics : sequence
+        Effects that MuJoCo has no element for and that act while the plant runs; see `vlab.physics.attach`.
+    impedance : tuple of (nv, nv) array, or None
+        Mass, damping and stiffness that those effects add for small motion.
     """
 
     name: str
@@ -113,6 +130,8 @@ class Plant:
     dissipation: Array | None = None
     travel: slice = field(default_factory=lambda: slice(0, 0))
     left_out: tuple[str, ...] = ()
+    physics: tuple[Any, ...] = ()
+    impedance: tuple[Array, Array, Array] | None = None
 
     @property
     def timestep(self) -> float:
@@ -121,8 +140,20 @@ class Plant:
 
     def linearise(self) -> SecondOrderModel:
         """Return M, C and K about the equilibrium, dissipation included."""
-        linear = linearise(self.model)
-        return linear if self.dissipation is None else replace(linear, C=linear.C + self.dissipation)
+        return self._with_added(linearise(self.model))
+
+    def _with_added(self, linear: SecondOrderModel) -> SecondOrderModel:
+        """Return a linearisation of the bare model with what acts on it as generalised forces."""
+        if self.dissipation is not None:
+            linear = replace(linear, C=linear.C + self.dissipation)
+        if self.impedance is None:
+            return linear
+        M, C, K = self.impedance
+        return replace(linear, M=linear.M + M, C=linear.C + C, K=linear.K + K)
+
+    def own_stiffness(self, name: str) -> float:
+        """Return the stiffness of the elastic element whose deflection a port is; 0 without one."""
+        return self.port(name).stiffness
 
     def port_rows(self, names: Sequence[str] | None = None) -> Array:
         """Return the Jacobian rows of ports at equilibrium, (n_ports, nv); all of them by default."""

@@ -69,6 +69,10 @@ class Chain:
             out[j] = share * (h[j] / 12 - before * after / (2 * h[j]))
         return out
 
+    def turned(self, distance: float) -> Array:
+        """Return the share of every bend that lies before a distance from the clamp's edge: spread over its piece of bar."""
+        return np.clip((distance - self.hinges) / self.pieces + 0.5, 0.0, 1.0)
+
 
 def build_chain(
     length: float,

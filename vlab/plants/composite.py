@@ -20,6 +20,7 @@ from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical
 from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
 from vlab.plants.chain import Chain, build_chain
 from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
+from vlab.plants.element_ports import element_ports
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
 from vlab.structure.model import Bar, Clamp, Section, Structure
@@ -55,6 +56,7 @@ class _Builder:
     options: CompositeOptions
     spec: Any = field(default_factory=mujoco.MjSpec)
     curves: dict[str, dict[str, float]] = field(default_factory=dict)
+    slopes: dict[str, tuple[Array, dict[str, float]]] = field(default_factory=dict)
     hung_mass: float = 0.0
 
     def build(self) -> Any:
@@ -207,6 +209,8 @@ class _Builder:
                 if start < distance <= end or (np.isclose(distance, end) and i == len(ends) - 1):
                     parts.append((self.structure.point_mass(point), along * (distance - origin), np.zeros(3)))
                     self._site(body, point, along * (distance - origin), curve(distance))
+                    turned = bend * chain.turned(distance - edge)
+                    self.slopes[point] = along, dict(zip(joints, turned, strict=True))
             if i > 0:
                 self._set_inertia(body, parts)
 
@@ -333,7 +337,7 @@ def build_composite(
             for name in (f"coil:{c.name}",)
         ),
         sensors=sensor_taps(structure, lambda name: _addresses(model, name)),
-        ports=_ports(model, structure, variant, builder.curves),
+        ports=_ports(model, structure, variant, builder.curves) | _element_ports(model, builder),
         travel=slice(model.sensor(travel_name(structure.sensor[0])).adr[0] + OUT, model.nsensordata, 3)
         if structure.sensor
         else slice(0, 0),
@@ -379,8 +383,28 @@ def _ports(model: Any, structure: Structure, variant: str, curves: dict[str, dic
                 unit="m",
                 row=lambda data: row(data, 1.0),
                 position=lambda data: root.position(data) + mode.tip_factor * float(data.qpos[dof]),
+                is_constant=True,
             )
     return {p.name: ports[p.name] for p in structure.point}
+
+
+def _element_ports(model: Any, builder: _Builder) -> dict[str, Port]:
+    structure, variant, curves = builder.structure, builder.variant, builder.curves
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    points = {name: port.row(data) for name, port in _ports(model, structure, variant, curves).items()}
+
+    def slope(point: str, along: tuple[float, float]) -> Array | None:
+        if point not in curves:
+            return None
+        row = np.zeros(model.nv)
+        row[model.joint("clamp:rx").dofadr[0]] = -along[1]
+        chain, joints = builder.slopes.get(point, (ALONG, {}))
+        for joint, turned in joints.items():
+            row[model.joint(joint).dofadr[0]] = turned * np.sign(chain @ (along[0], 0.0, along[1]))
+        return row
+
+    return element_ports(structure, variant, points, slope)
 
 
 def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
@@ -402,4 +426,5 @@ def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
         unit="m",
         row=row,
         position=lambda data: float(data.site_xpos[site, OUT] + lengths @ data.qpos[entries]),
+        is_constant=True,  # to the square of the rotations, 1e-5 at a deflection of an inch
     )

@@ -18,7 +18,7 @@ from scipy import linalg
 from vlab.fe.model import FeModel, Piece
 from vlab.plants.base import Plant
 from vlab.plants.dissipation import modal_dampers, with_damping_tendons
-from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, linear_spec, point_plant
+from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 from vlab.signals import Array
 
 ROOM = 1.8
@@ -93,12 +93,14 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     written = with_damping_tendons(spec, dampers)
     slowed = (f"modes above {0.3 / np.sqrt(scaling) / 2 / np.pi:.0f} Hz are slowed",) if scaling else ()
     left_out = (LINEAR, *slowed)
+    ordered = {place: row[order] for place, row in rows.items()}
     return point_plant(
         "fe",
         spec,
         fe.structure,
-        {place: row[order] for place, row in rows.items()},
+        ordered,
         left_out=left_out,
+        elements=fe_element_ports(fe, ordered, lambda row: row[order]),
         written=written,
         dissipation=fe.linear.C[np.ix_(order, order)],
     )

@@ -14,8 +14,10 @@ from vlab.fe.damping import modal_ratios
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ActuatorTap, Plant, Port, sensor_taps, travel_name
 from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
+from vlab.plants.element_ports import constant_port, element_ports
 from vlab.plants.grillage_spec import GrillageBuilder, GrillageOptions, in_plane_mask
 from vlab.plants.linearise import linearise
+from vlab.signals import Array
 from vlab.structure.model import Structure
 
 SAMPLE = 5e-4
@@ -61,6 +63,7 @@ def build_grillage(
     ports = {
         p.name: _port(model, p.name, builder.readings[p.name]) for p in structure.point if p.name in builder.readings
     }
+    ports |= _element_ports(model, structure, variant, builder, ports)
     damping = _modal_damping(linear, structure, ports) if damped else []
     calibrated = not choice.in_plane_moments or choice.moment_boundary_factor != 0.5
     first = int(model.sensor(travel_name(structure.sensor[0])).adr[0]) if structure.sensor else model.nsensordata
@@ -98,7 +101,23 @@ def _port(model: Any, name: str, reading: dict[str, float]) -> Port:
     fixed = np.zeros(model.nv)
     for joint, factor in reading.items():
         fixed[model.joint(joint).dofadr[0]] = factor
-    return Port(name=name, unit="m", row=lambda data: fixed.copy(), position=lambda data: float(fixed @ data.qpos))
+    return constant_port(name, fixed)
+
+
+def _element_ports(
+    model: Any, structure: Structure, variant: str, builder: GrillageBuilder, ports: dict[str, Port]
+) -> dict[str, Port]:
+    points = {name: port.row(None) for name, port in ports.items()}
+    for plate in structure.plate:
+        points[plate.name] = _port(model, plate.name, builder.readings[plate.name]).row(None)
+
+    def slope(point: str, along: tuple[float, float]) -> Array | None:
+        if point not in builder.bodies:
+            return None
+        turns = {f"{point}:rz": along[0], f"{point}:rx": -along[1]}
+        return _port(model, point, {j: c for j, c in turns.items() if j in builder.joints}).row(None)
+
+    return element_ports(structure, variant, points, slope)
 
 
 def _modal_damping(linear: SecondOrderModel, structure: Structure, ports: dict[str, Port]) -> list[DampingTendon]:

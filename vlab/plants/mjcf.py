@@ -76,7 +76,15 @@ class MjcfPlant(Plant):
 
     def linearise(self) -> SecondOrderModel:
         """Return M, C and K about the rest configuration; see `vlab.plants.linearise`."""
-        return linearise(self.model, self.rest)
+        return self._with_added(linearise(self.model, self.rest))
+
+    def own_stiffness(self, name: str) -> float:
+        """See `Plant`: the spring of a joint or a tendon, as the model has it now."""
+        kind, _, element = name.partition(":")
+        if kind not in ("joint", "tendon") or name not in self.ports:
+            return 0.0
+        array = self.model.jnt_stiffness if kind == "joint" else self.model.tendon_stiffness
+        return float(array[getattr(self.model, kind)(element).id])
 
 
 def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfPlant:
@@ -332,7 +340,7 @@ def _joint_port(model: Any, i: int) -> Port | None:
     def position(data: Any) -> float:
         return float(data.qpos[address])
 
-    return Port(name=f"joint:{name}", unit="rad" if angular else "m", row=row, position=position)
+    return Port(name=f"joint:{name}", unit="rad" if angular else "m", row=row, position=position, is_constant=True)
 
 
 def _tendon_port(model: Any, i: int) -> Port | None:

@@ -13,7 +13,7 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe.model import FeModel
 from vlab.plants.base import Plant
-from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, linear_spec, point_plant
+from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 
 SLIDES_PER_BODY = 3
 """MuJoCo accepts up to six degrees of freedom a body; three orthogonal slides do not couple at all."""
@@ -56,4 +56,5 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
     rows = {place: fe.deflection(place) @ shapes[:, :modes] for place in places}
     add_points(spec, structure, rows, names)
     left_out = (f"modes above the first {modes}", LINEAR)
-    return point_plant("modal", spec, structure, rows, left_out=left_out)
+    elements = fe_element_ports(fe, rows, lambda row: row @ shapes[:, :modes])
+    return point_plant("modal", spec, structure, rows, left_out=left_out, elements=elements)

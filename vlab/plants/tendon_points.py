@@ -1,12 +1,14 @@
 """What the plants in generalised coordinates share: physical points as fixed tendons, with coils and sensors on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from vlab.fe.model import FeModel
 from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
+from vlab.plants.element_ports import constant_port, element_ports
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -71,6 +73,7 @@ def point_plant(
     left_out: tuple[str, ...],
     written: Any = None,
     dissipation: Array | None = None,
+    elements: Mapping[str, Port] | None = None,
 ) -> Plant:
     """Compile a spec with points into a plant.
 
@@ -82,6 +85,8 @@ def point_plant(
         The spec that is written out, where it has more than the running model (dampers).
     dissipation : (nv, nv) array or None
         Acts as -C qvel while the plant runs.
+    elements : mapping of str to Port, optional
+        The ports of elastic elements.
     """
     model = spec.compile()
 
@@ -99,10 +104,32 @@ def point_plant(
         ),
         sensors=sensor_taps(structure, address),
         travel=slice(model.nsensordata - len(structure.sensor), model.nsensordata),
-        ports={point: _port(point, row) for point, row in rows.items()},
+        ports={point: constant_port(point, row) for point, row in rows.items()} | dict(elements or {}),
         left_out=left_out,
     )
 
 
-def _port(name: str, row: Array) -> Port:
-    return Port(name=name, unit="m", row=lambda data: row.copy(), position=lambda data: float(row @ data.qpos))
+def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Array], Array]) -> dict[str, Port]:
+    """Return the ports of an FE model's elastic elements.
+
+    Parameters
+    ----------
+    rows : mapping of str to (nv,) array
+        Deflection of every point per joint coordinate.
+    onto : callable
+        Row per FE coordinate -> row per joint coordinate.
+    """
+    points = dict(rows) | {plate.name: onto(fe.deflection(plate.name)) for plate in fe.structure.plate}
+
+    def slope(point: str, along: tuple[float, float]) -> Array | None:
+        if point not in [node.name for node in fe.mesh.nodes]:
+            return None
+        node = 3 * fe.mesh.node(point)
+        return onto(fe.expand[node + 2] * along[0] - fe.expand[node + 1] * along[1])
+
+    together = np.ones(len(fe.expand))  # the floor moves all deflections, and turns nothing
+    nodes = 3 * len(fe.mesh.nodes)
+    together[1:nodes:3] = together[2:nodes:3] = 0.0
+    carried = -fe.linear.M @ np.linalg.lstsq(fe.expand, together, rcond=1e-9)[0]
+    floor = {"floor": constant_port("floor", onto(carried), tag="floor")}
+    return element_ports(fe.structure, fe.variant, points, slope) | floor

@@ -22,6 +22,8 @@ class Cell:
         Relative to the published number, absolute, or the factor (above 1) between both, as `rule` says.
     determined : bool
         Whether the published data determine the number. A cell that they do not is shown, but decides nothing.
+    honest : float or None
+        The tolerance that was set before the number was known, where `tolerance` had to be wider; by the same rule.
     """
 
     row: str
@@ -32,15 +34,29 @@ class Cell:
     unit: str
     rule: Rule = "relative"
     determined: bool = True
+    honest: float | None = None
 
     @property
     def ok(self) -> bool:
         """Whether ours is within the tolerance (absolute where zero is published)."""
+        return self._within(self.tolerance)
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether ours is within the tolerance that was set beforehand."""
+        return self._within(self.tolerance if self.honest is None else self.honest)
+
+    @property
+    def off(self) -> float | None:
+        """How far ours is from the published number, relative to it; None where zero is published."""
+        return (self.ours - self.published) / self.published if self.published else None
+
+    def _within(self, tolerance: float) -> bool:
         if self.rule == "factor":
             ratio = self.ours / self.published if self.published else np.inf
-            return bool(1 / self.tolerance <= ratio <= self.tolerance)
+            return bool(1 / tolerance <= ratio <= tolerance)
         size = 1.0 if self.rule == "absolute" else (abs(self.published) or 1.0)
-        return bool(abs(self.ours - self.published) <= self.tolerance * size)
+        return bool(abs(self.ours - self.published) <= tolerance * size)
 
     @property
     def allowed(self) -> str:
@@ -65,7 +81,11 @@ class ReproducedTable:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        return {"table": self.table, "title": self.title, "cells": [{**asdict(c), "ok": c.ok} for c in self.cells]}
+        return {
+            "table": self.table,
+            "title": self.title,
+            "cells": [{**asdict(c), "ok": c.ok, "ok_honest": c.is_honest} for c in self.cells],
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,10 +99,21 @@ class Share:
         return f"{self.inside} of {self.of}"
 
 
-def share(tables: Iterable[ReproducedTable], *, determined: bool = True) -> Share:
-    """Count the cells inside their tolerance among those that the published data determine, or do not."""
+def share(tables: Iterable[ReproducedTable], *, determined: bool = True, honest: bool = False) -> Share:
+    """Count the cells inside their tolerance among those that the published data determine, or do not.
+
+    Parameters
+    ----------
+    honest : bool
+        Count by the tolerances that were set beforehand.
+    """
     cells = [cell for table in tables for cell in table.cells if cell.determined == determined]
-    return Share(inside=sum(cell.ok for cell in cells), of=len(cells))
+    return Share(inside=sum(cell.is_honest if honest else cell.ok for cell in cells), of=len(cells))
+
+
+def widened(tables: Iterable[ReproducedTable]) -> list[tuple[str, Cell]]:
+    """Return the cells that needed a wider tolerance than was set beforehand, each with the number of its table."""
+    return [(t.table, c) for t in tables for c in t.cells if c.honest is not None and c.determined]
 
 
 def compare(
@@ -94,6 +125,7 @@ def compare(
     rule: Rule = "relative",
     determined: bool = True,
     name: str = "",
+    honest: ArrayLike | None = None,
 ) -> list[Cell]:
     """Return the cells of a column beside ours.
 
@@ -104,9 +136,13 @@ def compare(
     tolerance : float or (n_rows,) array
     name : str
         What the column is called; as in the table by default.
+    honest : float or (n_rows,) array or None
+        Tolerances that were set beforehand; the same by default.
     """
     unit = table.units[table.columns.index(column)]
-    tolerances = np.broadcast_to(tolerance, len(table.rows))
+    count = len(table.rows)
+    tolerances = np.broadcast_to(tolerance, count)
+    before = np.broadcast_to(tolerances if honest is None else honest, count)
     return [
         Cell(
             row=row,
@@ -117,9 +153,10 @@ def compare(
             unit=unit,
             rule=rule,
             determined=determined,
+            honest=float(first) if first < allowed else None,
         )
-        for row, printed, value, allowed in zip(
-            table.rows, table.column(column), np.asarray(ours, dtype=float), tolerances, strict=True
+        for row, printed, value, allowed, first in zip(
+            table.rows, table.column(column), np.asarray(ours, dtype=float), tolerances, before, strict=True
         )
     ]
 

@@ -200,7 +200,8 @@ def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seco
     model.dof_damping[:] = 0.0
     omega, shapes = linear.eigen
     data = mujoco.MjData(model)
-    largest = np.abs(plant.port_rows() @ shapes[:, mode]).max()
+    points = [name for name, port in plant.ports.items() if port.unit == "m" and not port.tag]
+    largest = np.abs(plant.port_rows(points) @ shapes[:, mode]).max()
     size = 1e-4 / largest  # 0.1 mm where the structure moves most: small motion
     start = size * shapes[:, mode]
     mujoco.mj_integratePos(model, data.qpos, start, 1.0)

@@ -17,15 +17,19 @@ MODES = np.arange(12)
 RATIO = 0.08
 """Relative, damping ratios from printed gains: the reconstruction holds 6.5 %; gains have two or three digits."""
 RATIO_DIAGONAL = np.where(MODES == 0, 0.16, RATIO)
-"""Mode 1 is lowest in the variant without calibrated factors, and this law damps it most."""
+"""Widened: mode 1 is lowest in the variant without calibrated factors, and this law damps it most."""
 RATIO_LQG = np.where(np.isin(MODES, (10, 11)), 0.20, 0.10)
 """Relative: held out of the identification."""
-INDEX = np.where(MODES == 0, 0.20, 0.15)
-"""Relative: an index sums the errors of frequency, ratio and shape; mode 1 as above."""
-INDEX_LQDRF = np.where(MODES == 6, 0.50, np.where(MODES == 9, 0.30, 0.25))
+INDEX = 0.15
+"""Relative: an index sums the errors of frequency, ratio and shape."""
+INDEX_WIDE = np.where(MODES == 0, 0.20, INDEX)
+"""Widened for mode 1, as its damping ratio."""
+INDEX_LQDRF = np.where(MODES == 6, 0.50, 0.25)
 """Relative: entries of D with one or two digits weigh in; the print of mode 7 is suspected."""
-INDEX_TWELVE = np.where(MODES == 0, 0.25, 0.15)
-"""Relative: the design holds modes 1, 7, 8 and 11 at one ratio to the regulator's index, of which that of mode 1 is 17 % high."""
+INDEX_LQDRF_WIDE = np.where(MODES == 9, 0.30, INDEX_LQDRF)
+"""Widened for mode 10, which misses by 26 %."""
+INDEX_TWELVE = np.where(MODES == 0, 0.25, INDEX)
+"""Widened: the design holds modes 1, 7, 8 and 11 at one ratio to the regulator's index, of which that of mode 1 is 17 % high."""
 FACTOR = 2.0
 """Between ours and the published: what the corrected model can hold at best."""
 ENERGY_R = (10.0, 10000.0)
@@ -48,7 +52,7 @@ def damping(study: Study) -> ReproducedTable:
     for name in LAWS:
         zeta = study.rate_feedback_ratios("exact", study.printed_gains("11", name), count)
         tolerance = RATIO_DIAGONAL[:count] if name == "lqdrf-diagonal" else RATIO
-        cells += compare(table, name, zeta, tolerance)
+        cells += compare(table, name, zeta, tolerance, honest=RATIO)
     return beside(table, cells, f"{table.title} (open loop is given, not compared)")
 
 
@@ -65,13 +69,13 @@ def indices(study: Study) -> ReproducedTable:
     }
     cells: list[Cell] = []
     for column, found in ours.items():
-        cells += compare(full, column, found, INDEX, name=f"{column}, full model")
-    cells += compare(reduced, "lqr", law.regulator.indices(count), INDEX, name="lqr, reduced model")
-    cells += compare(reduced, "lqg", law.indices(count), INDEX, name="lqg, reduced model")
+        cells += compare(full, column, found, INDEX_WIDE, name=f"{column}, full model", honest=INDEX)
+    for column, found in (("lqr", law.regulator.indices(count)), ("lqg", law.indices(count))):
+        cells += compare(reduced, column, found, INDEX_WIDE, name=f"{column}, reduced model", honest=INDEX)
     for name in LAWS:
         found = study.rate_feedback_index("exact", study.printed_gains("11", name), count)
-        tolerance = INDEX_LQDRF if name == "lqdrf" else INDEX
-        cells += compare(reduced, name, found, tolerance, name=f"{name}, reduced model")
+        wide, honest = (INDEX_LQDRF_WIDE, INDEX_LQDRF) if name == "lqdrf" else (INDEX_WIDE, INDEX)
+        cells += compare(reduced, name, found, wide, name=f"{name}, reduced model", honest=honest)
     twelve = lqdrf.design(
         study.fe("exact"),
         law.weights,
@@ -81,8 +85,8 @@ def indices(study: Study) -> ReproducedTable:
         modes=asked.damped_modes,
         damping=asked.zeta_min,
     )
-    column = "lqdrf-diagonal, 12 indices"
-    cells += compare(reduced, column, twelve.indices(law.weights, count), INDEX_TWELVE, name=f"{column}, reduced model")
+    column, found = "lqdrf-diagonal, 12 indices", twelve.indices(law.weights, count)
+    cells += compare(reduced, column, found, INDEX_TWELVE, name=f"{column}, reduced model", honest=INDEX)
     return beside(full, cells, "Quadratic performance indices")
 
 
@@ -178,7 +182,8 @@ def robust_damping(study: Study) -> ReproducedTable:
     cells += _shown(table.number, "lqg, corrected-guyan", on_corrected.zeta[:count])
     for name, tolerance in (("mfdrf", np.full(count, RATIO)), ("lqdrf-diagonal", RATIO_DIAGONAL)):
         D = study.printed_gains("11", name)
-        cells += compare(table, f"{name}, exact", study.rate_feedback_ratios("exact", D, count), tolerance)
+        found = study.rate_feedback_ratios("exact", D, count)
+        cells += compare(table, f"{name}, exact", found, tolerance, honest=RATIO)
         cells += _shown(
             table.number, f"{name}, corrected-guyan", study.rate_feedback_ratios("corrected-guyan", D, count)
         )
@@ -191,11 +196,12 @@ def robust_indices(study: Study) -> ReproducedTable:
     count = len(table.rows)
     law, corrected = study.lqg("exact"), study.state("corrected-guyan")
     weights = weights_of(published_design("grid"), corrected)
-    cells = compare(table, "lqg, exact", law.indices(count), INDEX)
+    cells = compare(table, "lqg, exact", law.indices(count), INDEX_WIDE, honest=INDEX)
     cells += _shown(table.number, "lqg, corrected-guyan", law.indices_on(corrected, weights, count))
     for name in ("mfdrf", "lqdrf-diagonal"):
         D = study.printed_gains("11", name)
-        cells += compare(table, f"{name}, exact", study.rate_feedback_index("exact", D, count), INDEX)
+        found = study.rate_feedback_index("exact", D, count)
+        cells += compare(table, f"{name}, exact", found, INDEX_WIDE, honest=INDEX)
         found = study.rate_feedback_index("corrected-guyan", D, count)
         cells += _shown(table.number, f"{name}, corrected-guyan", found)
     return beside(table, cells)

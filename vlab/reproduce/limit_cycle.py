@@ -19,7 +19,7 @@ from vlab.fe.assembly import build_fe_model
 from vlab.fe.model import FeModel
 from vlab.fe.string_modes import add_string_modes, string_frequency, string_shares, with_cable_mass
 from vlab.hardware import Hardware, load_hardware
-from vlab.lab.prediction import LoopPole, SampledLoop, loop_on
+from vlab.lab.prediction import SampledLoop, loop_on
 from vlab.lab.robustness import damper_strengths, find_margin, robustness_report
 from vlab.signals import Array
 from vlab.structure.model import Structure
@@ -118,7 +118,7 @@ def shifted_mode_candidate(loop: SampledLoop, mode: int, hz: float) -> Candidate
 def _candidate(name: str, words: str, mode: int, loop: SampledLoop) -> Candidate:
     own_hz = float(loop.omega[mode] / (2 * np.pi))
     own_zeta = float(loop.damping[mode, mode] / (2 * loop.omega[mode]))
-    pole = mode_in_loop(loop, mode)
+    pole = loop.mode_poles([mode])[0]
     return Candidate(
         name=name,
         words=words,
@@ -133,18 +133,10 @@ def _candidate(name: str, words: str, mode: int, loop: SampledLoop) -> Candidate
     )
 
 
-def mode_in_loop(loop: SampledLoop, mode: int) -> LoopPole:
-    """Return the pole that continues a light mode, counted from 0: of those where it moves most, the least damped."""
-    near = [p for p in loop.poles() if p.mode == mode + 1]
-    if not near:  # two close modes move together in both poles
-        near = sorted(loop.poles(), key=lambda p: abs(np.log(max(p.hz, 1e-9) * 2 * np.pi / loop.omega[mode])))[:1]
-    return min(near, key=lambda p: p.zeta)
-
-
 def delay_to_grow(loop: SampledLoop, mode: int, *, step: float = 0.05) -> float | None:
     """Return the whole delay [samples] from which on a light mode, counted from 0, grows, to a step; None: none that was tried."""
     delays = np.arange(loop.converter.delay_samples, MOST_DELAY, step)
-    return next((float(d) for d in delays if mode_in_loop(loop.with_delay(float(d)), mode).growth > 0), None)
+    return next((float(d) for d in delays if loop.with_delay(float(d)).mode_poles([mode])[0].growth > 0), None)
 
 
 def crossings_by_delay(loop: SampledLoop, *, step: float = 0.05) -> list[dict[str, Any]]:
@@ -209,7 +201,7 @@ def limit_cycle_report(
     crossings, bands = crossings_by_delay(nominal), driven_bands(nominal, np.arange(1.0, 100.0, 0.25))
     return {
         "observed_hz": OBSERVED_HZ,
-        "nominal": robustness_report(nominal, modelled=design.model.n, sweeps=False),
+        "nominal": robustness_report(nominal, modelled=range(1, design.model.n + 1), sweeps=False),
         "driven_bands": bands,
         "delay_alone": crossings,
         "gain_alone": _gain_alone(nominal),

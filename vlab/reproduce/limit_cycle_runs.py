@@ -1,5 +1,6 @@
 """Time histories for the 41 Hz study (section 6.1), simulated in MuJoCo with the amplifiers' limit, beside their prediction."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,8 +26,15 @@ LIMIT = 1.0
 """Largest force of an amplifier [N]; assumed, the text gives none."""
 NOISE = 1e-6
 """Noise of the velocity sensors [m/s], rms; assumed. It is what a limit cycle starts from."""
+SECONDS, SHORT = 240.0, 60.0
+"""Duration of the experiments in which something grows, and of the nominal one [s]; section 6.1 speaks of two or three minutes."""
 MODES = 16
 """Modes of the simulated plant: up to 250 Hz, beyond the controller's own 92 Hz."""
+
+
+def simulated_seconds(seconds: float = SECONDS) -> float:
+    """Return how much `histories` simulates in all [s]."""
+    return 2 * seconds + min(seconds, SHORT)
 
 
 def bench(rate: float = RATE, *, limit: float = LIMIT, noise: float = NOISE) -> Hardware:
@@ -40,7 +48,14 @@ def bench(rate: float = RATE, *, limit: float = LIMIT, noise: float = NOISE) -> 
 
 
 def time_history(
-    fe: FeModel, law: Controller, hardware: Hardware, *, seconds: float, release: float = 0.0, seed: int = 0
+    fe: FeModel,
+    law: Controller,
+    hardware: Hardware,
+    *,
+    seconds: float,
+    release: float = 0.0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """Run an experiment in MuJoCo on the modal plant of a model: from rest, or released from a static force [N] at the base."""
     plant = build_modal(fe, modes=MODES, timestep=0.5 / hardware.converter.rate)
@@ -48,7 +63,7 @@ def time_history(
     experiment = Experiment(
         plant=plant, seconds=seconds, controller=law, hardware=hardware, seed=seed, excitation=excitation, excite="base"
     )
-    return run_experiment(experiment).recording
+    return run_experiment(experiment, progress=progress).recording
 
 
 def levels_of(recording: Recording, channel: str, *, window: float = 1.0) -> tuple[Array, Array]:
@@ -117,28 +132,52 @@ class History:
         return {"name": self.name, "words": self.words, "simulated": found, "predicted": predicted}
 
 
-def histories(structure: Structure, *, seconds: float = 240.0, rate: float = RATE, seed: int = 0) -> list[History]:
+def histories(
+    structure: Structure,
+    *,
+    seconds: float = SECONDS,
+    rate: float = RATE,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> list[History]:
     """Return time histories of the nominal loop and of one in which an own mode of a cable grows.
 
     The upper cable is solid wire as in the structure file, its own mode damped as little as steel wire is: nothing is
     set for 41 Hz. It starts at rest, and once more after a release of 1 N, as after additional excitation.
+
+    Parameters
+    ----------
+    seconds : float
+        Duration of each [s]; the nominal loop is run for `SHORT` at most.
+    progress : callable or None
+        Called with the simulated seconds done, of `simulated_seconds` in all.
     """
     law, parts = published_way(structure, "lqg", rate=rate).controller, bench(rate)
     nominal = build_fe_model(structure)
     words = f"first own mode of each cable, solid wire of damping ratio {WIRE_ZETA:g}"
     fe = add_string_modes(nominal, zeta=WIRE_ZETA)
-    made = []
+    made: list[History] = []
+    done = 0.0
     for name, text, model, release, duration in (
-        ("nominal, released", "cables without modes of their own, released from 1 N", nominal, 1.0, min(seconds, 60.0)),
+        (
+            "nominal, released",
+            "cables without modes of their own, released from 1 N",
+            nominal,
+            1.0,
+            min(seconds, SHORT),
+        ),
         ("cables swing, at rest", f"{words}, from rest", fe, 0.0, seconds),
         ("cables swing, released", f"{words}, released from 1 N", fe, 1.0, seconds),
     ):
-        loop = loop_on(model, law, parts.converter)
+        loop, before = loop_on(model, law, parts.converter), done
+        report = None if progress is None else lambda now, before=before: progress(before + now)
+        recording = time_history(model, law, parts, seconds=duration, release=release, seed=seed, progress=report)
+        done += duration
         made.append(
             History(
                 name=name,
                 words=text,
-                recording=time_history(model, law, parts, seconds=duration, release=release, seed=seed),
+                recording=recording,
                 predicted_growth=loop.critical().growth,
                 predicted=harmonic_balance(loop, parts.coil.limit),
             )

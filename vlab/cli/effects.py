@@ -1,0 +1,69 @@
+"""``vlab effects``."""
+
+import argparse
+from typing import Any
+
+from vlab.cli.common import Outcome
+from vlab.errors import unknown_name
+from vlab.physics.catalogue import ALIASES, EFFECTS
+from vlab.physics.effect import Effect
+
+PLACES = {
+    "port": "a point, joint, tendon, site or element",
+    "actuator": "an actuator, or chain for all of them",
+    "sensor": "a sensor or a compared channel",
+}
+NEEDS = {
+    "stiffness": "with an elastic element of its own",
+    "coil": "with an actuator along it",
+    "translation": "that moves along a line; a body",
+    "rotation": "that turns",
+    "tension": "tension: the stretched bar as a whole",
+    "command": "with the coil that it picks up: sensor:20in/coil:base",
+    "sensor": "with the other sensor: sensor:20in/40in",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("names", nargs="*", metavar="NAME", help="effects to show (by default all)")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """List the catalogue of physics that a model can have left out."""
+    wanted = [ALIASES.get(name, name) for name in arguments.names] or list(EFFECTS)
+    for name in wanted:
+        if name not in EFFECTS:
+            raise unknown_name("effect", name, [*EFFECTS, *ALIASES])
+    document = [_plain(EFFECTS[name]) for name in wanted]
+    return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
+
+
+def _plain(effect: Effect) -> dict[str, Any]:
+    places = ", ".join([PLACES[effect.kind], *(NEEDS[need] for need in effect.needs)])
+    return {
+        "name": effect.name,
+        "also": [alias for alias, name in ALIASES.items() if name == effect.name],
+        "family": effect.family,
+        "law": effect.law,
+        "places": places,
+        "parameters": [
+            {
+                "name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "in_multiples_of": p.reference,
+                "may_be_negative": p.signed, "words": p.words,
+            }
+            for p in effect.parameters
+        ],
+        "words": effect.words,
+    }  # fmt: skip
+
+
+def _text(entry: dict[str, Any]) -> str:
+    also = f"  (also {', '.join(entry['also'])})" if entry["also"] else ""
+    lines = [f"{entry['name']}  [{entry['family']}]{also}", f"  {entry['words']}", f"  {entry['law']}"]
+    lines.append(f"  at: {entry['places']}")
+    for p in entry["parameters"]:
+        of = f" x the largest {p['in_multiples_of']}" if p["in_multiples_of"] else f" {p['unit']}"
+        words = f"; {p['words']}" if p["words"] else ""
+        lines.append(f"  {p['name']} [{p['unit']}]: {p['low']:g} to {p['high']:g}{of}{words}")
+    return "\n".join(lines)

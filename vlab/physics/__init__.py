@@ -1,0 +1,1 @@
+"""The catalogue of physics that a model can have left out."""

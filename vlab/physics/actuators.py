@@ -1,0 +1,322 @@
+"""Effects between a command and the force: amplifiers, converters, coils."""
+
+from collections import deque
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import signal
+
+from vlab.physics.effect import ActuatorEffect, ActuatorStep, Parameter, PortEffect, Step, Values, limited
+from vlab.signals import Array
+
+
+def delayed(x: Array, delay: float, h: float) -> Array:
+    """Return signals delayed by a time that need not be whole samples; linear in between, zero before the start."""
+    index = np.arange(len(x)) - delay / h
+    whole = np.floor(index).astype(int)
+    part = (index - whole).reshape(-1, *(1,) * (x.ndim - 1))
+    low = np.where((whole >= 0).reshape(part.shape), x[np.maximum(whole, 0)], 0.0)
+    high = np.where((whole + 1 >= 0).reshape(part.shape), x[np.clip(whole + 1, 0, len(x) - 1)], 0.0)
+    return np.asarray(low * (1 - part) + high * part)
+
+
+def delay_line(delay: float, h: float) -> ActuatorStep:
+    """Return `delayed` for one sample after the other."""
+    whole = int(np.floor(delay / h))
+    part = delay / h - whole
+    past = deque([0.0] * (whole + 2), maxlen=whole + 2)
+
+    def step(x: float) -> float:
+        past.append(x)
+        return part * past[0] + (1 - part) * past[1]
+
+    return step
+
+
+def lag_weights(time_constant: float, h: float) -> tuple[float, float, float]:
+    """Return the weights (new input, old input, old output) of `lagged`."""
+    a = float(np.exp(-h / time_constant))
+    new = 1.0 - (1.0 - a) * time_constant / h  # the response to a ramp
+    return new, (1.0 - a) - new, a
+
+
+def recursion(new: float, old: float, kept: float) -> ActuatorStep:
+    """Return the first-order filter y+ = new x+ + old x + kept y, one sample after the other, from rest."""
+    x, y = 0.0, 0.0
+
+    def step(sample: float) -> float:
+        nonlocal x, y
+        y = new * sample + old * x + kept * y
+        x = sample
+        return y
+
+    return step
+
+
+def lagged(x: Array, time_constant: float, h: float) -> Array:
+    """Return signals behind a first-order low-pass, exact for inputs that run straight between samples."""
+    new, old, a = lag_weights(time_constant, h)
+    return np.asarray(signal.lfilter([new, old], [1.0, -a], x, axis=0))
+
+
+class ActuatorGain(ActuatorEffect):
+    """A gain that is not what the model says; -2 is a reversed polarity."""
+
+    name = "actuator-gain"
+    family = "gain"
+    law = "force = (1 + g) u"
+    words = "an actuator's gain differs from the model's (g = -2: its polarity is reversed)"
+    parameters: ClassVar = (Parameter(name="gain", unit="1", low=0.005, high=3.0, signed=True),)
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray((1.0 + p["gain"]) * u)
+
+
+class ActuatorOffset(ActuatorEffect):
+    """A direct current in the drive."""
+
+    name = "actuator-offset"
+    family = "bias"
+    law = "force = u + u0"
+    words = "a constant is added to an actuator's command: an amplifier's offset"
+    parameters: ClassVar = (Parameter(name="offset", unit="N", low=1e-4, high=10.0, reference="input", signed=True),)
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(u + p["offset"])
+
+
+class Clipping(ActuatorEffect):
+    """The rails of an amplifier."""
+
+    name = "actuator-clipping"
+    family = "saturation"
+    law = "force = min(max(u, -L), L)"
+    words = "an amplifier or actuator saturates: commands beyond a limit are cut off"
+    parameters: ClassVar = (
+        Parameter(name="limit", unit="N", low=0.02, high=0.999, role="shape", reference="input", grid=(0.3, 0.55, 0.8)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(limited(u, p["limit"]))
+
+
+class SoftSaturation(ActuatorEffect):
+    """An amplifier or a magnet that saturates softly."""
+
+    name = "soft-saturation"
+    family = "saturation"
+    law = "force = L tanh(u/L)"
+    words = "an amplifier or magnet saturates softly"
+    parameters: ClassVar = (
+        Parameter(name="limit", unit="N", low=0.1, high=10.0, role="shape", reference="input", grid=(0.5, 1.0, 2.0)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(p["limit"] * np.tanh(u / p["limit"]))
+
+
+class DeadZone(ActuatorEffect):
+    """A drive that does nothing below a threshold."""
+
+    name = "actuator-dead-zone"
+    family = "clearance"
+    law = "force = u - min(max(u, -d), d)"
+    words = "a drive does nothing below a threshold: a dead zone of an amplifier or valve"
+    parameters: ClassVar = (
+        Parameter(
+            name="threshold", unit="N", low=0.005, high=0.7, role="shape", reference="input", grid=(0.03, 0.1, 0.3)
+        ),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(u - limited(u, p["threshold"]))
+
+
+class SlewLimit(ActuatorEffect):
+    """An amplifier that cannot follow fast commands."""
+
+    name = "slew-limit"
+    family = "saturation"
+    law = "|d force/dt| <= R"
+    words = "an amplifier follows no faster than a limited slope"
+    parameters: ClassVar = (
+        Parameter(
+            name="slope",
+            unit="N/s",
+            low=0.02,
+            high=0.95,
+            role="shape",
+            reference="input",
+            grid=(0.1, 0.3, 0.6),
+            words="in multiples of the largest slope of the command",
+        ),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        out = np.array(u, dtype=float)
+        most = p["slope"] * h
+        for k in range(1, len(out)):
+            out[k] = out[k - 1] + limited(u[k] - out[k - 1], most)
+        return out
+
+    def stepper(self, p: Values, h: float) -> ActuatorStep:
+        """See `ActuatorEffect`."""
+        most, last = float(p["slope"]) * h, None
+
+        def step(u: float) -> float:
+            nonlocal last
+            last = u if last is None else last + limited(u - last, most)
+            return last
+
+        return step
+
+
+class ActuatorDelay(ActuatorEffect):
+    """Processing and transport time."""
+
+    name = "actuator-delay"
+    family = "timing"
+    law = "force(t) = u(t - tau)"
+    words = "commands act later than the model says: processing or transport time"
+    parameters: ClassVar = (
+        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.3, 1.0, 3.0)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return delayed(u, float(p["delay"]), h)
+
+    def stepper(self, p: Values, h: float) -> ActuatorStep:
+        """See `ActuatorEffect`."""
+        return delay_line(float(p["delay"]), h)
+
+
+class ActuatorLag(ActuatorEffect):
+    """Inductance of a coil, a filter with another corner."""
+
+    name = "actuator-lag"
+    family = "timing"
+    law = "force = u/(1 + s tau)"
+    words = "the force lags the command by a time constant: a coil's inductance, a filter with a lower corner"
+    parameters: ClassVar = (
+        Parameter(
+            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.3, 1.0, 5.0)
+        ),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return lagged(u, float(p["time_constant"]), h)
+
+    def stepper(self, p: Values, h: float) -> ActuatorStep:
+        """See `ActuatorEffect`."""
+        return recursion(*lag_weights(float(p["time_constant"]), h))
+
+
+class Quantisation(ActuatorEffect):
+    """Few bits of a converter."""
+
+    name = "actuator-quantisation"
+    family = "resolution"
+    law = "force = q round(u/q)"
+    words = "a converter with coarse steps stands before the actuator"
+    parameters: ClassVar = (
+        Parameter(name="step", unit="N", low=0.002, high=0.5, role="shape", reference="input", grid=(0.02, 0.06, 0.2)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(p["step"] * np.round(u / p["step"]))
+
+
+class CoarseHold(ActuatorEffect):
+    """A converter that is updated less often than the model says."""
+
+    name = "actuator-hold"
+    family = "timing"
+    law = "force(t) = u(T floor(t/T))"
+    words = "a converter holds its output longer than the model says: steps of a slower clock"
+    parameters: ClassVar = (
+        Parameter(name="period", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(2.0, 4.0)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(u[self._taken(np.arange(len(u)), float(p["period"]), h)])
+
+    def stepper(self, p: Values, h: float) -> ActuatorStep:
+        """See `ActuatorEffect`."""
+        period, k, held = float(p["period"]), -1, 0.0
+
+        def step(u: float) -> float:
+            nonlocal k, held
+            k += 1
+            if self._taken(np.array([k]), period, h)[0] == k:
+                held = u
+            return held
+
+        return step
+
+    @staticmethod
+    def _taken(k: Array, period: float, h: float) -> Array:
+        """Return which sample is held at every sample: the first one of its period."""
+        start = np.floor(k * h / period + 1e-9) * period
+        return np.minimum(np.ceil(start / h - 1e-9).astype(int), k)
+
+
+class Jitter(ActuatorEffect):
+    """A clock or a computer that is not always on time."""
+
+    name = "actuator-jitter"
+    family = "timing"
+    law = "force(t) = u(t - J r_k), r_k evenly distributed over 0 to 1, new at every sample"
+    words = (
+        "commands come out late by an amount that changes from sample to sample: a computer that is not always on time"
+    )
+    parameters: ClassVar = (
+        Parameter(name="jitter", unit="s", low=1e-6, high=0.1, role="shape", reference="step", grid=(0.5, 1.0)),
+    )
+
+    def actuate(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`; the r_k are the same in every run, the parameter says how far they reach."""
+        step, out = self.stepper(p, h), np.zeros(u.shape)
+        for k in range(len(u)):
+            out[k] = step(u[k])
+        return out
+
+    def stepper(self, p: Values, h: float) -> ActuatorStep:
+        """See `ActuatorEffect`."""
+        reach, rng = float(p["jitter"]) / h, np.random.default_rng(0)
+        past: deque[float] = deque(maxlen=int(reach) + 2)
+
+        def step(u: float) -> float:
+            late = reach * rng.random()
+            if not past:
+                past.extend([0.0 * u] * (int(reach) + 2))
+            past.append(u)
+            whole = int(late)
+            part = late - whole
+            return (1 - part) * past[-1 - whole] + part * past[-2 - whole]
+
+        return step
+
+
+class CoilForceOverTravel(PortEffect):
+    """A coil that leaves its magnet's uniform field."""
+
+    name = "coil-force-over-travel"
+    family = "actuator-position"
+    law = "force = u (1 - (z/d)^2)"
+    words = "the force of a coil falls as it leaves the uniform field of its magnet"
+    parameters: ClassVar = (Parameter(name="loss", unit="1/m^2", low=1e-3, high=1e8, words="1/d^2"),)
+    needs = ("coil",)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["loss"] * z * z * step.command, memory

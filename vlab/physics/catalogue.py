@@ -1,0 +1,127 @@
+"""The catalogue: every effect that vlab knows, by name."""
+
+from pathlib import Path
+
+from controllers.user_law import FAILURES, class_from_file, is_user_law
+from vlab.errors import BadExperiment, unknown_name
+from vlab.physics import actuators, port_linear, port_memory, port_nonlinear, sensors
+from vlab.physics.effect import Effect
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect
+    for effect in (
+        port_linear.AddedMass(),
+        port_linear.RotaryInertia(),
+        port_linear.LostStiffness(),
+        port_linear.StiffnessToGround(),
+        port_linear.NegativeStiffness(),
+        port_linear.TensionError(),
+        port_linear.ViscousDamping(),
+        port_nonlinear.QuadraticDrag(),
+        port_nonlinear.CubicStiffness(),
+        port_nonlinear.QuadraticStiffness(),
+        port_nonlinear.PolynomialStiffness(),
+        port_nonlinear.CoulombFriction(),
+        port_nonlinear.StribeckFriction(),
+        port_nonlinear.DeadBand(),
+        port_nonlinear.Stop(),
+        port_nonlinear.OneSidedStiffness(),
+        port_nonlinear.ForceOffset(),
+        port_nonlinear.SinusoidalForce(),
+        port_memory.JenkinsSlip(),
+        port_memory.BoucWen(),
+        port_memory.LooseningStiffness(),
+        port_memory.LuGreFriction(),
+        port_memory.PlasticSet(),
+        port_memory.AttachedOscillator(),
+        port_memory.StructuralDamping(),
+        actuators.ActuatorGain(),
+        actuators.ActuatorOffset(),
+        actuators.Clipping(),
+        actuators.SoftSaturation(),
+        actuators.DeadZone(),
+        actuators.SlewLimit(),
+        actuators.ActuatorDelay(),
+        actuators.ActuatorLag(),
+        actuators.Quantisation(),
+        actuators.CoarseHold(),
+        actuators.Jitter(),
+        actuators.CoilForceOverTravel(),
+        sensors.SensorGain(),
+        sensors.SensorOffset(),
+        sensors.SensorDrift(),
+        sensors.SensorClipping(),
+        sensors.SensorDelay(),
+        sensors.SensorLag(),
+        sensors.SensorHighPass(),
+        sensors.SensorQuantisation(),
+        sensors.MainsHum(),
+        sensors.SensorResonance(),
+        sensors.Crosstalk(),
+        sensors.CrossAxis(),
+        sensors.MisplacedSensor(),
+    )
+}
+
+
+ALIASES = {
+    "air-added-mass": "added-mass",
+    "hardening": "cubic-stiffness",
+    "initial-curvature": "quadratic-stiffness",
+    "joint-flexibility": "lost-stiffness",
+    "clamp-flexibility": "lost-stiffness",
+    "temperature-drift": "drifting-stiffness",
+    "loosening": "drifting-stiffness",
+    "cable-slack": "one-sided-stiffness",
+    "cable-string-mode": "attached-oscillator",
+    "tuned-mass": "attached-oscillator",
+    "back-emf": "viscous-damping",
+    "eddy-currents": "viscous-damping",
+    "rubbing": "coulomb-friction",
+    "backlash": "dead-band",
+    "rattle": "stop",
+    "coil-inductance": "actuator-lag",
+    "filter-corner": "actuator-lag",
+    "floor-motion": "sinusoidal-force",
+    "draught": "sinusoidal-force",
+    "force-hum": "sinusoidal-force",
+}
+"""Other names of the same law: what differs is the cause or the place, not the equation."""
+
+EFFECT_FORM = "path/to/effect.py:ClassName"
+
+
+def effect_named(name: str) -> Effect:
+    """Return an effect by its name or another name of it, or a user's own as ``path/to/effect.py:ClassName``.
+
+    Loading a user's effect runs the code of the file that was named.
+
+    Raises
+    ------
+    UnknownName
+        There is none of that name.
+    BadExperiment
+        A user's file that fails, or a class that is no effect.
+    """
+    name = ALIASES.get(name, name)
+    if name in EFFECTS:
+        return EFFECTS[name]
+    if is_user_law(name):
+        return _users_own(name)
+    raise unknown_name("effect", name, [*EFFECTS, *ALIASES, EFFECT_FORM])
+
+
+def _users_own(text: str) -> Effect:
+    path, colon, name = text.rpartition(":")
+    if not colon or not path.endswith(".py") or not name.isidentifier():
+        raise BadExperiment(f"the effect {text!r} names no class of a file; write {EFFECT_FORM}")
+    made_by = class_from_file(Path(path), name, kind="effect", form=EFFECT_FORM, error=BadExperiment)
+    if not (isinstance(made_by, type) and issubclass(made_by, Effect)):
+        raise BadExperiment(f"{text} is no subclass of vlab.physics.effect.PortEffect, ActuatorEffect or SensorEffect")
+    missing = [key for key in ("name", "family", "law", "words", "parameters") if not hasattr(made_by, key)]
+    if missing:
+        raise BadExperiment(f"the effect {text} does not say its {', '.join(missing)}")
+    try:
+        return made_by()
+    except FAILURES as error:
+        raise BadExperiment(f"the effect {text} cannot be made without arguments: {error}") from error

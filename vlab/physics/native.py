@@ -1,0 +1,168 @@
+"""Effects as MuJoCo's own elements: numbers of joints, tendons and bodies, and tendons beside them.
+
+A polynomial spring or damper, armature and dry friction of a joint or tendon are numbers of the compiled model. What
+needs an element of its own (a slider, a gap, a stop) is a fixed tendon parallel to the joint, which only a new model can
+have: that is the form in which an amended model is written out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.physics.effect import Effect, LinearPortEffect, Values
+from vlab.plants.mjcf import MjcfPlant
+
+Numbers = tuple[tuple[str, int, float], ...]
+"""What is added: quantity, power of the displacement or velocity it goes with beyond the first, and how much."""
+
+POLYNOMIALS: dict[str, Callable[[Values], Numbers]] = {
+    "quadratic-drag": lambda p: (("damping", 1, p["coefficient"]),),
+    "cubic-stiffness": lambda p: (("stiffness", 2, p["k3"]),),
+    "quadratic-stiffness": lambda p: (("stiffness", 1, p["k2"]),),
+    "quadratic-cubic-stiffness": lambda p: (("stiffness", 1, p["k2"]), ("stiffness", 2, p["k3"])),
+    "coulomb-friction": lambda p: (("frictionloss", 0, p["force"]),),
+}
+"""Laws that are numbers of a joint or tendon, besides mass, damping and stiffness."""
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring parallel to a joint: its stiffness, the band in which it is slack, and the deflection at which it yields."""
+
+    stiffness: float
+    low: float = 0.0
+    high: float = 0.0
+    springyield: float = 0.0
+
+
+FAR = 1e9
+"""A side on which a spring is always slack [m]."""
+
+
+def _one_sided(p: Values) -> tuple[Spring, ...]:
+    gap = abs(p["gap"])
+    return (Spring(p["stiffness"], -FAR, gap) if p["gap"] >= 0 else Spring(p["stiffness"], -gap, FAR),)
+
+
+SPRINGS: dict[str, Callable[[Values], tuple[Spring, ...]]] = {
+    "jenkins-slip": lambda p: (Spring(p["force"] / p["slip"], springyield=p["slip"]),),
+    "stop": lambda p: (Spring(p["stiffness"], -p["gap"], p["gap"]),),
+    "one-sided-stiffness": _one_sided,
+    "dead-band": lambda p: (Spring(-p["stiffness"]), Spring(p["stiffness"], -p["gap"], p["gap"])),
+    "plastic-set": lambda p: (Spring(-p["stiffness"]), Spring(p["stiffness"], springyield=p["yield"])),
+}
+"""Laws that are springs of their own beside a joint."""
+
+_JOINT = {
+    "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly"),
+    "damping": ("dof_damping", "dof_dampingpoly"),
+    "armature": ("dof_armature", ""),
+    "frictionloss": ("dof_frictionloss", ""),
+}
+_TENDON = {
+    "stiffness": ("tendon_stiffness", "tendon_stiffnesspoly"),
+    "damping": ("tendon_damping", "tendon_dampingpoly"),
+    "armature": ("tendon_armature", ""),
+    "frictionloss": ("tendon_frictionloss", ""),
+}
+
+
+def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Numbers | None:
+    """Return what an effect adds to the numbers of a joint, tendon or body; None where it has no such form there."""
+    kind, _, name = place.partition(":")
+    if kind == "body":
+        return (("mass", 0, values["mass"]),) if effect.name == "added-mass" else None
+    if kind not in ("joint", "tendon") or place not in plant.ports:
+        return None
+    if isinstance(effect, LinearPortEffect):
+        mass, damping, stiffness = effect.impedance(values, plant.own_stiffness(place))
+        out: Numbers = (("armature", 0, mass), ("damping", 0, damping), ("stiffness", 0, stiffness))
+    elif effect.name in POLYNOMIALS:
+        out = POLYNOMIALS[effect.name](values)
+    else:
+        return None
+    out = tuple((what, power, float(value)) for what, power, value in out if value != 0.0)
+    return out if all(_fits(plant, kind, name, what) for what, _, _ in out) else None
+
+
+HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Impedance of dry friction: with MuJoCo's default, which is soft, a stuck joint creeps; the time constant is two steps, so
+that friction stops a joint within one."""
+
+
+def _fits(plant: MjcfPlant, kind: str, name: str, what: str) -> bool:
+    model = plant.model
+    if what == "frictionloss":
+        off = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+        return not model.opt.disableflags & off
+    i = getattr(model, kind)(name).id
+    if what == "armature" and kind == "tendon":  # across trees its off-diagonal terms would be lost
+        return int(model.tendon_treenum[i]) <= 1
+    if what == "stiffness":  # the law counts from rest, MuJoCo from where the spring is slack
+        if kind == "joint":
+            slack = [model.qpos_spring[model.jnt_qposadr[i]]]
+            rest = plant.rest[model.jnt_qposadr[i]]
+        else:
+            slack, rest = list(model.tendon_lengthspring[i]), plant.port(f"tendon:{name}").position(plant.new_data())
+        return bool(np.all(np.abs(np.array(slack) - rest) <= 1e-9 * max(abs(rest), 1.0)))
+    return True
+
+
+def add_numbers(model: Any, place: str, what: Numbers) -> None:
+    """Add to the numbers of a compiled model, in place."""
+    kind, _, name = place.partition(":")
+    i = getattr(model, kind)(name).id
+    if kind == "body":
+        model.body_mass[i] += sum(value for _, _, value in what)
+        return
+    fields = _JOINT if kind == "joint" else _TENDON
+    for quantity, power, value in what:
+        first, higher = fields[quantity]
+        row = int(model.jnt_dofadr[i]) if first.startswith("dof_") else i
+        if power == 0:
+            getattr(model, first)[row] += value
+        else:
+            getattr(model, higher)[row, power - 1] += value
+        if quantity == "frictionloss":
+            solref, solimp = (
+                ("dof_solref", "dof_solimp") if kind == "joint" else ("tendon_solref_fri", "tendon_solimp_fri")
+            )
+            getattr(model, solref)[row] = 2 * model.opt.timestep, 1.0
+            getattr(model, solimp)[row] = HARD
+
+
+def springs(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> tuple[Spring, ...] | None:
+    """Return the springs of their own that an effect is, beside a joint or a fixed tendon; None where it has no such form."""
+    kind, _, name = place.partition(":")
+    if effect.name not in SPRINGS or kind not in ("joint", "tendon") or place not in plant.ports:
+        return None
+    if kind == "tendon" and _joints(plant.model, name) is None:
+        return None
+    return SPRINGS[effect.name]({k: float(v) for k, v in values.items()})
+
+
+def add_springs(spec: Any, plant: MjcfPlant, place: str, label: str, what: tuple[Spring, ...]) -> None:
+    """Add springs to a spec as fixed tendons parallel to a joint or a fixed tendon; displacements count from rest."""
+    kind, _, name = place.partition(":")
+    joints = [(name, 1.0)] if kind == "joint" else _joints(plant.model, name)
+    rest = plant.port(place).position(plant.new_data())
+    for k, spring in enumerate(what):
+        tendon = spec.add_tendon(name=f"{label}:{k + 1}")
+        tendon.stiffness[0] = spring.stiffness
+        tendon.springlength = [rest + spring.low, rest + spring.high]
+        tendon.springyield = spring.springyield
+        for joint, coefficient in joints or ():
+            tendon.wrap_joint(joint, coefficient)
+
+
+def _joints(model: Any, tendon: str) -> list[tuple[str, float]] | None:
+    """Return the joints of a fixed tendon with their coefficients; None for a spatial one."""
+    i = model.tendon(tendon).id
+    first = int(model.tendon_adr[i])
+    wraps = range(first, first + int(model.tendon_num[i]))
+    if any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
+        return None
+    return [(model.joint(int(model.wrap_objid[w])).name, float(model.wrap_prm[w])) for w in wraps]

@@ -1,0 +1,111 @@
+"""Linear effects at a port: mass, stiffness and damping that the model does not have."""
+
+from typing import Any, ClassVar
+
+from vlab.physics.effect import LinearPortEffect, Parameter, Values
+
+
+class AddedMass(LinearPortEffect):
+    """Wires, targets, fittings, air that moves along."""
+
+    name = "added-mass"
+    family = "mass"
+    law = "F = -m a"
+    words = "mass that the model does not have: wires, sensor targets, fittings, air that moves along"
+    parameters: ClassVar = (Parameter(name="mass", unit="kg", low=1e-5, high=1e3, words="mass added"),)
+    needs = ("translation",)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return p["mass"], 0.0, 0.0
+
+
+class RotaryInertia(LinearPortEffect):
+    """A coil or a sensor's arm that turns with the structure."""
+
+    name = "rotary-inertia"
+    family = "mass"
+    law = "M = -J alpha"
+    words = "rotary inertia that the model does not have: a coil, a fitting or a sensor's arm that turns along"
+    parameters: ClassVar = (Parameter(name="inertia", unit="kg m^2", low=1e-9, high=1e3, words="inertia added"),)
+    needs = ("rotation",)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return p["inertia"], 0.0, 0.0
+
+
+class TensionError(LinearPortEffect):
+    """A cable pulled more or less than the drawing says."""
+
+    name = "tension-error"
+    family = "stiffness"
+    law = "F = +d(T w')/dx along the bar, T/L w at its cables"
+    words = "the cables pull more or less than the model says, so all lateral stiffness that comes of tension is off"
+    parameters: ClassVar = (
+        Parameter(name="tension", unit="N", low=1e-3, high=1e4, signed=True, words="tension added"),
+    )
+    needs = ("tension",)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`; on every row of the place."""
+        return 0.0, 0.0, p["tension"]
+
+
+class LostStiffness(LinearPortEffect):
+    """A crack, a loose splice, a softer clamp than drawn."""
+
+    name = "lost-stiffness"
+    family = "stiffness"
+    law = "F = +r k z, k the element's own stiffness"
+    words = "an element is softer than drawn: a crack, a loose splice, a clamp or joint that gives"
+    parameters: ClassVar = (
+        Parameter(name="share", unit="1", low=0.005, high=0.95, words="share of the stiffness lost"),
+    )
+    needs = ("stiffness",)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return 0.0, 0.0, -p["share"] * own_stiffness
+
+
+class StiffnessToGround(LinearPortEffect):
+    """A lead or wire that holds the structure, a pendulum stiffness that was left out."""
+
+    name = "stiffness-to-ground"
+    family = "stiffness"
+    law = "F = -k z"
+    words = "something holds the structure there: a lead, a wire, a pendulum stiffness that was left out"
+    parameters: ClassVar = (Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e7, words="stiffness added"),)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return 0.0, 0.0, p["stiffness"]
+
+
+class NegativeStiffness(LinearPortEffect):
+    """A magnet that pulls the coil or target out of its centre."""
+
+    name = "magnetic-negative-stiffness"
+    family = "stiffness"
+    law = "F = +k z"
+    words = "a magnet pulls the moving part away from its centre"
+    parameters: ClassVar = (Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e7, words="stiffness taken away"),)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return 0.0, 0.0, -p["stiffness"]
+
+
+class ViscousDamping(LinearPortEffect):
+    """A dashpot: eddy currents, back-EMF, a lubricated guide."""
+
+    name = "viscous-damping"
+    family = "damping"
+    law = "F = -c v"
+    words = "energy is lost in proportion to the velocity there: eddy currents, back-EMF of a coil, a lubricated guide"
+    parameters: ClassVar = (Parameter(name="damping", unit="N s/m", low=1e-6, high=1e6, words="damping added"),)
+
+    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+        """See `LinearPortEffect`."""
+        return 0.0, p["damping"], 0.0

@@ -1,0 +1,193 @@
+"""Forces with memory at a port: micro-slip and hysteresis, and stiffness that changes with time."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vlab.physics.effect import Parameter, PortEffect, Step, Values, limited
+
+RATES = (0.1, 1.0, 10.0)
+"""Relaxation rates of the Maxwell elements of `StructuralDamping`, in units of its centre frequency."""
+LOSS_AT_CENTRE = sum(r / (1 + r * r) for r in RATES)
+"""Loss stiffness of equal elements of stiffness 1 there: 0.698; between 0.607 and 0.698 over the two decades."""
+STORED_AT_CENTRE = sum(1 / (1 + r * r) for r in RATES)
+"""Their storage stiffness there, which is taken off again."""
+
+
+def zeros(states: int, shape: tuple[int, ...]) -> list[Any]:
+    """Return a law's states before anything happened: arrays, or plain floats for a single run."""
+    return [np.zeros(shape) if shape else 0.0 for _ in range(states)]
+
+
+class JenkinsSlip(PortEffect):
+    """A spring in series with a slider: a bolted joint that slips a little."""
+
+    name = "jenkins-slip"
+    family = "hysteresis"
+    law = "dF/dt = -k v while |F| < Fs, F = +-Fs in slip"
+    words = "micro-slip: a spring in series with a dry slider, as in bolted joints and clamps"
+    parameters: ClassVar = (
+        Parameter(name="force", unit="N", low=1e-8, high=1e6),
+        Parameter(
+            name="slip", unit="m", low=0.01, high=1.5, role="shape", reference="displacement", grid=(0.05, 0.2, 0.6)
+        ),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the deflection of the spring in units of `slip`."""
+        return zeros(1, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        after = limited(memory[0] + v * step.h / p["slip"], 1.0)
+        return -p["force"] * 0.5 * (memory[0] + after), [after]
+
+
+class BoucWen(PortEffect):
+    """Smooth hysteresis: wire rope, foams, joints."""
+
+    name = "bouc-wen"
+    family = "hysteresis"
+    law = "F = -F0 s, ds/dt = (v - 0.5 |v| |s|^(n-1) s - 0.5 v |s|^n)/d, n = 2"
+    words = "smooth hysteresis without a clear limit, as in wire ropes, foams and joints of many parts"
+    parameters: ClassVar = (
+        Parameter(name="force", unit="N", low=1e-8, high=1e6),
+        Parameter(
+            name="yield", unit="m", low=0.02, high=2.0, role="shape", reference="displacement", grid=(0.1, 0.3, 1.0)
+        ),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the hysteretic variable."""
+        return zeros(1, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        s = memory[0]
+        rate = v - 0.5 * abs(v) * abs(s) * s - 0.5 * v * s * s
+        after = limited(s + step.h * rate / p["yield"], 1.5)
+        return -p["force"] * 0.5 * (s + after), [after]
+
+
+class LooseningStiffness(PortEffect):
+    """A joint that loosens, a cable that warms."""
+
+    name = "drifting-stiffness"
+    family = "time-variation"
+    law = "F = -r t z"
+    words = (
+        "the stiffness drifts during the recording: a joint that loosens, a cable whose tension follows the temperature"
+    )
+    parameters: ClassVar = (
+        Parameter(name="rate", unit="N/m/s", low=1e-6, high=1e6, signed=True, words="stiffness gained per second"),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["rate"] * step.t * z, memory
+
+
+class LuGreFriction(PortEffect):
+    """Dry friction with bristles that bend before they slip."""
+
+    name = "lugre-friction"
+    family = "friction"
+    law = "F = -Fc x, dx/dt = (v - |v| x/g)/d, g = 1 + s exp(-(v/vs)^2)"
+    words = "dry friction with elastic presliding and a larger force near rest: bristles that bend before they slip"
+    parameters: ClassVar = (
+        Parameter(name="force", unit="N", low=1e-8, high=1e5),
+        Parameter(
+            name="bristle", unit="m", low=1e-3, high=0.5, role="shape", reference="displacement", grid=(0.01, 0.06),
+            words="deflection at which the force of sliding is reached",
+        ),
+        Parameter(name="excess", unit="1", low=0.01, high=2.0, role="shape", grid=(0.5,), words="of the force at rest"),
+        Parameter(name="speed", unit="m/s", low=0.002, high=0.5, role="shape", reference="velocity", grid=(0.05,)),
+    )  # fmt: skip
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the bristles' deflection in units of `bristle`."""
+        return zeros(1, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`; exact for a velocity that is constant over the step."""
+        top = 1.0 + p["excess"] * np.exp(-limited((v / p["speed"]) ** 2, 700.0))
+        slide = abs(v) * step.h / (p["bristle"] * top)
+        kept = np.exp(-slide)
+        after = memory[0] * kept + top * np.sign(v) * (1.0 - kept)
+        return -p["force"] * 0.5 * (memory[0] + after), [after]
+
+
+class PlasticSet(PortEffect):
+    """An element that yields and stays bent."""
+
+    name = "plastic-set"
+    family = "hysteresis"
+    law = "F = +k s, ds = what |z - s| exceeds the yield by: the element's spring ends where it was left"
+    words = "an elastic element yields beyond a deflection and does not come back all the way: an offset after an event"
+    parameters: ClassVar = (
+        Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e8, words="of the element that yields"),
+        Parameter(name="yield", unit="m", low=0.1, high=0.99, role="shape", reference="displacement", grid=(0.5, 0.8)),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the set."""
+        return zeros(1, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        after = z - limited(z - memory[0], p["yield"])
+        return p["stiffness"] * after, [after]
+
+
+class AttachedOscillator(PortEffect):
+    """Something that swings along on a spring: a cable's own mode, a lead, a loose part, a tuned mass."""
+
+    name = "attached-oscillator"
+    family = "substructure"
+    law = "F = -m x'', x'' = w^2 (z - x) + 2 D w (v - x')"
+    words = "something with a resonance of its own swings along: a cable's transverse mode, a lead, a loose part"
+    parameters: ClassVar = (
+        Parameter(name="mass", unit="kg", low=1e-6, high=1e3),
+        Parameter(name="frequency", unit="Hz", low=0.05, high=500.0, role="shape", grid=(1.0, 3.0, 10.0, 30.0)),
+        Parameter(name="damping_ratio", unit="1", low=1e-4, high=0.5, role="shape", grid=(0.01,)),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: deflection against the port, and velocity."""
+        return zeros(2, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`: semi-implicit steps of the oscillator, its damper in the middle of the step."""
+        w, h = 2 * np.pi * p["frequency"], step.h
+        relative, speed = memory[0] + 0.5 * h * (v - memory[1]), memory[1]
+        c = p["damping_ratio"] * w * h
+        after = (speed * (1 - c) + h * w * w * relative + 2 * c * v) / (1 + c)
+        acceleration = (after - speed) / h
+        return -p["mass"] * acceleration, [memory[0] + h * (v - 0.5 * (speed + after)), after]
+
+
+class StructuralDamping(PortEffect):
+    """Loss in the material and in joints that does not depend on frequency."""
+
+    name = "structural-damping"
+    family = "damping"
+    law = "K(1 + j eta) about the centre frequency: three Maxwell elements, loss constant to 7 % over two decades"
+    words = "energy is lost per cycle whatever the frequency, as in materials and bolted joints (loss factor)"
+    parameters: ClassVar = (
+        Parameter(name="loss", unit="N/m", low=1e-6, high=1e7, words="loss factor times the element's stiffness"),
+        Parameter(name="centre", unit="Hz", low=0.05, high=500.0, role="shape", grid=(5.0,)),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the dashpots' deflections."""
+        return zeros(len(RATES), shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`; exact for a deflection that is constant over the step. At the centre no stiffness is added."""
+        w = 2 * np.pi * p["centre"] * step.h
+        after, total = [], -STORED_AT_CENTRE * z
+        for rate, s in zip(RATES, memory, strict=True):
+            end = z + (s - z) * np.exp(-rate * w)
+            after.append(end)
+            total = total + z - 0.5 * (s + end)
+        return -p["loss"] / LOSS_AT_CENTRE * total, after

@@ -1,0 +1,216 @@
+"""Nonlinear forces without memory at a port: polynomials, dry friction, gaps, stops, bias."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vlab.physics.effect import Parameter, PortEffect, Step, Values, limited, positive, smooth_sign
+
+REST_SPEED = 1e-3
+"""Where the step's mobility is not known, friction reverses over this share of the largest velocity seen."""
+
+
+class QuadraticDrag(PortEffect):
+    """Air drag on bluff parts."""
+
+    name = "quadratic-drag"
+    family = "damping"
+    law = "F = -c v |v|"
+    words = "drag that grows with the square of the velocity, as of air on bluff parts"
+    parameters: ClassVar = (Parameter(name="coefficient", unit="N s^2/m^2", low=1e-8, high=1e6),)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["coefficient"] * v * abs(v), memory
+
+
+class CubicStiffness(PortEffect):
+    """Hardening by stretching, softening by slack."""
+
+    name = "cubic-stiffness"
+    family = "nonlinear-stiffness"
+    law = "F = -k3 z^3"
+    words = "the stiffness changes with the square of the deflection: hardening by stretching (k3 > 0) or softening (k3 < 0)"
+    parameters: ClassVar = (Parameter(name="k3", unit="N/m^3", low=1e-6, high=1e12, signed=True),)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["k3"] * z * z * z, memory
+
+
+class QuadraticStiffness(PortEffect):
+    """Initial curvature, a static offset on a hardening spring."""
+
+    name = "quadratic-stiffness"
+    family = "nonlinear-stiffness"
+    law = "F = -k2 z^2"
+    words = "the stiffness differs to the two sides: an initial curvature, an offset on a hardening spring"
+    parameters: ClassVar = (Parameter(name="k2", unit="N/m^2", low=1e-6, high=1e10, signed=True),)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["k2"] * z * z, memory
+
+
+class PolynomialStiffness(PortEffect):
+    """A spring that is both asymmetric and hardening."""
+
+    name = "quadratic-cubic-stiffness"
+    family = "nonlinear-stiffness"
+    law = "F = -k2 z^2 - k3 z^3"
+    words = "a spring that is asymmetric and hardens or softens: even and odd terms, no memory"
+    parameters: ClassVar = (
+        Parameter(name="k2", unit="N/m^2", low=1e-6, high=1e10, signed=True),
+        Parameter(name="k3", unit="N/m^3", low=1e-6, high=1e12, signed=True),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["k2"] * z * z - p["k3"] * z * z * z, memory
+
+
+def dry_friction(limit: Any, v: Any, step: Step) -> Any:
+    """Return the force of dry friction with a limit: what stops the port in this step, or the limit.
+
+    With the velocity that the port would have at the end of the step without friction, sticking is exact; without it the
+    present velocity serves, which lets a stuck port creep by the mobility times the force that pushes it.
+    """
+    if step.free_velocity is not None:
+        return -limited(step.free_velocity / (step.mobility + 1e-300), limit)
+    if np.any(np.asarray(step.mobility) > 0):
+        return -limited(v / (step.mobility + 1e-300), limit)
+    return -limit * smooth_sign(v, REST_SPEED * np.max(np.abs(v), initial=0.0))
+
+
+class CoulombFriction(PortEffect):
+    """A rubbing guide, a dry bearing, a wire that drags."""
+
+    name = "coulomb-friction"
+    family = "friction"
+    law = "F = -Fc sgn(v), sticking up to Fc"
+    words = "dry friction of constant size: a rubbing guide, a bearing, a wire that drags"
+    parameters: ClassVar = (Parameter(name="force", unit="N", low=1e-8, high=1e5),)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return dry_friction(p["force"], v, step), memory
+
+
+class StribeckFriction(PortEffect):
+    """Dry friction that is larger at rest than in motion."""
+
+    name = "stribeck-friction"
+    family = "friction"
+    law = "F = -(Fc + Fs exp(-(v/vs)^2)) sgn(v)"
+    words = "dry friction that is larger near rest than in motion: stick-slip"
+    parameters: ClassVar = (
+        Parameter(name="force", unit="N", low=1e-8, high=1e5),
+        Parameter(name="excess", unit="N", low=1e-8, high=1e5),
+        Parameter(
+            name="speed", unit="m/s", low=0.005, high=0.5, role="shape", reference="velocity", grid=(0.02, 0.06, 0.2)
+        ),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        limit = p["force"] + p["excess"] * np.exp(-limited((v / p["speed"]) ** 2, 700.0))
+        return dry_friction(limit, v, step), memory
+
+
+class DeadBand(PortEffect):
+    """Clearance within which an elastic element does not act."""
+
+    name = "dead-band"
+    family = "clearance"
+    law = "F = +k z within the gap, +k gap sgn(z) beyond: the element's own stiffness k is missing within the gap"
+    words = "clearance or backlash: an elastic element does not act within a gap"
+    parameters: ClassVar = (
+        Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e8),
+        Parameter(
+            name="gap", unit="m", low=0.02, high=0.9, role="shape", reference="displacement", grid=(0.05, 0.15, 0.4)
+        ),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return p["stiffness"] * limited(z, p["gap"]), memory
+
+
+class Stop(PortEffect):
+    """A stop on both sides."""
+
+    name = "stop"
+    family = "contact"
+    law = "F = -k (|z| - gap) sgn(z) beyond the gap"
+    words = "the motion runs against stops on both sides"
+    parameters: ClassVar = (
+        Parameter(name="stiffness", unit="N/m", low=1e-1, high=1e9),
+        Parameter(
+            name="gap", unit="m", low=0.1, high=0.99, role="shape", reference="displacement", grid=(0.4, 0.65, 0.85)
+        ),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["stiffness"] * (z - limited(z, p["gap"])), memory
+
+
+class OneSidedStiffness(PortEffect):
+    """A cable that goes slack, a support that lifts off, a rattle on one side."""
+
+    name = "one-sided-stiffness"
+    family = "contact"
+    law = "F = -k (z - gap) where z > gap, nothing elsewhere"
+    words = "stiffness on one side only: a stop, a cable that goes slack, a support that lifts off"
+    parameters: ClassVar = (
+        Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e9, signed=True),
+        Parameter(
+            name="gap",
+            unit="m",
+            low=-0.95,
+            high=0.95,
+            role="shape",
+            reference="displacement",
+            grid=(-0.7, -0.35, 0.0, 0.35, 0.7),
+            signed=True,
+        ),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`; a negative gap means that it acts below -|gap|, on the other side."""
+        gap = p["gap"]
+        side = (-1.0 if gap < 0 else 1.0) if isinstance(gap, float) else np.where(np.asarray(gap) < 0, -1.0, 1.0)
+        return -side * p["stiffness"] * positive(side * z - abs(gap)), memory
+
+
+class ForceOffset(PortEffect):
+    """A constant force."""
+
+    name = "force-offset"
+    family = "bias"
+    law = "F = F0"
+    words = "a constant force: gravity along a tilted axis, a bias of the drive, a draught"
+    parameters: ClassVar = (Parameter(name="force", unit="N", low=1e-9, high=1e5, signed=True),)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return p["force"] + 0.0 * z, memory
+
+
+class SinusoidalForce(PortEffect):
+    """A machine nearby, hum of an amplifier, the floor, a draught that sheds vortices."""
+
+    name = "sinusoidal-force"
+    family = "disturbance"
+    law = "F = a sin(2 pi f t) + b cos(2 pi f t)"
+    words = "a force of one frequency from outside: a machine, hum of an amplifier, motion of the floor, a draught"
+    parameters: ClassVar = (
+        Parameter(name="sine", unit="N", low=1e-9, high=1e5, signed=True, words="at the place floor m/s^2"),
+        Parameter(name="cosine", unit="N", low=1e-9, high=1e5, signed=True, words="at the place floor m/s^2"),
+        Parameter(name="frequency", unit="Hz", low=0.01, high=1000.0, role="shape", grid=(50.0, 60.0)),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        phase = 2 * np.pi * p["frequency"] * step.t
+        return p["sine"] * np.sin(phase) + p["cosine"] * np.cos(phase) + 0.0 * z, memory

@@ -1,0 +1,301 @@
+"""Physics at work while a plant runs: forces at ports, changes of forces and of samples, step by step.
+
+A force at a port is added to MuJoCo's applied forces once an integration step. All forces of a step are found together:
+mass and damping at ports are implicit, as if they were in the matrices, and the other laws see what the ports would do
+under them. With the ports' rows R, the compliance is G = R M^-1 R^T; mass m and damping c at a port make D = m + c h/2, and
+the ports accelerate by (I + G D)^-1 (R M^-1 f + G g) under the explicit forces g.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.physics.effect import (
+    ActuatorEffect,
+    ActuatorStep,
+    LinearPortEffect,
+    PortEffect,
+    SensorEffect,
+    SensorStep,
+    Step,
+    Values,
+)
+from vlab.plants.base import Plant, Port
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+
+STAGGERED = (
+    mujoco.mjtIntegrator.mjINT_EULER,
+    mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+)
+"""Integrators whose position is half a step ahead of the velocity: it stands in the middle of the step that begins."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AtPort:
+    """An effect at a port of a plant.
+
+    Parameters
+    ----------
+    stiffness : float
+        Of the port's own elastic element.
+    coil : int or None
+        The actuator that acts along the port.
+    """
+
+    effect: PortEffect | LinearPortEffect
+    port: Port
+    values: Values
+    stiffness: float = 0.0
+    coil: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AtActuator:
+    """An effect on an actuator, by its index."""
+
+    effect: ActuatorEffect
+    index: int
+    values: Values
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AtSensor:
+    """An effect on a sensor or on a channel that is compared.
+
+    Parameters
+    ----------
+    name : str
+        Of the sensor or the channel.
+    other : str
+        Of the actuator or sensor whose signal it picks up.
+    """
+
+    effect: SensorEffect
+    name: str
+    values: Values
+    other: str = ""
+
+
+class PortForces:
+    """The forces at the ports of one run, with their memory.
+
+    Parameters
+    ----------
+    attached : sequence of AtPort
+        In any order; dry friction comes last, because sticking answers all other forces.
+    """
+
+    def __init__(self, plant: Plant, attached: Sequence[AtPort]) -> None:
+        self._model, self._h = plant.model, plant.timestep
+        self._is_staggered = plant.model.opt.integrator in STAGGERED
+        lines = [(a, port) for a in attached for port in (a.port, *a.port.more)]
+        lines.sort(key=lambda line: (isinstance(line[0].effect, PortEffect), line[0].effect.family == "friction"))
+        data, n = plant.new_data(), len(lines)
+        self._ports = [port for _, port in lines]
+        self._rest = [port.position(data) for port in self._ports]
+        self._rows = np.array([port.row(data) for port in self._ports]).reshape(n, plant.model.nv)
+        self._solved = np.zeros_like(self._rows)
+        self._is_fixed = not isinstance(
+            plant, MjcfPlant
+        )  # a structure's inertia changes with the square of its rotations
+        model = plant.model
+        is_implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
+            model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+        )
+        self._damping = self._h * model.dof_damping if is_implicit and np.any(model.dof_damping) else None
+        self._solve(data)
+        self._moving = [i for i, port in enumerate(self._ports) if not port.is_constant]
+        self._added, self._viscous, self._spring = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._laws: list[tuple[int, PortEffect, Values, int | None]] = []
+        self._memory: list[Any] = []
+        for i, (a, _) in enumerate(lines):
+            if isinstance(a.effect, LinearPortEffect):
+                mass, damping, stiffness = a.effect.impedance(a.values, a.stiffness)
+                self._added[i], self._viscous[i], self._spring[i] = mass + damping * self._h / 2, damping, stiffness
+            else:
+                self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, a.coil))
+                self._memory.append(a.effect.memory(()))
+        self._is_linear, self._has_inertia = len(self._laws) < n, bool(np.any(self._added))
+
+    def push(self, data: Any, commands: Array) -> None:
+        """Add the forces of the step that begins to the applied forces, and remember.
+
+        Kinematics and controls must be up to date, as they are in MuJoCo's control callback.
+        """
+        self._memory = self._add(data, commands)
+
+    def look(self, data: Any, commands: Array) -> None:
+        """Add the forces of the present state to the applied forces; nothing is remembered."""
+        self._add(data, commands)
+
+    def _solve(self, data: Any) -> None:
+        """Find the motion per force of every row: M^-1 r, or (M + h D)^-1 r to first order where joint dampers are implicit."""
+        mujoco.mj_solveM(self._model, data, self._solved, self._rows)
+        if self._damping is not None:
+            correction = np.zeros_like(self._solved)
+            mujoco.mj_solveM(self._model, data, correction, self._solved * self._damping)
+            self._solved -= correction
+
+    def _add(self, data: Any, commands: Array) -> list[Any]:
+        model = self._model
+        for i in self._moving:
+            self._rows[i] = self._ports[i].row(data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)  # under all forces but these and the constraints'
+        if not self._is_fixed:
+            self._solve(data)
+        return self._add_one(data, commands) if len(self._rows) == 1 else self._add_all(data, commands)
+
+    def _add_one(self, data: Any, commands: Array) -> list[Any]:
+        """Find the force of a single port in plain numbers, several times as fast as `_add_all`."""
+        row, solved, h = self._rows[0], self._solved[0], self._h
+        v, a = float(row.dot(data.qvel)), float(solved.dot(data.qfrc_smooth))
+        z = self._ports[0].position(data) - self._rest[0]
+        if not self._is_staggered:
+            z += h / 2 * (v + h / 4 * a)
+        G = float(row.dot(solved))
+        memory: list[Any] = []
+        if self._laws:
+            (_, law, p, coil), after = self._laws[0], v + h * a
+            command = 0.0 if coil is None else float(commands[coil])
+            step = Step(h, data.time + h / 2, h * G, after, command)
+            force, now = law.force(z, 0.5 * (v + after), p, step, self._memory[0])
+            memory.append(now)
+        else:
+            added = float(self._added[0])
+            force = -float(self._viscous[0]) * v - float(self._spring[0]) * z
+            force -= added * (a + G * force) / (1.0 + G * added)
+        data.qfrc_applied += row * force
+        return memory
+
+    def _add_all(self, data: Any, commands: Array) -> list[Any]:
+        rows, h = self._rows, self._h
+        v, a, G = rows @ data.qvel, self._solved @ data.qfrc_smooth, rows @ self._solved.T
+        z = np.array([port.position(data) - rest for port, rest in zip(self._ports, self._rest, strict=True)])
+        if not self._is_staggered:
+            z += h / 2 * (v + h / 4 * a)
+        push = np.zeros(len(v))
+        if self._is_linear:
+            push = -self._viscous * v - self._spring * z
+            a = a + G @ push
+            if self._has_inertia:
+                shared = np.linalg.inv(np.eye(len(v)) + G * self._added)
+                a, G = shared @ a, shared @ G
+        memory, t = [], data.time + h / 2
+        for (i, law, p, coil), past in zip(self._laws, self._memory, strict=True):
+            before = float(v[i])
+            after = before + h * float(a[i])
+            step = Step(h, t, h * float(G[i, i]), after, 0.0 if coil is None else float(commands[coil]))
+            force, now = law.force(float(z[i]), 0.5 * (before + after), p, step, past)
+            memory.append(now)
+            push[i] = force
+            a += G[:, i] * force
+        if self._has_inertia:
+            push = push - self._added * a
+        data.qfrc_applied += push @ rows
+        return memory
+
+
+def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array, Array] | None:
+    """Return the mass, damping and stiffness that linear effects add at rest, (nv, nv) each; None without any."""
+    linear = [a for a in attached if isinstance(a.effect, LinearPortEffect)]
+    if not linear:
+        return None
+    data, nv = plant.new_data(), plant.model.nv
+    out = (np.zeros((nv, nv)), np.zeros((nv, nv)), np.zeros((nv, nv)))
+    for a in linear:
+        assert isinstance(a.effect, LinearPortEffect)
+        for port in (a.port, *a.port.more):
+            row = port.row(data)
+            for matrix, value in zip(out, a.effect.impedance(a.values, a.stiffness), strict=True):
+                matrix += value * np.outer(row, row)
+    return out
+
+
+class Running:
+    """All physics of one run of a plant that MuJoCo has no element for.
+
+    Parameters
+    ----------
+    sample : float
+        Time between two samples of the sensors [s].
+    channels : mapping of str to str
+        Other names of sensors: of channels, what they read (the plant's sensor, or a port).
+    """
+
+    def __init__(self, plant: Plant, *, sample: float, channels: dict[str, str] | None = None) -> None:
+        ports = [a for a in plant.physics if isinstance(a, AtPort)]
+        self.ports = PortForces(plant, ports) if ports else None
+        self.force = np.zeros(len(plant.actuators))
+        """Forces of the actuators in the present step, as they act."""
+        self._actuators: list[tuple[int, ActuatorStep]] = [
+            (a.index, a.effect.stepper(a.values, plant.timestep)) for a in plant.physics if isinstance(a, AtActuator)
+        ]
+        self.is_due = False
+        """Whether a step begins whose forces at ports are still to be found, see `callback`."""
+        self._change = np.zeros(len(plant.actuators))
+        self._sensors: list[tuple[int, SensorStep, Callable[[Array], float]]] = []
+        self._readings: dict[str, list[SensorStep]] = {}
+        for a in plant.physics:
+            if not isinstance(a, AtSensor):
+                continue
+            step = a.effect.stepper(a.values, sample)
+            index = tap_index(plant.sensors, (channels or {}).get(a.name, a.name))
+            if index is not None:
+                self._sensors.append((index, step, self._picked(plant, a)))
+            else:
+                self._readings.setdefault(a.name, []).append(step)
+
+    def callback(self, model: Any, data: Any) -> None:
+        """Add the forces at ports once a step, however often MuJoCo asks in it; for its control callback."""
+        if self.is_due and self.ports is not None:
+            self.is_due = False
+            self.ports.push(data, self.force)
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether samples are changed."""
+        return bool(self._sensors)
+
+    def actuate(self, force: Array) -> None:
+        """Change the actuators' forces of one integration step in place, behind everything that the model knows."""
+        self._change[:] = -force
+        for i, step in self._actuators:
+            force[i] = step(float(force[i]))
+        self._change += force
+
+    @property
+    def last_change(self) -> Array:
+        """What `actuate` added to the forces in the last step."""
+        return self._change
+
+    def sense(self, values: Array, t: float) -> None:
+        """Change the sensors' true values of one sample in place."""
+        for i, step, other in self._sensors:
+            values[i] = step(float(values[i]), t, other(values))
+
+    def read(self, channel: str, value: float, t: float) -> float:
+        """Return the changed value of a channel that reads a port."""
+        for step in self._readings.get(channel, ()):
+            value = step(value, t, 0.0)
+        return value
+
+    def _picked(self, plant: Plant, a: AtSensor) -> Callable[[Array], float]:
+        if not a.other:
+            return lambda values: 0.0
+        if "command" in a.effect.needs:
+            actuator = plant.actuator_index(a.other)
+            return lambda values: float(self.force[actuator])
+        sensor = plant.sensor_index(a.other)
+        return lambda values: float(values[sensor])
+
+
+def tap_index(taps: Sequence[Any], name: str) -> int | None:
+    """Return which tap has this name or stands at this place; None for none."""
+    bare = name.partition(":")[2] if name.startswith(("sensor:", "actuator:", "coil:", "amplifier:")) else name
+    return next((i for i, tap in enumerate(taps) if name in (tap.name, tap.at) or bare in (tap.name, tap.at)), None)

@@ -1,0 +1,328 @@
+"""Effects between a motion and the recorded sample: sensors, leads, converters."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import signal
+
+from vlab.physics.actuators import delay_line, delayed, lag_weights, lagged, recursion
+from vlab.physics.effect import ActuatorStep, Parameter, PickUp, SensorEffect, SensorStep, Values, limited
+from vlab.signals import Array
+
+
+def _alone(step: ActuatorStep) -> SensorStep:
+    """Return a filter of samples as the step of a sensor that looks at nothing else."""
+    return lambda y, t, other: step(y)
+
+
+def _over(t: Any, y: Array) -> Any:
+    """Return times beside signals with time along the first axis."""
+    return t.reshape(-1, *(1,) * (np.ndim(y) - 1)) if np.ndim(y) else t
+
+
+class SensorGain(SensorEffect):
+    """A calibration that is off; -2 is a reversed polarity."""
+
+    name = "sensor-gain"
+    family = "gain"
+    law = "y = (1 + g) x"
+    words = "a sensor's calibration differs from what the recording says (g = -2: its polarity is reversed)"
+    parameters: ClassVar = (
+        Parameter(
+            name="gain",
+            unit="1",
+            low=0.005,
+            high=3.0,
+            role="shape",
+            grid=(-2.0, -0.3, -0.1, -0.04, -0.015, 0.015, 0.04, 0.1, 0.3),
+            signed=True,
+        ),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray((1.0 + p["gain"]) * y)
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y / (1.0 + p["gain"]))
+
+    def stretch(self, p: Values, h: float) -> float:
+        """See `SensorEffect`."""
+        return -float(np.log(abs(1.0 + p["gain"])))
+
+
+class SensorOffset(SensorEffect):
+    """A zero that is off."""
+
+    name = "sensor-offset"
+    family = "bias"
+    law = "y = x + y0"
+    words = "a constant is added to a sensor's output"
+    parameters: ClassVar = (Parameter(name="offset", unit="m", low=1e-4, high=10.0, reference="output", signed=True),)
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y + p["offset"])
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y - p["offset"])
+
+
+class SensorDrift(SensorEffect):
+    """A zero that wanders with time or temperature."""
+
+    name = "sensor-drift"
+    family = "bias"
+    law = "y = x + r t"
+    words = "a sensor's zero drifts with time or temperature"
+    parameters: ClassVar = (Parameter(name="rate", unit="m/s", low=1e-9, high=1e3, signed=True),)
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y + p["rate"] * _over(t, y))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y - p["rate"] * _over(t, y))
+
+
+class SensorClipping(SensorEffect):
+    """A sensor or converter at the end of its range."""
+
+    name = "sensor-clipping"
+    family = "saturation"
+    law = "y = min(max(x, -L), L)"
+    words = "a sensor or its converter is at the end of its range"
+    parameters: ClassVar = (
+        Parameter(name="limit", unit="m", low=0.1, high=1.0, role="shape", reference="output", grid=(0.98,)),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(limited(y, p["limit"]))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`: nothing brings back what was cut off."""
+        return y
+
+
+class SensorDelay(SensorEffect):
+    """Processing or transmission time."""
+
+    name = "sensor-delay"
+    family = "timing"
+    law = "y(t) = x(t - tau)"
+    words = "samples are older than their time stamps: processing or transmission time"
+    parameters: ClassVar = (
+        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.3, 1.0, 3.0)),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return delayed(y, float(p["delay"]), h)
+
+    def stepper(self, p: Values, h: float) -> SensorStep:
+        """See `SensorEffect`."""
+        return _alone(delay_line(float(p["delay"]), h))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return delayed(y[::-1], float(p["delay"]), h)[::-1]
+
+
+class SensorLag(SensorEffect):
+    """A low-pass in the sensor's electronics."""
+
+    name = "sensor-lag"
+    family = "timing"
+    law = "y = x/(1 + s tau)"
+    words = "a sensor's low-pass is slower than the model says"
+    parameters: ClassVar = (
+        Parameter(
+            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.3, 1.0, 5.0)
+        ),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return lagged(y, float(p["time_constant"]), h)
+
+    def stepper(self, p: Values, h: float) -> SensorStep:
+        """See `SensorEffect`."""
+        return _alone(recursion(*lag_weights(float(p["time_constant"]), h)))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y + float(p["time_constant"]) * np.gradient(y, h, axis=0))
+
+
+class SensorHighPass(SensorEffect):
+    """Alternating-current coupling, a charge amplifier."""
+
+    name = "sensor-high-pass"
+    family = "sensor-dynamics"
+    law = "y = x s tau/(1 + s tau)"
+    words = "a sensor loses slow motion: a high-pass, AC coupling, a charge amplifier"
+    parameters: ClassVar = (
+        Parameter(
+            name="time_constant",
+            unit="s",
+            low=1e-3,
+            high=100.0,
+            role="shape",
+            reference="step",
+            grid=(20.0, 100.0, 500.0),
+        ),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        a = float(np.exp(-h / float(p["time_constant"])))
+        return np.asarray(signal.lfilter([0.5 * (1 + a), -0.5 * (1 + a)], [1.0, -a], y, axis=0))
+
+    def stepper(self, p: Values, h: float) -> SensorStep:
+        """See `SensorEffect`."""
+        a = float(np.exp(-h / float(p["time_constant"])))
+        return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(y + np.cumsum(y - np.mean(y, axis=0), axis=0) * (h / float(p["time_constant"])))
+
+
+class SensorQuantisation(SensorEffect):
+    """Few bits of a converter, an encoder's counts."""
+
+    name = "sensor-quantisation"
+    family = "resolution"
+    law = "y = q round(x/q)"
+    words = "coarse steps of a sensor or converter"
+    parameters: ClassVar = (
+        Parameter(name="step", unit="m", low=0.002, high=0.5, role="shape", reference="output", grid=(0.02, 0.06, 0.2)),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(p["step"] * np.round(y / p["step"]))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`: nothing brings back what was rounded off."""
+        return y
+
+
+class MainsHum(SensorEffect):
+    """Pick-up of the mains on unshielded leads."""
+
+    name = "mains-hum"
+    family = "disturbance"
+    law = "y = x + a sin(2 pi f t) + b cos(2 pi f t)"
+    words = "mains hum is picked up on a sensor's leads"
+    parameters: ClassVar = (
+        Parameter(name="sine", unit="m", low=1e-4, high=10.0, reference="output", signed=True),
+        Parameter(name="cosine", unit="m", low=1e-4, high=10.0, reference="output", signed=True),
+        Parameter(name="frequency", unit="Hz", low=45.0, high=65.0, role="shape", grid=(50.0, 60.0)),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        phase = 2 * np.pi * p["frequency"] * _over(t, y)
+        return np.asarray(y + p["sine"] * np.sin(phase) + p["cosine"] * np.cos(phase))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        phase = 2 * np.pi * p["frequency"] * _over(t, y)
+        return np.asarray(y - p["sine"] * np.sin(phase) - p["cosine"] * np.cos(phase))
+
+
+class SensorResonance(SensorEffect):
+    """A sensor on a mount that gives, or its own seismic mass."""
+
+    name = "sensor-resonance"
+    family = "sensor-dynamics"
+    law = "y = x/(1 + 2 D s/w + (s/w)^2)"
+    words = (
+        "a sensor sits on a mount that resonates: signals near that frequency come out too large, above it too small"
+    )
+    parameters: ClassVar = (
+        Parameter(name="frequency", unit="Hz", low=1.0, high=1e4, role="shape", grid=(30.0, 100.0, 300.0)),
+        Parameter(name="damping_ratio", unit="1", low=0.005, high=0.7, role="shape", grid=(0.05,)),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(signal.lfilter(*self._filter(p, h), y, axis=0))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`: below the resonance; nothing brings back what lies above it."""
+        w = 2 * np.pi * float(p["frequency"])
+        rate = np.gradient(y, h, axis=0)
+        return np.asarray(y + 2 * float(p["damping_ratio"]) / w * rate + np.gradient(rate, h, axis=0) / w**2)
+
+    def stepper(self, p: Values, h: float) -> SensorStep:
+        """See `SensorEffect`."""
+        (b0, b1, b2), (_, a1, a2) = (c.tolist() for c in self._filter(p, h))
+        first, second = 0.0, 0.0
+
+        def step(y: float) -> float:
+            nonlocal first, second
+            out = b0 * y + first
+            first, second = b1 * y - a1 * out + second, b2 * y - a2 * out
+            return out
+
+        return _alone(step)
+
+    @staticmethod
+    def _filter(p: Values, h: float) -> tuple[Array, Array]:
+        """Return the bilinear transform of the resonance, its frequency kept in place."""
+        w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
+        g = 1.0 / np.tan(min(w * h / 2, 0.49 * np.pi))
+        b = np.array([1.0, 2.0, 1.0])
+        a = np.array([1 + 2 * damping * g + g * g, 2 - 2 * g * g, 1 - 2 * damping * g + g * g])
+        return b / a[0], a / a[0]
+
+
+class Crosstalk(PickUp):
+    """The field or the leads of a coil beside a sensor."""
+
+    name = "crosstalk"
+    family = "pick-up"
+    law = "y = x + d u"
+    words = "a sensor picks up the current of a coil: crosstalk through fields or leads, which fills the zeros of a response"
+    parameters: ClassVar = (Parameter(name="share", unit="m/N", low=1e-9, high=1e2, signed=True),)
+    needs = ("command",)
+
+    def mix(self, y: Any, other: Any, p: Values) -> Any:
+        """See `PickUp`."""
+        return y + p["share"] * other
+
+
+class CrossAxis(PickUp):
+    """A sensor that is not square to its axis."""
+
+    name = "cross-axis"
+    family = "pick-up"
+    law = "y = x + s x2"
+    words = "a sensor also sees the motion across its axis"
+    parameters: ClassVar = (Parameter(name="share", unit="1", low=1e-4, high=0.5, signed=True),)
+    needs = ("sensor",)
+
+    def mix(self, y: Any, other: Any, p: Values) -> Any:
+        """See `PickUp`."""
+        return y + p["share"] * other
+
+
+class MisplacedSensor(PickUp):
+    """A sensor millimetres away from where the drawing has it."""
+
+    name = "misplaced-sensor"
+    family = "gain"
+    law = "y = x + s (x2 - x), s = the error over the distance to the neighbouring sensor"
+    words = "a sensor sits beside its place, towards a neighbour: it sees a share of what that one sees"
+    parameters: ClassVar = (Parameter(name="share", unit="1", low=1e-4, high=0.5, signed=True),)
+    needs = ("sensor",)
+
+    def mix(self, y: Any, other: Any, p: Values) -> Any:
+        """See `PickUp`."""
+        return y + p["share"] * (other - y)

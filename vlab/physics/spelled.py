@@ -1,0 +1,58 @@
+"""Effects as people write them: ``NAME@PLACE:param=value,param=value``, values in SI or with a unit of their own."""
+
+import re
+
+from vlab import units
+from vlab.errors import BadExperiment, BadUnit, unknown_name
+from vlab.physics.attach import Attached
+from vlab.physics.catalogue import effect_named
+from vlab.physics.effect import Parameter
+from vlab.recordings.assemble import own_si
+
+FORM = "NAME@PLACE:param=value,param=value, for example coulomb-friction@20in:force=0.05lbf"
+_VALUE = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)$")
+_ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
+
+
+def parse_effect(text: str) -> Attached:
+    """Read one effect.
+
+    Raises
+    ------
+    BadExperiment
+        The text has not the form, or a value is no number.
+    UnknownName
+        No such effect or parameter.
+    BadUnit
+        A unit that does not fit the parameter.
+    """
+    name, at, rest = text.partition("@")
+    place, colon, first = rest.partition("=")[0].rpartition(":")
+    if not (at and colon and place and "=" in rest):
+        raise BadExperiment(f"the effect {text!r} has not the form {FORM}")
+    effect = effect_named(name.strip())
+    values = {}
+    for part in (first + rest[len(place) + 1 + len(first) :]).split(","):
+        key, equals, value = part.partition("=")
+        match, key = _VALUE.match(value), key.strip()
+        if not equals or match is None:
+            raise BadExperiment(f"the effect {text!r}: {part.strip()!r} is no param=value; write {FORM}")
+        names = [p.name for p in effect.parameters]
+        if key not in names:
+            raise unknown_name("parameter", key, names, where=f"effect {effect.name!r}")
+        values[key] = float(match[1]) * _factor(match[2].strip(), effect.parameter(key))
+    return Attached(effect, place, values)
+
+
+def _factor(unit: str, parameter: Parameter) -> float:
+    """Return the SI value of a unit for a parameter, whose own unit depends on the place: rotations, kinds of sensor."""
+    if not unit:
+        return 1.0
+    try:
+        return units.factor(unit, parameter.unit)
+    except BadUnit:
+        if parameter.reference in ("input", "output"):
+            return units.factor(unit, own_si(unit))
+        if parameter.unit in _ANGULAR and units.same_dimension(unit, _ANGULAR[parameter.unit]):
+            return units.factor(unit, _ANGULAR[parameter.unit])
+        raise
