@@ -8,8 +8,8 @@ from controllers.lqdrf import Kind, LqdrfDesign
 from controllers.lqg import LqgDesign
 from controllers.lqr import LqrDesign
 from controllers.mfdrf import MfdrfDesign
-from vlab.design.state_model import StateModel, state_model
-from vlab.design.weights import Noise, Weights, energy_weights, identity_weights, published_noise
+from vlab.design.state_model import state_model
+from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
@@ -69,16 +69,6 @@ class Asked:
             raise unknown_name("weights", self.weights, WEIGHTS)
         if self.seed < 0:
             raise BadDesign(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
-
-    def weights_for(self, model: StateModel) -> Weights:
-        """Return Q and R for the states of a model."""
-        if self.weights == "energy":
-            return energy_weights(model, self.r)
-        return identity_weights(model, self.q, self.r)
-
-    def noise_for(self, model: StateModel) -> Noise:
-        """Return V_1, V_2 and alpha for the states of a model."""
-        return published_noise(model, self.v1, self.v2, self.alpha)
 
 
 def default_model(structure: Structure, law: str) -> str:
@@ -144,18 +134,20 @@ def design_law(fe: FeModel, law: str, asked: Asked) -> Design:
         search["starts"] = asked.starts
     if law == "mfdrf":
         return mfdrf.design(fe, **search)
-    weights = asked.weights_for(model)
+    weights = weights_of(asked, model)
     if law == "lqr":
         return lqr.design(model, weights)
     if law == "lqg":
-        return lqg.design(model, weights, asked.noise_for(model), rate=asked.rate)
+        return lqg.design(model, weights, noise_of(asked, model), rate=asked.rate)
     diagonal = law == "lqdrf-diagonal"
     return lqdrf.design(fe, weights, shapes=asked.shapes, kind=asked.kind, diagonal=diagonal, **search)
 
 
-def published_way(structure: Structure, law: str, *, rate: float, variant: str = "published") -> Design:
-    """Design a law as it was published for a structure, for a loop of this rate [Hz]."""
-    model = default_model(structure, law)
+def published_way(
+    structure: Structure, law: str, *, rate: float, variant: str = "published", model: str = ""
+) -> Design:
+    """Design a law as it was published for a structure, for a loop of this rate [Hz]; on another model if one is named."""
+    model = model or default_model(structure, law)
     return design_law(build_reduced_model(structure, model, variant), law, asked_of(structure, model, rate=rate))
 
 

@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from controllers.direct_rate_feedback import DirectRateFeedback
 from controllers.rate_feedback_design import RateFeedbackDesign
 from vlab.design import performance
 from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
@@ -138,7 +137,6 @@ def design(
             price=1.0,
             lower_bound=scale,
         ),
-        controller=DirectRateFeedback(D, sensors=model.channels, actuators=model.channels),
         weights=weights,
         shapes=chosen,
         regulator_indices=best,

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.direct_rate_feedback import DirectRateFeedback
 from controllers.rate_feedback_design import RateFeedbackDesign
 from vlab.design import performance
 from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
@@ -80,7 +79,6 @@ def design(
             values=search.scale * solution.f,
             price=1 / float(solution.f[solution.best]),
         ),
-        controller=DirectRateFeedback(D, sensors=model.channels, actuators=model.channels),
     )
 
 

@@ -31,8 +31,6 @@ class RateFeedbackDesign:
         Modes that it holds for, from 0.
     search : Search
         How the optimum was found and how far it may be trusted.
-    controller : DirectRateFeedback
-        The law, ready to run.
     """
 
     model: StateModel
@@ -41,7 +39,11 @@ class RateFeedbackDesign:
     damping: float
     bounded: tuple[int, ...]
     search: Search
-    controller: DirectRateFeedback
+
+    @property
+    def controller(self) -> DirectRateFeedback:
+        """The law, ready to run."""
+        return DirectRateFeedback(self.D, sensors=self.model.channels, actuators=self.model.channels)
 
     @property
     def A_closed(self) -> Array:

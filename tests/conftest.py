@@ -1,5 +1,11 @@
 """Parts that many tests share, built once."""
 
+import os
+
+from vlab.cli import ONE_THREAD
+
+os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # as the command line does, before numpy is loaded
+
 import matplotlib as mpl
 import pytest
 

@@ -16,6 +16,10 @@ from vlab.errors import BadUnit
         ("lbf s^2/in", "kg", 0.45359237 * 9.80665 / 0.0254),
         ("g", "m/s^2", 9.80665),  # an acceleration
         ("g", "kg", 1e-3),  # a mass
+        ("g/N", "(m/s^2)/N", 9.80665),  # standard gravity, CGPM 1901
+        ("mV/g", "V/(m/s^2)", 1e-3 / 9.80665),
+        ("g/N", "kg/N", 1e-3),
+        ("V/degC", "V/K", 1.0),  # a difference of temperatures has no offset
         ("deg", "rad", 3.141592653589793 / 180),
         ("mm", "m", 1e-3),
         ("%", "1", 0.01),
@@ -35,6 +39,12 @@ def test_conversion_there_and_back_is_the_identity():
 def test_what_is_no_unit_is_refused(unit):
     with pytest.raises(BadUnit):
         units.factor(unit, "m")
+
+
+@pytest.mark.parametrize("unit", ["degC", "degF"])
+def test_units_with_an_offset_have_no_factor(unit):
+    with pytest.raises(BadUnit, match="has an offset"):
+        units.factor(unit, "K")
 
 
 def test_wrong_dimension_names_both():

@@ -4,6 +4,7 @@ Inside vlab every number is SI (m, kg, s, N, V, A, rad). Structure files, cases,
 the units of their trade; `to_si`, `from_si` and `factor` are the only way in and out.
 """
 
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -12,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from vlab.errors import BadUnit
 
-STANDARD_GRAVITY = 9.80665
-"""Standard acceleration of gravity [m/s^2]; CGPM 1901, used for the unit `g` of acceleration channels."""
+_G = re.compile(r"(?<![\w.])g(?!\w)")
+"""The letter g where it stands for a unit of its own."""
 
 _ALIASES = {"": "dimensionless", "-": "dimensionless", "counts": "dimensionless", "count": "dimensionless"}
 
@@ -36,10 +37,13 @@ def _parse(unit: str) -> tuple[float, Any]:
     if any(sign in text for sign in ("__", "@", "=", "[", "{", "**")):
         raise BadUnit(f"unit {unit!r} is not a unit expression; write it like 'lbf s/in' or 'm/s^2'")
     try:
-        quantity = 1.0 * _registry().parse_units(text)
-        base = quantity.to_base_units()
+        base, zero = (
+            _registry().Quantity(value, _registry().parse_units(text)).to_base_units() for value in (1.0, 0.0)
+        )
     except Exception as error:  # pint raises a dozen kinds, asserts and tokenizer errors among them
         raise BadUnit(f"unknown unit {unit!r}; write it like 'lbf s/in', 'in', 'mm', 'm/s^2', 'V'") from error
+    if zero.magnitude != 0:
+        raise BadUnit(f"unit {unit!r} has an offset: no factor leads to {base.units}; convert the values beforehand")
     return float(base.magnitude), base.dimensionality
 
 
@@ -49,8 +53,8 @@ def factor(unit: str, si: str) -> float:
     Parameters
     ----------
     unit : str
-        The unit as written, for example ``"lbf s/in"``. ``"g"`` is standard gravity where `si` is an acceleration
-        and gram where it is a mass.
+        The unit as written, for example ``"lbf s/in"``. ``g`` is gram where that suits `si` and standard gravity
+        where only that does, alone or in an expression like ``"g/N"``.
     si : str
         The SI unit that the number has inside vlab, for example ``"N s/m"``.
 
@@ -60,9 +64,11 @@ def factor(unit: str, si: str) -> float:
         The unit is unknown, has an offset (degree Celsius) or another dimension than `si`.
     """
     target, target_dimension = _parse(si)
-    if unit.strip() == "g" and target_dimension == _parse("m/s^2")[1]:
-        return STANDARD_GRAVITY
     value, dimension = _parse(unit)
+    if dimension != target_dimension and _G.search(unit):
+        gravity, as_gravity = _parse(_G.sub("standard_gravity", unit))
+        if as_gravity == target_dimension:
+            return gravity / target
     if dimension != target_dimension:
         raise BadUnit(
             f"unit {unit!r} cannot be converted to {si!r}: its dimension is {dimension}, not {target_dimension}"

@@ -8,23 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run
 
 from vlab.assets import asset
 from vlab.cli import VERBS, build_parser, main
 from vlab.errors import OutputRefused
 from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import read_recording
-from vlab.reproduce.tables import REPRODUCED
 
-
-def run(capsys, *words: str) -> tuple[int, str, str]:
-    capsys.readouterr()
-    try:
-        status = main(list(words))
-    except SystemExit as stop:
-        status = int(stop.code or 0)
-    out, err = capsys.readouterr()
-    return status, out, err
+QUICK = ("experiment", "beam", *["--plant", "modal", "--seconds", "0.5", "--period", "0.2", "--band", "10", "30"])
+"""The shortest experiment there is."""
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +46,12 @@ def test_modes_document_has_what_scripts_need(capsys):
 
 
 def test_reproduce_document_has_cells_and_reasons(capsys):
-    status, out, _ = run(capsys, "reproduce", "--json")
+    status, out, _ = run(capsys, "reproduce", "1", "8", "12", "--json")  # all of them: tests/reproduce
     document = json.loads(out)
     assert status == 0
-    assert [t["table"] for t in document["tables"]] == list(REPRODUCED)
+    assert [t["table"] for t in document["tables"]] == ["1", "8", "12"]
+    assert document["shares"]["beam"] == {"of": 24, "inside_honest": 24, "inside": 24}
+    assert document["shares"]["grid"]["inside_honest"] == document["shares"]["grid"]["of"] - 1  # one was widened
     cell = document["tables"][0]["cells"][0]
     assert set(cell) >= {"row", "column", "published", "ours", "tolerance", "ok"}
     assert all(set(part) == {"table", "why"} for part in document["not_reproducible"])
@@ -218,26 +213,38 @@ def test_channel_names_that_match_nothing_are_refused(capsys, run_folder):
     assert "did you mean 'sensor:base'" in err
 
 
+@pytest.mark.parametrize(
+    ("order", "status", "said"),
+    [
+        ("computers,software,array,control,amplifiers,op-amps", 0, ""),
+        ("computers, software, array, control, op-amps, amplifiers", 0, "unstable-sensors"),
+        ("computers,software,array,amplifiers,control,op-amps", 2, "warmed the coils by 100 K"),
+        ("computers,software,array,control,amplifiers", 2, "'op-amps' is off"),
+        ("computers,sofware", 2, "did you mean 'software'?"),
+    ],
+)
+def test_the_bench_is_switched_on_as_told_and_has_its_faults(capsys, tmp_path, order, status, said):
+    found, out, err = run(capsys, *QUICK, "--power-up", order, "--out", str(tmp_path / "run"), "--json")
+    assert found == status
+    assert said in (err if status else out)
+    if not status:
+        manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+        assert manifest["faults"] == json.loads(out)["faults"]
+        assert len(manifest["faults"]) == (1 if said else 0)
+
+
+@pytest.mark.parametrize("words", ["--force base", "--response 40in", "--response 40in --out out"])
+def test_responses_need_a_force_and_a_folder(capsys, words):
+    status, _, err = run(capsys, "modes", "beam", *words.split())
+    assert status == 2
+    assert "give --force" in err
+
+
 def test_a_folder_with_other_files_is_never_touched(capsys, tmp_path):
     precious = tmp_path / "results"
     precious.mkdir()
     (precious / "thesis.txt").write_text("three years")
-    status, _, err = run(
-        capsys,
-        "experiment",
-        "beam",
-        "--plant",
-        "modal",
-        "--seconds",
-        "0.5",
-        "--period",
-        "0.2",
-        "--band",
-        "10",
-        "30",
-        "--out",
-        str(precious),
-    )
+    status, _, err = run(capsys, *QUICK, "--out", str(precious))
     assert status == 2
     assert "files that vlab did not write" in err
     assert [p.name for p in tmp_path.rglob("*")] == ["results", "thesis.txt"]
@@ -246,22 +253,7 @@ def test_a_folder_with_other_files_is_never_touched(capsys, tmp_path):
 def test_an_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path):
     (tmp_path / "file").write_text("")
     for out in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/nowhere/run")):
-        status, _, err = run(
-            capsys,
-            "experiment",
-            "beam",
-            "--plant",
-            "modal",
-            "--seconds",
-            "0.5",
-            "--period",
-            "0.2",
-            "--band",
-            "10",
-            "30",
-            "--out",
-            str(out),
-        )
+        status, _, err = run(capsys, *QUICK, "--out", str(out))
         assert status == 2
         assert "output folder" in err
 

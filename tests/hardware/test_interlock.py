@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from vlab.errors import BadExperiment, UnknownName
-from vlab.hardware.interlock import NEEDS, ORDER, PowerUp, power_up, time_to_rise
+from vlab.hardware.interlock import NEEDS, ORDER, PAUSE, PowerUp, power_up, power_up_as_told, time_to_rise
 from vlab.lab import Experiment, run_experiment
 
 
@@ -44,6 +44,16 @@ def test_only_the_right_order_has_no_fault(laboratory):
     # the array's power may come before the computers: without amplifiers its direct signals reach nothing
     assert tuple(ORDER) in good
     assert all(order[-2:] == ("amplifiers", "op-amps") for order in good)
+
+
+def test_an_order_that_is_told_takes_its_time_and_trips_where_the_text_says(laboratory):
+    told = power_up_as_told(laboratory, ", ".join(ORDER))
+    assert told.is_ready
+    assert told.time == PAUSE * len(ORDER)
+    warming = time_to_rise(laboratory.power_up, laboratory.coil.resistance)
+    assert warming < PAUSE  # a pause is long enough for the fault to show
+    with pytest.raises(BadExperiment, match=f"after {3 * PAUSE + warming:.0f} s the array was on without its program"):
+        power_up_as_told(laboratory, "computers,software,array,amplifiers,control,op-amps")
 
 
 @pytest.mark.parametrize("wrong", ["software", "array", "control", "amplifiers", "op-amps"])

@@ -7,7 +7,9 @@ import pytest
 
 from controllers import DirectRateFeedback, LinearLaw
 from controllers.block_diagonal import block_diagonal
+from controllers.catalogue import published_way
 from vlab.errors import BadController
+from vlab.fe.reduced import build_reduced_model
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Release
 from vlab.lab.laws import named_law, published_law
@@ -189,3 +191,15 @@ def test_laws_that_theory_cannot_predict_are_refused(fe, laboratory):
     law = DirectRateFeedback(np.eye(3), sensors=PLACES, actuators=PLACES)
     with pytest.raises(BadController, match="takes 3 samples"):
         sampled_loop(fe.linear, fe.deflections(["base"]).T, law, laboratory.converter)
+
+
+def test_poles_of_an_observer_are_told_from_the_modes(beam, laboratory):
+    # no delay, no filter, and fast sampling: on its own model the loop has the regulator's poles, by separation
+    rate = 2e4
+    design = published_way(beam, "lqg", rate=rate)
+    parts = replace(laboratory.converter, rate=rate, highest_rate=rate, delay_samples=0.0, filter_corner=0.0)
+    found = loop_on(build_reduced_model(beam, "exact"), design.controller, parts).mode_poles(range(6))
+    # the hold is half a sample of delay: of a heavily damped pole it turns s T / 2, at 20 kHz 0.4 % at the sixth mode
+    assert [p.hz for p in found] == pytest.approx(design.poles.freq[:6], rel=5e-3)
+    assert [p.zeta for p in found] == pytest.approx(design.poles.zeta[:6], abs=5e-3)
+    assert design.filter_poles.zeta[:6].min() > 0.1  # others lie close by in frequency

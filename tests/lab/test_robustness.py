@@ -5,6 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from toys import single_mode
 
 from controllers import LinearLaw
 from vlab.errors import BadController
@@ -19,21 +20,6 @@ from vlab.lab.robustness import (
     robustness_report,
     robustness_text,
 )
-
-
-def single_mode(laboratory, *, gain=2.0, rate=2000.0, delay=1.35, corner=677.0, zeta=0.01, hz=20.0) -> SampledLoop:
-    """One mode of unit mass with a collocated dashpot."""
-    parts = replace(laboratory.converter, rate=rate, delay_samples=delay, filter_corner=corner)
-    omega = np.array([2 * np.pi * hz])
-    law = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[-gain]]))
-    return SampledLoop(
-        omega=omega,
-        damping=np.diag(2 * zeta * omega),
-        at_coils=np.eye(1),
-        at_sensors=np.eye(1),
-        law=law,
-        converter=parts,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +169,7 @@ def test_damper_strengths_need_pairs(laboratory):
 def test_report_is_plain_data_and_its_text_names_the_first_mode(lqg_loop):
     import json
 
-    report = robustness_report(lqg_loop, modelled=10)
+    report = robustness_report(lqg_loop, modelled=range(1, 11))
     json.dumps(report, allow_nan=False)
     text = robustness_text(report)
     assert "mode 10, in the design model" in text

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from toys import single_mode
 
 from vlab.errors import BadController
 from vlab.lab.prediction import SampledLoop
@@ -13,19 +14,9 @@ from vlab.lab.saturation import harmonic_balance, saturation_share
 LIMIT = 0.3
 
 
-def driven_mode(laboratory, *, drive=4.0, zeta=0.01, rate=2000.0) -> SampledLoop:
-    """One mode of unit mass at 20 Hz whose 'dashpot' drives it, without delay or filter."""
-    parts = replace(laboratory.converter, rate=rate, highest_rate=1e5, delay_samples=0.0, filter_corner=0.0)
-    omega = np.array([2 * np.pi * 20.0])
-    law = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[drive]]))
-    return SampledLoop(
-        omega=omega,
-        damping=np.diag(2 * zeta * omega),
-        at_coils=np.eye(1),
-        at_sensors=np.eye(1),
-        law=law,
-        converter=parts,
-    )
+def driven_mode(laboratory, *, drive=4.0, rate=2000.0) -> SampledLoop:
+    """One mode whose 'dashpot' drives it, without delay or filter."""
+    return single_mode(laboratory, gain=-drive, rate=rate, delay=0.0, corner=0.0)
 
 
 def simulated(loop: SampledLoop, limit: float, seconds: float, kick: float = 1e-3) -> np.ndarray:

@@ -6,7 +6,7 @@ conversion, so that the index J and every gain mean the same.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,40 @@ from numpy.typing import ArrayLike
 from vlab import units
 from vlab.design.state_model import StateModel
 from vlab.errors import BadDesign
-from vlab.published import PublishedDesign
 from vlab.signals import Array
+
+
+class AskedWeights(Protocol):
+    """What says the weights in the published units, for example a `vlab.published.PublishedDesign`."""
+
+    @property
+    def weights(self) -> str:
+        """``"energy"`` for Q = diag(M, K); otherwise Q = q I."""
+
+    @property
+    def q(self) -> float:
+        """Factor of Q."""
+
+    @property
+    def r(self) -> float:
+        """Factor of R."""
+
+
+class AskedNoise(Protocol):
+    """What says the noise and the margin of the filter in the published units."""
+
+    @property
+    def v1(self) -> float:
+        """Factor of V_1."""
+
+    @property
+    def v2(self) -> float:
+        """Factor of V_2."""
+
+    @property
+    def alpha(self) -> float:
+        """Stability margin."""
+
 
 INDEFINITE = 1e-10
 """Share of the largest eigenvalue below which a negative one of a scaled weight is rounding."""
@@ -158,16 +190,16 @@ def published_noise(
     )
 
 
-def weights_of(design: PublishedDesign, model: StateModel) -> Weights:
-    """Return the Q and R that a published design was made with, for the states of a model."""
-    if design.weights == "energy":
-        return energy_weights(model, design.r)
-    return identity_weights(model, design.q, design.r)
+def weights_of(asked: AskedWeights, model: StateModel) -> Weights:
+    """Return the Q and R that a design is asked for, for the states of a model."""
+    if asked.weights == "energy":
+        return energy_weights(model, asked.r)
+    return identity_weights(model, asked.q, asked.r)
 
 
-def noise_of(design: PublishedDesign, model: StateModel) -> Noise:
-    """Return the noise and the margin that a published design was made with, for the states of a model."""
-    return published_noise(model, design.v1, design.v2, design.alpha)
+def noise_of(asked: AskedNoise, model: StateModel) -> Noise:
+    """Return the noise and the margin that a filter is asked for, for the states of a model."""
+    return published_noise(model, asked.v1, asked.v2, asked.alpha)
 
 
 def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,11 @@ from vlab.cases.case import Case
 from vlab.cases.misfit import misfit
 from vlab.cases.wiring import Run
 from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.prepare import Problem, prepare
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.search import Found, search
+from vlab.diagnose.search import WORTH, Found, search
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import not_excluded, next_measurement
 from vlab.errors import BadCase
@@ -73,22 +74,24 @@ def diagnose(
     fit_before = found.whole.fit((), found.before.fit)
     fit_after = found.whole.fit(choice.best.terms, choice.best.fit, 6) if choice.best.terms else fit_before
     before, after = amended(problem, fit_before), amended(problem, fit_after)
+    limit = find_limit(case.plant, problem.runs)
+    after = replace(after, limit=limit)
     report(0.9, "checking in MuJoCo")
     holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
     runs: list[Run] = list(holdouts) or list(problem.runs)
-    checked = check(case, runs, before, after if choice.best.terms else None)
-    diagnosis = _say(case, problem, found, choice, fit_after, checked, before, time.monotonic() - began)
+    checked = check(case, runs, before, after if choice.best.terms or limit else None)
+    diagnosis = _say(case, problem, found, choice, fit_after, checked, limit, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
     )
 
 
-def _verdict(choice: Choice, checked: Sequence[Checked]) -> Verdict:
+def _verdict(choice: Choice, checked: Sequence[Checked], limit: CommandLimit | None) -> Verdict:
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = gap_closed(errors["before"], errors["after"], errors["noise"])
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
-    if choice.best.terms and (gap is None or gap >= LEAST_GAP):
+    if (choice.best.terms or limit is not None) and (gap is None or gap >= LEAST_GAP):
         return "missing-physics"
     return "none-of-these" if unexplained else "nothing-missing"
 
@@ -100,12 +103,13 @@ def _say(
     choice: Choice,
     fit: Fit,
     checked: Sequence[Checked],
-    before: Amended,
+    limit: CommandLimit | None,
     seconds: float,
 ) -> Diagnosis:
-    verdict = _verdict(choice, checked)
+    verdict = _verdict(choice, checked, limit)
     notes = [] if case.recordings(("holdout",)) else ["no hold-out recording: nothing could be verified on data that the search did not use"]
-    findings = tuple(_findings(choice, fit)) if verdict == "missing-physics" else ()
+    found_limit = [] if limit is None else [_limit_finding(limit, problem)]
+    findings = (*found_limit, *_findings(choice, fit)) if verdict == "missing-physics" else ()
     return Diagnosis(
         title=case.table.title,
         verdict=verdict,
@@ -118,6 +122,31 @@ def _say(
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
         seconds=seconds,
+    )
+
+
+def _limit_finding(limit: CommandLimit, problem: Problem) -> Finding:
+    law = next(run.law for run in problem.runs if run.law is not None)
+    effect = EFFECTS["actuator-clipping"]
+    index = problem.plant.actuator_index(limit.actuator)
+    tap = problem.plant.actuators[index]
+    unit = "unit of the law" if tap.unit == "command" else tap.unit
+    scale = float(law.per_actuator[list(law.actuators).index(index)])
+    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
+    told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
+    # the odds of the replays' errors, of as many independent samples as any score counts
+    odds = (limit.after / limit.before) ** WORTH
+    return Finding(
+        effect=effect.name,
+        family=effect.family,
+        place=f"actuator:{limit.actuator}",
+        places_90=(f"actuator:{limit.actuator}",),
+        probability=1.0 / (1.0 + odds),
+        alike=(effect.name,),
+        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
+        law=effect.law,
+        words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
+        f"{100 * limit.after:.0f} % with it, and {told}",
     )
 
 

@@ -25,11 +25,13 @@ STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LEAST_ERROR = 0.005
 """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+MOST_DIRECTIONS = 16
 PRIOR_BOUND = 3.0
 """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
-INFORMED = 0.2
-"""Directions of the uncertain parameters whose prior spread moves the innovations by less than this share of their
-noise, all samples together, stay at the prior's mean."""
+INFORMED = 0.1
+"""Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
+error, root mean square, stay at the prior's mean."""
+PROBE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,19 +115,39 @@ class Refiner:
     def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None) -> None:
         self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
         self.runs = list(runs if runs is not None else screen.runs)
-        self.directions = self._informed()
         self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.highest = max(2.0 / (2 * np.pi) * float(np.abs(self.twin.omega).max()), 1e-3) / 2
         self.active = self._active()
+        self.directions = self._informed()
 
     def _informed(self) -> Array:
-        """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance."""
-        sd = self.twin.prior
-        scaled = self.screen.nuisance[:, : len(sd)] * sd / np.sqrt(self.screen.variance)
-        _, size, rows = np.linalg.svd(scaled, full_matrices=False)
-        return np.asarray((rows[size > INFORMED] * sd).T)
+        """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
+
+        Every parameter is moved by a part of its standard deviation in a simulation; directions in which all of them
+        together move the channels by little beside noise and model error stay at the prior's mean.
+        """
+        sd, n = self.twin.prior, len(self.twin.prior)
+        theta = np.vstack([self.screen.theta, self.screen.theta + PROBE * np.diag(sd)])
+        starts = np.zeros((n + 1, len(self.runs), 2 * self.twin.m))
+        for i, run in enumerate(self.runs):
+            if not run.at_rest:
+                starts[:, i] = self.first_state(run)
+        gram, samples = np.zeros((n, n)), 0
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h]
+            y = self.simulate([self.runs[i] for i in index], (), theta, (), starts[:, index])
+            for j, i in enumerate(index):
+                run = self.runs[i]
+                part = y[: len(run), :, j] / self.sigma[i]
+                columns = ((part[:, 1:] - part[:, :1]) / PROBE).transpose(0, 2, 1).reshape(-1, n)
+                gram += columns.T @ columns
+                samples += run.y.size
+        size, vectors = np.linalg.eigh(gram / samples)
+        order = np.argsort(-size)[:MOST_DIRECTIONS]
+        keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
+        return np.asarray(sd[:, None] * vectors[:, keep])
 
     def _active(self) -> Array:
         """Return the modes whose first state is fitted: those that carry the first motion."""

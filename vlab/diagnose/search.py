@@ -18,11 +18,15 @@ FAMILIES = 4
 """Effects of other families that are fitted besides."""
 LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
+WHOLE = 3000
+"""Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
 SLOW, SLOW_SHORTLIST = 1e-3, 5
 """Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
 well: it forgets slowly and sees what only adds up over many cycles."""
+CLEAR = 60.0
+"""Gain in the screening above which an effect stands out."""
 SECONDS = 3
-SEEDS = 2
+SEEDS = 3
 """Second effects tried on top of each of the best single ones."""
 ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
@@ -108,6 +112,7 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
         Called with the share done and what is being done.
     """
     report = progress or (lambda share, what: None)
+    effects = [effect for effect in effects if _shows(problem, effect)]
     screen = Screen(problem)
     candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
     narrow, whole = in_windows(screen), Refiner(screen)
@@ -153,6 +158,17 @@ def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis
     return sorted(done, key=lambda h: -h.score)
 
 
+def _shows(problem: Problem, effect: Effect) -> bool:
+    """Return whether an effect leaves any trace in a problem's recordings.
+
+    Of a release seen by one sensor, the sensor's own gain, delay or low-pass only changes what the first state seems to be.
+    """
+    driven = any(np.any(s.u) or np.any(s.load) for s in problem.signals)
+    if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
+        return True
+    return effect.family in ("bias", "disturbance", "saturation", "resolution")
+
+
 def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Refiner:
     """Return the refiner of a screening's runs in windows, which start from smoothed states.
 
@@ -163,6 +179,8 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
     every : int
         Only every n-th window.
     """
+    if max(len(run) for run in screen.runs) <= WHOLE:
+        return Refiner(screen, screen.runs)
     omega = np.abs(screen.twin.omega)
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
@@ -176,15 +194,35 @@ def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
     best: dict[str, Candidate] = {}
     for candidate in candidates:
         best.setdefault(candidate.effect.name, candidate)
-    order = [c for c in best.values() if c.gain > 0]
+    order = _without_embellishments([c for c in best.values() if c.gain > 0])
+    stands_out = bool(order) and order[0].gain > CLEAR
+    share = 1.0 if stands_out else 0.0
+    most = SHORTLIST + (FAMILIES if stands_out else 2 * FAMILIES)  # where nothing stands out, every family is tried
     out = order[:SHORTLIST]
     families = {c.effect.family for c in out}
     for candidate in order[SHORTLIST:]:
-        if len(out) >= SHORTLIST + FAMILIES:
+        if len(out) >= most:
             break
-        if candidate.effect.family not in families and candidate.gain > LEAST_GAIN:
+        if candidate.effect.family not in families and candidate.gain > LEAST_GAIN * share:
             families.add(candidate.effect.family)
             out.append(candidate)
+    return out
+
+
+def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
+    """Drop candidates that gain no more than a simpler one of their family does, at the same place."""
+    out: list[Candidate] = []
+    for c in candidates:
+        simpler = [
+            d
+            for d in candidates
+            if d.effect.family == c.effect.family
+            and d.place.name == c.place.name
+            and len(d.effect.parameters) < len(c.effect.parameters)
+            and d.gain >= c.gain - LEAST_GAIN
+        ]
+        if not simpler:
+            out.append(c)
     return out
 
 
@@ -223,8 +261,8 @@ def _pairs(
 ) -> list[Hypothesis]:
     """Return fits of a second effect on top of the best single ones: by score, and by what they gained in the screening."""
     by_label = {c.label: c for c in shortlist}
-    seeds = [by_label[h.label] for h in fitted[:2]]
-    seeds += [c for c in shortlist[:SEEDS] if c not in seeds]
+    seeds = [by_label[fitted[0].label]]
+    seeds += [c for c in shortlist if c not in seeds]
     pairs: dict[frozenset[str], list[Candidate]] = {}
     for seed in seeds[:SEEDS]:
         rest = screen.given([seed])

@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
+from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.signals import noise_level
@@ -27,16 +28,19 @@ class Amended:
         Of the compared channels, in the order of `Problem.names`.
     names : tuple of str
         The channels.
+    limit : CommandLimit or None
+        On the commands of a law in the loop.
     """
 
     plant: Plant
     names: tuple[str, ...] = ()
     sensor_gain: Array | None = None
     offset: Array | None = None
+    limit: CommandLimit | None = None
 
     def simulated(self, run: Run) -> Recording:
         """Return what a run's channels are with this plant."""
-        recording = simulate(self.plant, run).recording
+        recording = simulate(self.plant, run if self.limit is None else self.limit.on(run)).recording
         if self.sensor_gain is None or self.offset is None:
             return recording
         data = recording.data.copy()

@@ -131,6 +131,8 @@ class DeadBand(PortEffect):
         ),
     )
 
+    needs = ("stiffness",)
+
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`."""
         return p["stiffness"] * limited(z, p["gap"]), memory

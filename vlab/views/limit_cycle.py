@@ -1,6 +1,7 @@
 """The folder of the 41 Hz study: what the model says as JSON, and its figures."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,20 @@ from vlab.hardware import load_hardware
 from vlab.lab.prediction import loop_on
 from vlab.lab.robustness import damper_strengths, robustness_report
 from vlab.reproduce.limit_cycle import OBSERVED_HZ, limit_cycle_report
-from vlab.reproduce.limit_cycle_runs import histories, levels_of
+from vlab.reproduce.limit_cycle_runs import SECONDS, histories, levels_of
 from vlab.structure.model import Structure
 from vlab.views.figures.robustness import dampers_figure, levels_figure, sweep_figure
 from vlab.views.figures.svg import to_svg
 
 
-def write_limit_cycle(folder: Path, structure: Structure, *, seconds: float = 240.0, seed: int = 0) -> dict[str, Any]:
+def write_limit_cycle(
+    folder: Path,
+    structure: Structure,
+    *,
+    seconds: float = SECONDS,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
     """Write limit-cycle.json and its figures into a folder; return the document.
 
     Parameters
@@ -28,11 +36,13 @@ def write_limit_cycle(folder: Path, structure: Structure, *, seconds: float = 24
         Exists already.
     seconds : float
         Duration of the simulated experiments [s].
+    progress : callable or None
+        Called with the simulated seconds done, of `simulated_seconds` in all.
     """
     hardware, law = load_hardware().at_rate(RATE), published_way(structure, "lqg", rate=RATE).controller
     fe = build_fe_model(structure)
     loop = loop_on(fe, law, hardware.converter)
-    runs = histories(structure, seconds=seconds, seed=seed)
+    runs = histories(structure, seconds=seconds, seed=seed, progress=progress)
     document = limit_cycle_report(structure) | {"histories": [run.as_dict() for run in runs]}
     freq = np.arange(1.0, 100.0, 0.25)
     marks = [(float(hz), f"mode {i + 1}") for i, hz in enumerate(fe.linear.freq[:10])]

@@ -36,7 +36,6 @@ def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
             points = report[key]
             line = draw_line(row, [p[name] for p in points], [p["growth_per_s"] for p in points], k)
             handles.append(line)
-            _name_modes(row, points, name, COLOURS[k % len(COLOURS)])
         row.set_yscale("symlog", linthresh=0.1)
         row.margins(x=0)
     growths = np.concatenate(
@@ -46,19 +45,29 @@ def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
     axes[0].axvline(reports[0][1]["delay_samples"], color=INK, lw=0.8, linestyle=":")
     axes[0].set(xlabel="delay [samples]", ylabel="growth of the least stable pole [1/s]")
     axes[1].set(xlabel="factor on all commands [-]", xscale="log")
+    for row, key, name in ((axes[0], "delay_sweep", "samples"), (axes[1], "gain_sweep", "factor")):
+        for k, (_, report) in enumerate(reports):
+            _name_modes(row, report[key], name, COLOURS[k % len(COLOURS)])
     draw_legend(figure, handles[: len(reports)], [label for label, _ in reports])
     return figure
 
 
 def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: str) -> None:
-    """Write the frequency beside each stretch of a curve that belongs to one mode."""
+    """Write the frequency beside each stretch of a curve that belongs to one mode, on the side that the curve leaves free."""
+    axes.autoscale_view()
+    at = axes.transAxes.inverted().transform(axes.transData.transform([(p[key], p["growth_per_s"]) for p in points]))
     start = 0
     for i in range(1, len(points) + 1):
         if i == len(points) or points[i]["mode"] != points[start]["mode"]:
-            middle = points[(start + i - 1) // 2]
+            k = (start + i - 1) // 2
+            before, after = at[max(k - 2, 0), 1], at[min(k + 2, len(at) - 1), 1]
+            rise = 0 if abs(after - before) < 0.04 else int(np.sign(after - before))
+            if at[k, 0] < 0.2 and rise > 0:
+                rise = 0  # there is no room to the left of it
             if i - start >= 3:
                 axes.annotate(
-                    f"{middle['hz']:.1f} Hz", (middle[key], middle["growth_per_s"]), (0, 4), textcoords="offset points", fontsize=7, color=colour, ha="center"
+                    f"{points[k]['hz']:.1f} Hz", (points[k][key], points[k]["growth_per_s"]), (-4 * rise, 4), textcoords="offset points",
+                    fontsize=7, color=colour, ha={-1: "left", 0: "center", 1: "right"}[rise],
                 )  # fmt: skip
             start = i
 
@@ -81,14 +90,24 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
     low, high = float(strengths.min()), float(strengths.max())
     axes.axhspan(min(1.15 * low, -0.1), 0.0, color="#eeeeee", zorder=0)
     handles = [draw_line(axes, freq, column, k) for k, column in enumerate(strengths.T)]
+    wide = freq[0] > 0 and freq[-1] > 20 * freq[0]  # low modes would lie on each other on a linear axis
+    axes.set_xscale("log" if wide else "linear")
+    axes.set(
+        xlabel="frequency [Hz]",
+        ylabel="damper strength [N s/m]",
+        ylim=(min(1.15 * low, -0.1), high + 0.25 * (high - low)),
+    )
+    axes.margins(x=0)
+    axes.autoscale_view()  # the limits, from which positions in the axes follow, are otherwise found when it is drawn
     last = -np.inf
     for hz, label in sorted(marks):
         axes.axvline(hz, color=GREY, lw=0.8, linestyle=":")
-        if hz - last > 0.02 * float(np.ptp(freq)):  # names of close modes would cover each other
-            axes.text(hz, 1.05 * high, as_text(f" {label}"), fontsize=7, rotation=90, va="top", ha="right")
-            last = hz
-    axes.set(xlabel="frequency [Hz]", ylabel="damper strength [N s/m]", ylim=(min(1.15 * low, -0.1), 1.1 * high))
-    axes.margins(x=0)
+        at = float(axes.transAxes.inverted().transform(axes.transData.transform((hz, 0.0)))[0])
+        if at - last > 0.02:  # names of close modes would cover each other
+            text = {"fontsize": 7, "rotation": 90, "va": "bottom", "ha": "center"}
+            on_white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
+            axes.text(hz, high + 0.03 * (high - low), as_text(label), bbox=on_white, **text)
+            last = at
     draw_legend(figure, handles, [f"combination {k + 1} of the coils" for k in range(strengths.shape[1])])
     return figure
 

@@ -1,0 +1,382 @@
+"""The report of a diagnosis: what is missing, where, by which law, how much better it fits, and what was not excluded."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.misfit import BANDS, Misfit, misfit
+from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.verify import Checked
+from vlab.recordings.files import written_whole
+from vlab.views.amended_model import CASE, AmendedFiles, write_amended
+from vlab.views.diagnosis_response import responses
+from vlab.views.diagnosis_scene import write_scene
+from vlab.views.diagnosis_words import summary, verdict_sentence
+from vlab.views.figures import to_svg
+from vlab.views.figures.diagnosis import (
+    calibration_figure,
+    force_figure,
+    mismatch_figure,
+    overlay_figure,
+    ranking_figure,
+)
+from vlab.views.figures.model_drawing import model_figure
+from vlab.views.missing_force import missing_force
+from vlab.views.report import Section, write_report
+
+OVERLAYS = 4
+"""Most channels that are drawn over time: the worst of every recording in turn."""
+NOTHING = "no added physics"
+ROWS = 24
+"""Most rows of the mismatch picture and of the refitted parameters."""
+REPRODUCED = 0.05
+"""The written model counts as reproducing the diagnosis where its NRMSE differs by less than this share of it: MuJoCo's own
+elements take their step a little differently from a law that acts as a force."""
+
+
+def write_diagnosis(done: Diagnosed, folder: Path) -> None:
+    """Write ``diagnosis.json``, ``report.html``, ``run.rrd`` and the amended model of a diagnosis into a folder.
+
+    Raises
+    ------
+    OutputRefused
+        A file cannot be written.
+    """
+    files = write_amended(done, folder)
+    document = {
+        **done.diagnosis.to_json(),
+        "amended": {"files": list(files.files), "effects": list(files.tables), "nrmse_run_again": files.nrmse},
+    }
+    with written_whole(folder / "diagnosis.json") as stream:
+        stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
+    done = _shown(done)
+    title = done.diagnosis.title or done.problem.case.path.parent.name
+    write_report(
+        folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=sections(done, files)
+    )
+    if done.diagnosis.checked:
+        facts = {"verdict": verdict_sentence(done), "next measurement": done.diagnosis.next_measurement}
+        write_scene(folder / "run.rrd", done.diagnosis.checked, title=title, facts=facts)
+
+
+def _shown(done: Diagnosed) -> Diagnosed:
+    """Return a diagnosis without the simulations of an attempt that is not needed, because nothing is missing."""
+    if done.diagnosis.verdict != "nothing-missing":
+        return done
+    checked = tuple(replace(c, simulated=(*c.simulated[:2], c.simulated[1])) for c in done.diagnosis.checked)
+    return replace(done, diagnosis=replace(done.diagnosis, checked=checked))
+
+
+def finite(value: Any) -> Any:
+    """Return plain values with None for every number that is not finite."""
+    if isinstance(value, dict):
+        return {str(k): finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(v) for v in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+# ---- sections -------------------------------------------------------------------------------------------------------
+
+
+def sections(done: Diagnosed, files: AmendedFiles | None = None) -> list[Section]:
+    """Return the sections of the report in reading order."""
+    diagnosis = done.diagnosis
+    out = [_found(done), _drawing(done)]
+    if diagnosis.checked:
+        out.append(_overlays(done))
+    if diagnosis.findings:
+        out.append(_forces(done))
+    if diagnosis.checked:
+        out += [_errors(diagnosis.checked, diagnosis.heldout)]
+    out.append(_alternatives(done))
+    if any(_refitted(c) is not None for c in diagnosis.checked):
+        out.append(_mismatch(done))
+    if done.problem.parameters:
+        out.append(_calibration(done))
+    out.append(
+        Section(
+            title="Not excluded",
+            text=tuple(f"{line[:1].upper()}{line[1:]}." for line in diagnosis.not_excluded)
+            or ("No other effect and no other place that was tried fits as well.",),
+        )
+    )
+    out.append(
+        Section(
+            title="Next measurement",
+            text=(f"{diagnosis.next_measurement[:1].upper()}{diagnosis.next_measurement[1:]}.",),
+        )
+    )
+    out.append(Section(title="Quality of the recordings", text=diagnosis.quality or ("No damage was found.",)))
+    if files is not None:
+        out.append(_files(done, files))
+    out.append(Section(title="How long it took", text=(f"{diagnosis.seconds:.1f} s.",)))
+    return out
+
+
+def _found(done: Diagnosed) -> Section:
+    diagnosis = done.diagnosis
+    if not diagnosis.findings:
+        return Section(title="What was found", text=(_nothing(done),))
+    table = [
+        [
+            f.effect,
+            f.family,
+            f.place,
+            ", ".join(f.places_90),
+            f"{100 * f.probability:.3g} %",
+            ", ".join(f.alike[1:]) or None,
+        ]
+        for f in diagnosis.findings
+    ]
+    rows = [
+        [f.effect, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
+        for f in diagnosis.findings
+        for name, p in f.parameters.items()
+    ]
+    return Section(
+        title="What was found",
+        text=tuple(f"{f.effect}: {f.law}" for f in diagnosis.findings),
+        tables=[
+            (("effect", "family", "place", "places that hold 90 %", "probability", "cannot be told from"), table),
+            (("effect", "place", "parameter", "value", "unit", "90 % interval"), rows),
+        ],
+    )
+
+
+def _nothing(done: Diagnosed) -> str:
+    best = done.choice.best
+    if done.diagnosis.verdict == "nothing-missing":
+        return (
+            "No physics was added. What the refitted model leaves over is compared with the noise below; "
+            f"on the fit recordings it is {done.found.before.level:.3g} times the noise."
+        )
+    if done.diagnosis.verdict == "bad-recording":
+        return "The search was not trusted with these recordings."
+    tried = f" The best attempt, {best.label}, did not hold on the checked recordings." if best.terms else ""
+    return f"No effect of the catalogue explains what is left over.{tried} What remains is shown below, by channel, frequency and time."
+
+
+def _drawing(done: Diagnosed) -> Section:
+    marks = _marks(done)
+    if marks:
+        caption = "The model at rest with the places found: filled the likeliest of each finding, rings where else it may be, with probabilities."
+    else:
+        caption = "The model at rest. No place is marked, because nothing was found."
+    caption += (
+        " Dashed: tendons; small circles: joints, with an arrow where they slide."
+        if done.problem.case.structure is None
+        else ""
+    )
+    drawing = model_figure(done.problem.plant, marks, structure=done.problem.case.structure)
+    return Section(title="Where", figures=[(to_svg(drawing), caption)])
+
+
+def _marks(done: Diagnosed) -> list[tuple[str, float]]:
+    """Return the places to mark with their probabilities: of the first finding all that hold 90 %, of others the best."""
+    marks: dict[str, float] = {}
+    for i, finding in enumerate(done.diagnosis.findings):
+        places = done.choice.places if i == 0 else {}
+        for place in finding.places_90:
+            marks.setdefault(place, places.get(place, finding.probability))
+    return list(marks.items())
+
+
+def _refitted(checked: Checked) -> Any:
+    """Return what the refitted model does, or the model as given where that cannot follow."""
+    return checked.simulated[1] if checked.simulated[1] is not None else checked.simulated[0]
+
+
+def _amended(checked: Checked) -> Any:
+    return None if checked.simulated[2] is checked.simulated[1] else checked.simulated[2]
+
+
+def _chosen(checked: Sequence[Checked]) -> list[tuple[Checked, str]]:
+    """Return recordings and channels to draw: the worst channel of every recording, then the second worst, ..."""
+    orders = [sorted(c.channels, key=lambda n, c=c: -_finite_or(c.channels[n][1])) for c in checked]  # type: ignore[misc]
+    depth = max((len(order) for order in orders), default=0)
+    return [(c, order[k]) for k in range(depth) for c, order in zip(checked, orders, strict=True) if k < len(order)]
+
+
+def _finite_or(value: float, otherwise: float = 1e9) -> float:
+    return value if math.isfinite(value) else otherwise
+
+
+def _overlays(done: Diagnosed) -> Section:
+    checked, figures, text = done.diagnosis.checked, [], []
+    what = (
+        "Held-out recordings: the search never saw them."
+        if done.diagnosis.is_verified
+        else "Recordings that the models were fitted to: none was held out."
+    )
+    pairs, drawn = _chosen(checked), set()
+    for run, name in pairs[:OVERLAYS]:
+        refitted = _refitted(run)
+        if refitted is None:
+            text.append(f"{run.name}: neither the model as given nor the refitted one can follow this recording.")
+            continue
+        errors = run.channels[name]
+        worst = misfit(run.measured, refitted, name)
+        middle = float(worst.window_time_s[int(np.argmax(worst.window_nrmse))])
+        noise = errors[3] * float(np.std(run.measured[name]))
+        drawing = overlay_figure(run.measured, refitted, _amended(run), name, noise=noise, worst_s=middle)
+        caption = f"{run.name} ({run.role}), {name}. NRMSE: refitted {errors[1]:.3g}, amended {errors[2]:.3g}, noise {errors[3]:.3g}."
+        if _amended(run) is not None and not done.diagnosis.findings:
+            caption += " The amended model is the best attempt, which is not reported as a finding."
+        figures.append((to_svg(drawing), caption))
+        if run.name not in drawn:
+            drawn.add(run.name)
+            figures += responses(run, name, refitted, _amended(run))
+    if len(pairs) > OVERLAYS:
+        text.append(f"{len(pairs) - OVERLAYS} more channels of these recordings are in run.rrd and in the table below.")
+    return Section(title="Measured, refitted and amended", text=(what, *text), figures=figures)
+
+
+def _forces(done: Diagnosed) -> Section:
+    figures = []
+    for term in done.fit.terms:
+        found = missing_force(done, term)
+        values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
+        drawing = force_figure(found.curves, found.label, series=found.series)
+        figures.append((to_svg(drawing), f"{found.words} Law: {term.effect.law}; {values}. Below: a stretch in time."))
+    return Section(title="The missing force", figures=figures)
+
+
+def _errors(checked: Sequence[Checked], heldout: dict[str, Any]) -> Section:
+    rows: list[list[Any]] = []
+    for run in checked:
+        rows.append([run.name, run.role, "all", *_row(run.nominal, run.before, run.after, run.noise, run.gap_closed)])
+        if len(run.channels) > 1:
+            for name, (nominal, before, after, noise) in run.channels.items():
+                gap = (before - after) / (before - noise) if before > 1.1 * noise and math.isfinite(before) else None
+                rows.append(["", "", name, *_row(nominal, before, after, noise, gap)])
+    keys = ("nominal", "before", "after", "noise")
+    rows.append(["all", "", "", *_row(*(heldout[f"nrmse_{k}"] for k in keys), heldout["gap_closed"])])
+    headers = ("recording", "role", "channel", "as given", "refitted", "amended", "noise", "gap closed %")
+    text = (
+        "NRMSE: rms of the error over the rms of the recording about its mean. As given: the model of the case; refitted: its uncertain parameters "
+        "fitted to the fit recordings; amended: with the physics found. Gap closed: (refitted - amended)/(refitted - noise); a dash where refitted "
+        "is within the noise.",
+    )
+    return Section(title="How far the models are from the recordings", text=text, tables=[(headers, rows)])
+
+
+def _row(*values: float | None) -> list[Any]:
+    *errors, gap = values
+    return [
+        *("cannot follow" if e is None or not math.isfinite(e) else float(e) for e in errors),
+        None if gap is None else 100.0 * gap,
+    ]
+
+
+def _alternatives(done: Diagnosed) -> Section:
+    diagnosis, choice = done.diagnosis, done.choice
+    options = [
+        (_option(a["effect"], a["place"]), float(a["probability"]), float(a["remaining"]))
+        for a in diagnosis.alternatives
+    ]
+    best = choice.best
+    own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
+    options.insert(0, (best.label if best.terms else NOTHING, own, best.level))
+    text = (
+        "Probabilities of the effects that were fitted, from the fit recordings alone, and what each leaves over in multiples of the noise. "
+        f"The refitted model without any effect leaves {done.found.before.level:.3g}.",
+    )
+    chosen = 0 if diagnosis.findings or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
+    caption = (
+        "Ranking; dark: what is reported." if chosen == 0 else "Ranking; nothing of it is reported: see the verdict."
+    )
+    return Section(
+        title="Alternatives",
+        text=text,
+        figures=[(to_svg(ranking_figure(options, chosen)), caption)],
+    )
+
+
+def _option(effect: str, place: str) -> str:
+    if effect == "nothing":
+        return NOTHING
+    parts = list(zip(effect.split(" + "), place.split(" + "), strict=False))
+    return " + ".join(f"{e}@{p}" if p else e for e, p in parts) or effect
+
+
+def _mismatch(done: Diagnosed) -> Section:
+    pairs = [(run, name) for run in done.diagnosis.checked if _refitted(run) is not None for name in run.channels][
+        :ROWS
+    ]
+    found = [(run, name, misfit(run.measured, _refitted(run), name)) for run, name in pairs]
+    low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
+    edges = np.geomspace(low, high, BANDS + 1).tolist()
+    refitted = _picture(
+        [(r, n, misfit(r.measured, _refitted(r), n, band_edges_hz=edges)) for r, n, _ in found], edges, "refitted model"
+    )
+    figures = [
+        (refitted, "What the refitted model leaves over, without any hypothesis: by frequency band and over time.")
+    ]
+    if done.diagnosis.findings:
+        with_physics = [
+            (r, n, misfit(r.measured, _amended(r), n, band_edges_hz=edges))
+            for r, n, _ in found
+            if _amended(r) is not None
+        ]
+        if with_physics:
+            figures.append(
+                (
+                    _picture(with_physics, edges, "amended model"),
+                    "The same with the physics found, on a scale of its own.",
+                )
+            )
+    return Section(title="Where the mismatch is", figures=figures)
+
+
+def _picture(found: Sequence[tuple[Checked, str, Misfit]], edges: Sequence[float], title: str) -> str:
+    rows = [f"{run.name}: {name}" if len({r.name for r, _, _ in found}) > 1 else name for run, name, _ in found]
+    bands = np.array([m.nrmse * np.sqrt(m.band_share) for _, _, m in found])
+    times = [(m.window_time_s, m.window_nrmse) for _, _, m in found]
+    return to_svg(mismatch_figure(rows, np.array(edges), bands, times, title=title))
+
+
+def _calibration(done: Diagnosed) -> Section:
+    rows = [(p.name, float(v), p.sd) for p, v in zip(done.problem.parameters, done.fit.theta, strict=True)]
+    order = sorted(rows, key=lambda r: -abs(r[1]) / r[2])[:ROWS]
+    text = [
+        "Uncertain parameters of the model, refitted together with the physics that is reported: the factor on the value as given, and its prior."
+    ]
+    far = [name for name, value, sd in rows if abs(value) > 2.5 * sd]
+    if far:
+        text.append(
+            f"At the edge of what the case allows: {', '.join(far)}. Check these numbers of the model, or state a wider [model.uncertain]."
+        )
+    if len(rows) > len(order):
+        text.append(f"{len(rows) - len(order)} more moved less.")
+    caption = "Grey bands: one and three prior standard deviations; diamonds: beyond 2.5."
+    return Section(title="Refitted parameters", text=text, figures=[(to_svg(calibration_figure(order)), caption)])
+
+
+def _files(done: Diagnosed, files: AmendedFiles) -> Section:
+    what = "the physics found" if done.diagnosis.findings else "the refitted parameters, no physics added"
+    text = [
+        f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab compare {CASE}`."
+    ]
+    if files.tables:
+        text.append(f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}.")
+    if files.nrmse is None:
+        text.append(f"The files could not be run again: {files.note}.")
+    else:
+        same = abs(files.nrmse - files.reported) <= REPRODUCED * max(files.reported, 1e-12)
+        verdict = "the same" if same else "not the same; the diagnosis above is what was checked"
+        text.append(
+            f"Run again from these files alone: NRMSE {files.nrmse:.4g}; reported {files.reported:.4g} ({verdict})."
+        )
+    return Section(title="The amended model", text=text)

@@ -1,0 +1,329 @@
+"""Figures of a diagnosis: what was compared, what is left where, which alternatives there are, how far parameters moved."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from scipy import signal
+
+from vlab.signals import Array, Channel, FrequencyResponse, Recording
+from vlab.views.figures.style import (
+    COLOURS,
+    GREY,
+    INK,
+    as_text,
+    axis_label,
+    channel_label,
+    draw_legend,
+    draw_line,
+    pretty_unit,
+    styled,
+)
+
+WINDOW = 0.06
+"""Length of the stretch that is shown enlarged, as a share of the recording, at least..."""
+LEAST_SAMPLES = 150
+"""...this many samples."""
+SEGMENTS = 8
+LOOKS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("measured", {"color": INK, "linestyle": "-"}),
+    ("refitted", {"color": COLOURS[1], "linestyle": (0, (5, 1.6))}),
+    ("amended", {"color": COLOURS[0], "linestyle": "-"}),
+)
+
+
+@styled
+def overlay_figure(
+    measured: Recording, refitted: Recording, amended: Recording | None, channel: str, *, noise: float, worst_s: float
+) -> Figure:
+    """Draw a channel measured, refitted and amended: all of it, the worst stretch enlarged, what is left, and spectra of what is left.
+
+    Parameters
+    ----------
+    amended : Recording or None
+        None where no physics was added.
+    noise : float
+        Standard deviation of the channel's noise, in its unit.
+    worst_s : float
+        Middle of the stretch that is enlarged [s].
+    """
+    label = measured.channels[measured.index(channel)]
+    curves = [
+        (name, look, r[channel])
+        for (name, look), r in zip(LOOKS, (measured, refitted, amended), strict=True)
+        if r is not None
+    ]
+    figure = Figure(figsize=(7.2, 6.8), layout="constrained")
+    whole, zoom, rest, spectra = figure.subplots(4, 1, height_ratios=[1.1, 1.2, 1.0, 1.3])
+    time = measured.time
+    near = stretch(time, worst_s)
+    handles: dict[str, Any] = {}
+    for name, look, values in curves:
+        handles[name] = draw_line(whole, time, values, 0, **{**look, "linestyle": "-"}, lw=0.7)
+        draw_line(zoom, time[near], values[near], 0, **look, lw=1.2)
+        if name != "measured":
+            draw_line(rest, time, measured[channel] - values, 0, **{**look, "linestyle": "-"}, lw=0.7)
+    handles["noise"] = rest.axhspan(-noise, noise, color="#cccccc", zorder=0)
+    whole.axvspan(time[near][0], time[near][-1], color="#f0e3c4", zorder=0)
+    for axes, what in (
+        (whole, "all of it"),
+        (zoom, f"where the refitted model is furthest off, around {worst_s:.4g} s"),
+    ):
+        axes.set_title(as_text(what), loc="left")
+    rest.set_title("left over: measured minus simulated; grey: noise, one standard deviation", loc="left")
+    for axes in (whole, zoom, rest):
+        axes.margins(x=0)
+        axes.set(ylabel=axis_label(label), xlabel="time [s]")
+        axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+    _spectra(spectra, measured, curves, channel, noise)
+    spectra.set_title("measured, and what each model leaves over", loc="left")
+    spectra.set(ylabel=axis_label(label, power="/√Hz"))
+    draw_legend(figure, list(handles.values()), list(handles))
+    return figure
+
+
+def stretch(time: Array, middle: float) -> Any:
+    """Return the samples around a time that are shown enlarged."""
+    count = min(len(time), max(LEAST_SAMPLES, round(WINDOW * len(time))))
+    first = int(np.clip(np.searchsorted(time, middle) - count // 2, 0, len(time) - count))
+    return slice(first, first + count)
+
+
+def _even(recording: Recording, values: Array) -> tuple[Array, float]:
+    """Return values on an even clock and its rate."""
+    rate = (len(recording) - 1) / float(recording.time[-1] - recording.time[0])
+    if recording.is_uniform:
+        return values, rate
+    return np.interp(recording.time[0] + np.arange(len(recording)) / rate, recording.time, values), rate
+
+
+def _spectra(
+    axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Array]], channel: str, noise: float
+) -> None:
+    truth, highest = measured[channel], 0.0
+    for name, look, values in curves:
+        even, rate = _even(measured, truth if name == "measured" else truth - values)
+        freq, power = signal.welch(even - even.mean(), rate, nperseg=max(len(even) // SEGMENTS, min(len(even), 16)))
+        keep = (freq > 0) & (power > 0)
+        draw_line(axes, freq[keep], np.sqrt(power[keep]), 0, **look)
+        highest = max(highest, rate / 2)
+    if noise > 0:
+        axes.axhline(noise / np.sqrt(highest), color=GREY, lw=1.0, linestyle=":")
+    axes.set(yscale="log", xlabel="frequency [Hz]")
+    _frequencies(axes)
+    axes.margins(x=0)
+
+
+def _frequencies(axes: Any) -> None:
+    """Label a logarithmic frequency axis with plain numbers, at the decades and at 2 and 5."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda hz, _: f"{hz:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+@styled
+def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Channel, source: Channel) -> Figure:
+    """Draw the magnitude of one frequency response as measured, refitted and amended, with the coherence of the measured one."""
+    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
+    size, coherence = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
+    looks, handles = dict(LOOKS), []
+    for name, frf in curves:
+        handles.append(draw_line(size, frf.freq, np.abs(frf.H[:, 0, 0]), 0, **looks[name]))
+        if name == "measured" and frf.coherence is not None:
+            draw_line(coherence, frf.freq, frf.coherence[:, 0], 0, **looks[name])
+    whole = f"({output.unit})" if "/" in output.unit else output.unit or "1"
+    unit = pretty_unit(f"{whole}/{source.unit}" if source.unit else whole)
+    size.set(yscale="log", ylabel=f"magnitude\n[{unit}]")
+    _frequencies(size)
+    size.set_title(as_text(f"{channel_label(output)} from {channel_label(source)}"), loc="left")
+    coherence.set(ylim=(-0.05, 1.05), yticks=(0, 0.5, 1), ylabel="coherence\nmeasured [-]", xlabel="frequency [Hz]")
+    size.margins(x=0)
+    draw_legend(figure, handles, [name for name, _ in curves])
+    return figure
+
+
+@styled
+def mismatch_figure(
+    rows: Sequence[str], edges_hz: Array, bands: Array, times: Sequence[tuple[Array, Array]], *, title: str = ""
+) -> Figure:
+    """Draw where a model is off: channel over frequency band, and channel over time.
+
+    Parameters
+    ----------
+    rows : sequence of str
+        One a channel of a recording.
+    edges_hz : (n + 1,) array
+        Edges of the bands [Hz].
+    bands : (n_rows, n) array
+        Rms of the error in the band over the channel's rms.
+    times : sequence of (time [s], error)
+        Rms of the error in moving windows over the channel's rms, one pair a row.
+    """
+    count = len(rows)
+    figure = Figure(figsize=(7.2, max(2.2, 1.4 + 0.3 * count)), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+    values = np.concatenate([bands.ravel(), *[e for _, e in times]])
+    high = float(np.max(values, initial=1e-6))
+    norm = LogNorm(max(high / 1000, 1e-9), max(high, 2e-9))
+    floor = norm.vmin or 1e-9
+    left.pcolormesh(
+        edges_hz, np.arange(count + 1) - 0.5, np.maximum(bands, floor), norm=norm, cmap="cividis", shading="flat"
+    )
+    _frequencies(left)
+    left.set(xlabel="frequency [Hz]", yticks=np.arange(count), yticklabels=[as_text(r) for r in rows])
+    image = None
+    for i, (middles, errors) in enumerate(times):
+        half = (middles[1] - middles[0]) / 2 if len(middles) > 1 else 0.5
+        edges = np.append(middles - half, middles[-1] + half)
+        image = right.pcolormesh(
+            edges, [i - 0.5, i + 0.5], np.maximum(errors[None], floor), norm=norm, cmap="cividis", shading="flat"
+        )
+    right.set(xlabel="time [s]", yticks=np.arange(count), yticklabels=[])
+    for axes in (left, right):
+        axes.grid(False)
+        axes.set_ylim(count - 0.5, -0.5)
+    left.set_title(as_text(title), loc="left")
+    if image is not None:
+        figure.colorbar(image, ax=[left, right], label="error / rms of\nthe channel [-]", fraction=0.05)
+    return figure
+
+
+@styled
+def ranking_figure(options: Sequence[tuple[str, float, float]], chosen: int = 0) -> Figure:
+    """Draw the probabilities of alternatives, and how much each leaves over.
+
+    Parameters
+    ----------
+    options : sequence of (label, probability, left over in multiples of the noise)
+    chosen : int
+        The one that the diagnosis reports; -1 for none.
+    """
+    count, lines = len(options), 1 + any(" + " in label for label, _, _ in options)
+    figure = Figure(figsize=(7.2, 1.1 + 0.28 * lines * count), layout="constrained")
+    bars, rest = figure.subplots(1, 2, sharey=True, width_ratios=[2.0, 1.0])
+    colours = [COLOURS[0] if i == chosen else "#9fc5de" for i in range(count)]
+    bars.barh(np.arange(count), [p for _, p, _ in options], color=colours, height=0.7)
+    for i, (_, p, _) in enumerate(options):
+        bars.text(p + 0.01, i, f"{100 * p:.3g} %" if p >= 5e-4 else "< 0.05 %", va="center", fontsize=8)
+    bars.set(
+        xlim=(0, 1.18),
+        xlabel="probability [-]",
+        yticks=np.arange(count),
+        yticklabels=[as_text(o[0].replace(" + ", "\n+ ")) for o in options],
+    )
+    levels = np.array([level for _, _, level in options])
+    rest.plot(levels, np.arange(count), "o", color=INK, ms=5)
+    rest.axvline(1.0, color=GREY, lw=1.0, linestyle=":")
+    finite = levels[np.isfinite(levels)]
+    if finite.size and finite.max() > 8 * max(finite.min(), 1e-9):
+        rest.set_xscale("log")
+    rest.set(xlabel="left over / noise [-]")
+    for axes in (bars, rest):
+        axes.grid(visible=False, axis="y")
+        axes.set_ylim(count - 0.4, -0.6)
+    return figure
+
+
+@styled
+def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
+    """Draw refitted uncertain parameters against what was known of them: bands of one and three prior standard deviations.
+
+    Parameters
+    ----------
+    rows : sequence of (name, log-factor, prior standard deviation)
+    """
+    figure = Figure(figsize=(7.2, 1.0 + 0.24 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    moved = np.array([value / sd for _, value, sd in rows])
+    for size, colour in ((3.0, "#eeeeee"), (1.0, "#d5d5d5")):
+        axes.axvspan(-size, size, color=colour, zorder=0)
+    far = np.abs(moved) > 2.5
+    axes.hlines(np.arange(len(rows)), 0, moved, color=GREY, lw=0.8)
+    for group, colour, marker in ((~far, COLOURS[0], "o"), (far, COLOURS[1], "D")):
+        axes.plot(moved[group], np.flatnonzero(group), marker, color=colour, ms=6, linestyle="none")
+    limit = max(3.6, 1.1 * float(np.abs(moved).max(initial=0.0)))
+    for i, (_, value, sd) in enumerate(rows):
+        axes.text(
+            1.02 * limit, i, f"× {np.exp(value):.4g}  (± {100 * sd:.3g} %)", va="center", fontsize=8, clip_on=False
+        )
+    axes.set(xlim=(-limit, limit), yticks=np.arange(len(rows)), yticklabels=[as_text(name) for name, _, _ in rows])
+    axes.set_xlabel("deviation from the model as given [prior standard deviations]")
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+@styled
+def force_figure(
+    curves: Sequence[tuple[str, str, Array, Array | None, Array]],
+    ylabel: str,
+    *,
+    law: str = "",
+    series: tuple[Array, Array, Array | None] | None = None,
+) -> Figure:
+    """Draw a fitted law over what it acts on, with what was found without it scattered behind.
+
+    Parameters
+    ----------
+    curves : sequence of (x label, x unit, x, free estimate or None, law)
+        One panel each; every array has one value a sample.
+    ylabel : str
+        What the law gives, with its unit.
+    series : (time [s], law, free estimate or None) or None
+        A stretch in time.
+    """
+    wide = len(curves)
+    figure = Figure(figsize=(7.2, 3.4 if series is None else 5.2), layout="constrained")
+    grid = figure.add_gridspec(1 if series is None else 2, wide, height_ratios=None if series is None else [1.5, 1.0])
+    handles: dict[str, Any] = {}
+    for k, (name, unit, x, free, force) in enumerate(curves):
+        axes = figure.add_subplot(grid[0, k])
+        if free is not None:
+            dots = _thinned(x, free)
+            handles["force found without a law"] = axes.plot(*dots, ".", color="#b5b5b5", ms=2.2, zorder=1)[0]
+            middle = _medians(x, free)
+            handles["its median"] = axes.plot(*middle, "s", color=INK, ms=4, mfc="white", zorder=3)[0]
+        dots = _thinned(x, force)
+        handles["fitted law along the motion"] = axes.plot(*dots, ".", color=COLOURS[1], ms=3.2, zorder=2)[0]
+        axes.set(xlabel=as_text(f"{name} [{pretty_unit(unit)}]"), ylabel=as_text(ylabel) if k == 0 else "")
+        axes.ticklabel_format(scilimits=(-3, 4))
+        _limit(axes, free, force)
+    if series is not None:
+        axes = figure.add_subplot(grid[1, :])
+        time, force, free = series
+        if free is not None:
+            draw_line(axes, time, free, 0, color="#9a9a9a", linestyle="-", lw=0.8)
+        draw_line(axes, time, force, 0, color=COLOURS[1], linestyle="-")
+        axes.set(xlabel="time [s]", ylabel=as_text(ylabel))
+        axes.margins(x=0)
+        axes.ticklabel_format(axis="y", scilimits=(-3, 4))
+        _limit(axes, free, force)
+    draw_legend(figure, list(handles.values()), list(handles), columns=3)
+    return figure
+
+
+def _limit(axes: Any, free: Array | None, force: Array) -> None:
+    """Leave out the outermost per cent of the scatter."""
+    low, high = float(force.min()), float(force.max())
+    if free is not None:
+        low, high = min(low, float(np.quantile(free, 0.005))), max(high, float(np.quantile(free, 0.995)))
+    room = 0.08 * (high - low) or 1.0
+    axes.set_ylim(low - room, high + room)
+
+
+def _thinned(x: Array, y: Array, most: int = 1500) -> tuple[Array, Array]:
+    keep = np.linspace(0, len(x) - 1, min(most, len(x))).astype(int)
+    return x[keep], y[keep]
+
+
+def _medians(x: Array, y: Array, bins: int = 15) -> tuple[Array, Array]:
+    edges = np.linspace(np.quantile(x, 0.01), np.quantile(x, 0.99), bins + 1)
+    which = np.digitize(x, edges) - 1
+    found = [
+        (np.median(x[which == b]), np.median(y[which == b])) for b in range(bins) if np.count_nonzero(which == b) >= 20
+    ]
+    return tuple(np.array(found).reshape(-1, 2).T)  # type: ignore[return-value]
