@@ -279,7 +279,6 @@ def test_an_effect_written_as_a_spring_takes_nothing_from_the_defaults():
     plant = build_mjcf(RIG.replace("<worldbody>", defaults + "<worldbody>", 1))
     slip = Attached(effect=EFFECTS["jenkins-slip"], place="joint:slide", values={"force": 1.0, "slip": 0.01})
     spec, left = written(plant, [slip])
-    amended_model.only_springs(spec, [slip])
     model = mujoco.MjModel.from_xml_string(spec.to_xml())
     i = model.tendon(f"{slip.label}:1").id
     assert not left

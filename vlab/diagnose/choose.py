@@ -13,11 +13,13 @@ SECOND_SHARE = 0.005
 """A second effect must explain this share of what stood above the noise without any, too."""
 ABOVE_NOISE = 1.3
 """Below this multiple of the noise there is nothing to explain."""
-BEYOND_PRIOR = 8.0
+BEYOND_PRIOR = 10.0
 """An effect is also accepted where it gains this much in score: the refitted model may fit as well, but only with uncertain
-parameters that are less likely than the effect by e^-8."""
+parameters that are less likely than the effect by e^-10."""
 ALIKE = 1.05
 """Hypotheses that leave within this factor of the best one's difference cannot be told apart by the recordings."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
     """What is chosen on the fit recordings alone.
@@ -60,13 +62,12 @@ def choose(found: Found) -> Choice:
         explains = before.level > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(before)
         if explains or one.score - before.score > BEYOND_PRIOR:
             best = one
-    if best is not before:
-        if doubles:
-            two = doubles[0]
-            gained = _excess(one) - _excess(two)
-            first_is_enough = one.level <= ABOVE_NOISE
-            if not first_is_enough and gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before):
-                best = two
+    if best is not before and doubles:
+        two = doubles[0]
+        gained = _excess(one) - _excess(two)
+        first_is_enough = one.level <= ABOVE_NOISE
+        if not first_is_enough and gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before):
+            best = two
     if best is before:
         return Choice(
             best=before, alike=(), probability=1.0, ranking=_ranking(found, before, ()), places={}, is_supported=False
@@ -112,7 +113,7 @@ def _ranking(found: Found, best: Hypothesis, skip: Sequence[Hypothesis]) -> tupl
 
 def _places(found: Found, best: Hypothesis) -> dict[str, float]:
     first = best.terms[0].place.name
-    options = {first: best, **{k: h for k, h in found.places.items() if k != first and _names(h) == _names(best)}}
+    options = {k: h for k, h in found.places.items() if _names(h) == _names(best)} or {first: best}
     scores = np.array([h.score for h in options.values()])
     weights = np.exp(scores - scores.max())
     weights /= weights.sum()

@@ -116,9 +116,7 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
     fine = limit * np.linspace(0.96, 1.04, 17)
     after, limit = min((error(float(x), known), float(x)) for x in fine)
     actuator = plant.actuators[law.actuators[0]].name
-    return CommandLimit(
-        actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after
-    )
+    return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
 
 
 def _recorded(run: Run) -> Array:

@@ -15,10 +15,9 @@ from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.prepare import Problem, prepare
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.search import WORTH, Found, search
+from vlab.diagnose.search import WORTH, Found, Hypothesis, search
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
-from vlab.diagnose.words import not_excluded, next_measurement
-from vlab.errors import BadCase
+from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -107,7 +106,11 @@ def _say(
     seconds: float,
 ) -> Diagnosis:
     verdict = _verdict(choice, checked, limit)
-    notes = [] if case.recordings(("holdout",)) else ["no hold-out recording: nothing could be verified on data that the search did not use"]
+    notes = (
+        []
+        if case.recordings(("holdout",))
+        else ["no hold-out recording: nothing could be verified on data that the search did not use"]
+    )
     found_limit = [] if limit is None else [_limit_finding(limit, problem)]
     findings = (*found_limit, *_findings(choice, fit)) if verdict == "missing-physics" else ()
     return Diagnosis(
@@ -130,7 +133,13 @@ def _limit_finding(limit: CommandLimit, problem: Problem) -> Finding:
     effect = EFFECTS["actuator-clipping"]
     index = problem.plant.actuator_index(limit.actuator)
     tap = problem.plant.actuators[index]
-    unit = "unit of the law" if tap.unit == "command" else tap.unit
+    recorded = [
+        run.measured.channels[run.measured.index(c.channel)].unit
+        for run in problem.runs
+        for c in run.compared
+        if c.actuator == index
+    ]
+    unit = tap.unit if tap.unit != "command" else next(iter(recorded), "")
     scale = float(law.per_actuator[list(law.actuators).index(index)])
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
     told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
@@ -157,13 +166,15 @@ def _findings(choice: Choice, fit: Fit) -> list[Finding]:
         for parameter in term.effect.parameters:
             value, sd = term.values[parameter.name], choice.best.fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
             spread = 1.645 * sd
-            low, high = (value - spread, value + spread) if parameter.signed else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
+            low, high = (
+                (value - spread, value + spread)
+                if parameter.signed
+                else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
+            )
             unit = _unit(parameter.unit, term.place.angular)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         places = choice.places if i == 0 else {term.place.name: 1.0}
-        alike = [term.effect.name] + [
-            h.terms[i].effect.name for h in choice.alike if len(h.terms) > i and h.terms[i].effect.name != term.effect.name
-        ]
+        alike = [term.effect.name, *(name for h in choice.alike for name in _instead(h, fit, i))]
         out.append(
             Finding(
                 effect=term.effect.name,
@@ -178,6 +189,17 @@ def _findings(choice: Choice, fit: Fit) -> list[Finding]:
             )
         )
     return out
+
+
+def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
+    """Return what a hypothesis that fits as well has in the place of one of the chosen effects, the others being the same."""
+    others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
+    names = [t.effect.name for t in hypothesis.terms]
+    for name in others:
+        if name not in names:
+            return []
+        names.remove(name)
+    return names
 
 
 _ANGULAR = {"N": "N m", "m": "rad", "kg": "kg m^2", "m/s": "rad/s", "N/m": "N m/rad", "N s/m": "N m s/rad"}
@@ -226,10 +248,19 @@ def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:
         for name, errors in run.channels.items():
             channels[name] = max(channels.get(name, 0.0), errors[1])
             found = misfit(run.measured, simulated, name)
-            for low, high, share in zip(found.band_edges_hz[:-1], found.band_edges_hz[1:], found.band_share, strict=True):
+            for low, high, share in zip(
+                found.band_edges_hz[:-1], found.band_edges_hz[1:], found.band_share, strict=True
+            ):
                 bands.append({"low_hz": float(low), "high_hz": float(high), "share": float(share), "nrmse": errors[1]})
             k = int(np.argmax(found.window_nrmse))
-            times.append({"recording": run.name, "channel": name, "time_s": float(found.window_time_s[k]), "nrmse": float(found.window_nrmse[k])})
+            times.append(
+                {
+                    "recording": run.name,
+                    "channel": name,
+                    "time_s": float(found.window_time_s[k]),
+                    "nrmse": float(found.window_nrmse[k]),
+                }
+            )
     bands.sort(key=lambda b: -b["share"] * b["nrmse"] ** 2)
     times.sort(key=lambda t: -t["nrmse"])
     order = sorted(channels, key=lambda c: -channels[c])
@@ -238,8 +269,3 @@ def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:
         "where_channel": [{"channel": c, "nrmse": channels[c]} for c in order],
         "where_time_s": times[:4],
     }
-
-
-def no_recordings(case: Case) -> BadCase:
-    """Build the error of a case with nothing to fit in time."""
-    return BadCase(f"{case.path}: no [[recording]] has the role fit; there is nothing to search on")

@@ -62,10 +62,8 @@ def channel_rows(plant: Plant, compared: Sequence[Compared]) -> ChannelRows:
         for j in range(nv):
             step = np.zeros(nv)
             step[j] = STEP
-            pair = [
-                _evaluate(bench, channels, *((sign * step, zero) if which == 0 else (zero, sign * step)), zero)
-                for sign in (1.0, -1.0)
-            ]
+            moves = [(sign * step, zero) if which == 0 else (zero, sign * step) for sign in (1.0, -1.0)]
+            pair = [_evaluate(bench, channels, move, velocity, zero) for move, velocity in moves]
             change = (pair[0][0] - pair[1][0]) - at_a @ (pair[0][1] - pair[1][1])
             out[:, j] = change / (2 * STEP)
         maps.append(_clean(out))

@@ -68,7 +68,9 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
         P = new
         if settled:
             break
-    return Gains(K=np.array([g[0] for g in gains]), S=np.array([g[1] for g in gains]), P=np.array([g[2] for g in gains]))
+    return Gains(
+        K=np.array([g[0] for g in gains]), S=np.array([g[1] for g in gains]), P=np.array([g[2] for g in gains])
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -58,7 +58,9 @@ class Problem:
         """Return the plant with its uncertain parameters at given log-factors."""
         if self.case.structure is None:
             return adjusted(self.plant, self.parameters, theta)
-        return adjusted_structure(self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta)
+        return adjusted_structure(
+            self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta
+        )
 
     def in_role(self, role: str) -> list[Signals]:
         """Return the runs of one role."""
@@ -89,7 +91,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:
         if tuple(c for c in run.compared if c.actuator is None) != channels:
-            raise BadCase(f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones")
+            raise BadCase(
+                f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
+            )
     plant = case.plant
     names = tuple(c.channel for c in channels)
     orders = [_ORDERS.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
@@ -221,4 +225,10 @@ def _change(plant: Plant, parameter: Uncertain, basis: Array) -> Change:
     def significant(part: Array, whole: Array) -> Array | None:
         return part if np.abs(part).max() > 1e-9 * max(np.abs(whole).max(), 1e-300) else None
 
-    return Change(name=parameter.name, sd=parameter.sd, M=significant(M, np.eye(len(M))), C=C if np.any(C) else None, K=K if np.any(K) else None)
+    return Change(
+        name=parameter.name,
+        sd=parameter.sd,
+        M=significant(M, np.eye(len(M))),
+        C=C if np.any(C) else None,
+        K=K if np.any(K) else None,
+    )

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.places import Place
-from vlab.diagnose.prepare import Problem
 from vlab.diagnose.screen import Candidate, Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.twin import discretise
@@ -25,6 +24,8 @@ STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LEAST_ERROR = 0.005
 """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+LOOSE_START = 0.03
+"""Spread of the states that windows start from, as a share of their rms over all windows."""
 MOST_DIRECTIONS = 16
 PRIOR_BOUND = 3.0
 """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
@@ -120,7 +121,9 @@ class Refiner:
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.highest = max(2.0 / (2 * np.pi) * float(np.abs(self.twin.omega).max()), 1e-3) / 2
         self.active = self._active()
+        self.loose: dict[int, tuple[Array, Array, Array]] = {}
         self.directions = self._informed()
+        self.loose = self._loose_starts()
 
     def _informed(self) -> Array:
         """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
@@ -149,6 +152,32 @@ class Refiner:
         keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
         return np.asarray(sd[:, None] * vectors[:, keep])
 
+    def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
+        """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
+
+        The states that windows start from are smoothed with a model that lacks the physics sought, so they are off by a
+        little; every residual is freed of what a start within that spread makes up for, by linear least squares.
+        """
+        out: dict[int, tuple[Array, Array, Array]] = {}
+        m2 = 2 * self.twin.m
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h and run.start is not None and not run.at_rest]
+            if not index:
+                continue
+            longest = max((self.runs[i] for i in index), key=len)
+            quiet = replace(longest, u=0 * longest.u, load=0 * longest.load, t0=0.0, before=None)
+            starts = np.eye(m2)[:, None, :]
+            theta = np.repeat(self.screen.theta[None], m2, axis=0)
+            free = self.simulate([quiet], (), theta, (), starts)[:, :, 0]  # (n, 2m, p)
+            states = np.array([self.runs[i].start for i in index])
+            spread = LOOSE_START * np.maximum(np.sqrt(np.mean(states**2, axis=0)), 1e-12)
+            for i in index:
+                n = len(self.runs[i])
+                response = (free[:n] / self.sigma[i]).transpose(0, 2, 1).reshape(-1, m2) * spread
+                gram = response.T @ response + np.eye(m2)
+                out[i] = (response, np.linalg.solve(gram, response.T), spread)
+        return out
+
     def _active(self) -> Array:
         """Return the modes whose first state is fitted: those that carry the first motion."""
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
@@ -175,7 +204,12 @@ class Refiner:
     # ---- simulation -------------------------------------------------------------------------------------------------
 
     def simulate(
-        self, runs: list[Signals], terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
+        self,
+        runs: list[Signals],
+        terms: Sequence[Term],
+        theta: Array,
+        values: Sequence[Mapping[str, Array]],
+        starts: Array,
     ) -> Array:
         """Simulate parameter sets side by side over runs of one sample period.
 
@@ -214,7 +248,8 @@ class Refiner:
         system = discretise(M, C, K, inputs, twin.rows, h / substeps)
         known = inputs.shape[2] - len(ports)
         forces = self._inputs(runs, terms, values, n_sets)
-        y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
+        with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+            y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
         y *= sensor_gain[:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, SensorEffect):
@@ -286,11 +321,13 @@ class Refiner:
     def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
         """Return the derivatives of the residual by forward differences; those by channel offsets are known."""
         steps = self._steps(layout, x)
-        offsets = np.arange(layout.r, layout.r + layout.n_channels)
+        offsets = np.arange(layout.r, layout.r + layout.n_channels) if not self.loose else np.zeros(0, dtype=int)
         others = np.setdiff1d(np.arange(x.size), offsets)
         moved = self._residual(layout, terms, x + np.diag(steps)[others])
         out = np.zeros((raw.size, x.size))
         out[:, others] = ((moved - raw) / steps[others, None]).T
+        if not offsets.size:
+            return out
         out[offsets, offsets] = 1.0
         at = layout.r + layout.n_channels
         for h in sorted({run.h for run in self.runs}):
@@ -427,21 +464,30 @@ class Refiner:
         theta, offsets, starts, entries = self._unpack(layout, X)
         values = self._values(layout, terms, entries)
         blocks = [X[:, : layout.r + layout.n_channels]]  # priors of unit variance
+        starts_off: list[Array] = []
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h]
             y = self.simulate([self.runs[i] for i in index], terms, theta, values, starts[:, index])
             for j, i in enumerate(index):
                 run = self.runs[i]
                 difference = y[: len(run), :, j] + offsets - run.y[:, None, :]
-                blocks.append((difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1))
-        out = np.concatenate(blocks, axis=1)
+                block = (difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1)
+                if i in self.loose:
+                    response, solve, _ = self.loose[i]
+                    block = np.where(np.isfinite(block), block, 1e8)
+                    moved = block @ solve.T
+                    block = block - moved @ response.T
+                    starts_off.append(moved)
+                blocks.append(block)
+        out = np.concatenate([*blocks, *starts_off], axis=1)
         return np.where(np.isfinite(out), np.clip(out, -1e8, 1e8), 1e8)
 
     def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, jacobian: Array) -> Fit:
         theta, offsets, starts, entries = self._unpack(layout, x[None])
         values = self._values(layout, terms, entries)
         fitted = tuple(
-            replace(term, values={k: float(v[0]) for k, v in own.items()}) for term, own in zip(terms, values, strict=True)
+            replace(term, values={k: float(v[0]) for k, v in own.items()})
+            for term, own in zip(terms, values, strict=True)
         )
         priors = layout.r + layout.n_channels
         at, error = priors, [np.zeros(0)] * len(self.runs)
@@ -554,7 +600,13 @@ def _march(
                     after = free[..., m:] @ row
                     v = 0.5 * (x[..., m:] @ row + after)
                     command = part[k][..., coil] if coil is not None else 0.0
-                    now = Step(h=step, t=late + (first + k) * h + (sub + 0.5) * step, mobility=gain, free_velocity=after, command=command)
+                    now = Step(
+                        h=step,
+                        t=late + (first + k) * h + (sub + 0.5) * step,
+                        mobility=gain,
+                        free_velocity=after,
+                        command=command,
+                    )
                     force, memory = effect.force(z, v, p, now, memory)
                     laws[j] = (effect, row, push, gain, p, memory, coil)
                     free = free + force[..., None] * push

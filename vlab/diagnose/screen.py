@@ -23,7 +23,6 @@ from vlab.diagnose.twin import Discrete, Twin, discretise
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
 
-
 REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 
@@ -91,7 +90,9 @@ class Group:
     def rows(self, columns: Array) -> Array:
         """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
         keep = np.arange(self.first, len(columns))[:, None] < self.lengths[None, :]
-        return np.asarray(np.einsum("pq,nrqk->nrpk", self.white, columns[self.first :])[keep].reshape(-1, columns.shape[-1]))
+        return np.asarray(
+            np.einsum("pq,nrqk->nrpk", self.white, columns[self.first :])[keep].reshape(-1, columns.shape[-1])
+        )
 
 
 class Screen:
@@ -102,6 +103,9 @@ class Screen:
     problem : Problem
         The case.
     """
+
+    estimate: tuple[Array, list[dict[str, float]]]
+    """Of `given`: the uncertain parameters and the candidates' values that explain the innovations together."""
 
     def __init__(self, problem: Problem, signals: Sequence[Signals] | None = None, *, trust: float = 1.0) -> None:
         self.problem, self.twin, self.trust = problem, problem.twin, trust
@@ -122,7 +126,10 @@ class Screen:
     def _shortened(self, runs: list[Signals]) -> list[Signals]:
         """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
         most = MOST_ROWS // (len(runs) * len(self.twin.rows.at_q))
-        return [run if len(run) <= most else replace(run, u=run.u[:most], load=run.load[:most], y=run.y[:most]) for run in runs]
+        return [
+            run if len(run) <= most else replace(run, u=run.u[:most], load=run.load[:most], y=run.y[:most])
+            for run in runs
+        ]
 
     def _linearise(self) -> None:
         """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
@@ -150,7 +157,9 @@ class Screen:
         nuisance, precision = self._plain
         other.nuisance = np.hstack([nuisance, *columns])
         free = np.concatenate([precision, np.full(other.nuisance.shape[1] - nuisance.shape[1], 1e-12)])
-        other._gram = np.linalg.pinv(other.nuisance.T @ other.nuisance + np.diag(free), hermitian=True)
+        whole = other.nuisance.T @ other.nuisance + np.diag(free)
+        size = np.sqrt(np.diag(whole))  # columns of very different units must not fall to the inverse's cutoff
+        other._gram = np.linalg.pinv(whole / np.outer(size, size), hermitian=True) / np.outer(size, size)
         pull = np.zeros(len(free))
         pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
         solution = other._gram @ (other.nuisance.T @ self.e - pull)
@@ -173,7 +182,9 @@ class Screen:
             at += not candidate.effect.amplitudes
         return theta, values
 
-    def states(self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()) -> list[tuple[Signals, Array]]:
+    def states(
+        self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()
+    ) -> list[tuple[Signals, Array]]:
         """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off."""
         out = []
         for group in self.groups:
@@ -257,7 +268,6 @@ class Screen:
     def _nuisance(self) -> Array:
         blocks = []
         for group in self.groups:
-            m = self.twin.m
             p, v, a = group.motion
             modal = np.zeros((*p.shape, len(self.twin.changes)))
             reading = np.zeros((*group.y.shape, len(self.twin.changes)))
@@ -314,8 +324,12 @@ class Screen:
         for group in self.groups:
             columns = [self._columns(group, place, effect, values) for effect, values in plans]
             widths = [self._width(pair) for pair in columns]
-            modal = np.concatenate([self._wide(c[0], group, w, 0) for c, w in zip(columns, widths, strict=True)], axis=-1)
-            reading = np.concatenate([self._wide(c[1], group, w, 1) for c, w in zip(columns, widths, strict=True)], axis=-1)
+            modal = np.concatenate(
+                [self._wide(c[0], group, w, 0) for c, w in zip(columns, widths, strict=True)], axis=-1
+            )
+            reading = np.concatenate(
+                [self._wide(c[1], group, w, 1) for c, w in zip(columns, widths, strict=True)], axis=-1
+            )
             forced = bool(np.any(modal))
             parts.append(group.rows(self.through(group, modal if forced else None, None if forced else reading)))
         return _Plan(plans, widths, np.concatenate(parts).astype(np.float32))
@@ -423,7 +437,9 @@ class Screen:
             value = max(float(np.abs(np.diff(g.u[..., place.index], axis=0)).max() / g.h) for g in self.groups)
         return value
 
-    def _columns(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> tuple[Array | None, Array | None]:
+    def _columns(
+        self, group: Group, place: Place, effect: Effect, shape: dict[str, float]
+    ) -> tuple[Array | None, Array | None]:
         """Return modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) of an effect's amplitudes."""
         if isinstance(effect, SensorEffect):
             recorded = group.y[..., place.index]
@@ -441,10 +457,8 @@ class Screen:
             return self._linear_columns(group, place, effect), None
         assert isinstance(effect, PortEffect)
         z, v = self.motion(group, place)
-        command = group.u[..., place.coil] if place.coil is not None else 0.0
-        parts = [
-            self._series(group, place, effect, values, z, v, command) for values in _unit_amplitudes(effect, shape)
-        ]
+        own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
+        parts = [self._series(group, place, effect, values, z, v, own) for values in _unit_amplitudes(effect, shape)]
         return place.rows[0][:, None] * np.stack(parts, axis=-1)[..., None, :], None
 
     def _series(

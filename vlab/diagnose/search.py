@@ -20,6 +20,7 @@ LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
 WHOLE = 3000
 """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
+WHOLE_ITERATIONS = 5
 SLOW, SLOW_SHORTLIST = 1e-3, 5
 """Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
 well: it forgets slowly and sees what only adds up over many cycles."""
@@ -32,7 +33,7 @@ ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
 SECOND_WORTH = 8.0
 """Score that a second effect must add to the penalty for its parameters."""
-QUICK, FINISHED = 3, 3
+QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
 WORTH = 40.0
 """Independent samples that a score counts at most. The recordings hold many more, but what a model leaves of them is its own
@@ -133,6 +134,8 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
     if fitted and min(h.level for h in fitted) > ENOUGH:
         fitted += _finished(narrow, _pairs(screen, rough, shortlist, fitted, start, effects, report))
         fitted.sort(key=lambda h: -h.score)
+    report(0.85, "fitting whole recordings")
+    fitted, before = _on_whole_runs(whole, narrow, fitted, before)
     places = _other_places(narrow, fitted[0], candidates, before) if fitted else {}
     report(0.95, "choosing")
     return Found(
@@ -150,6 +153,7 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
 def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Return hypotheses by score, the best of them fitted to the end."""
     order = sorted(hypotheses, key=lambda h: -h.score)
+
     def finished(item: tuple[int, Hypothesis]) -> Hypothesis:
         own = _for(refiner, item[1].terms)
         return _scored(own, own.fit(item[1].terms, item[1].fit, ITERATIONS if item[0] < FINISHED else 0), item[1].gain)
@@ -169,6 +173,26 @@ def _shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
+def _on_whole_runs(
+    whole: Refiner, narrow: Refiner, fitted: list[Hypothesis], before: Hypothesis
+) -> tuple[list[Hypothesis], Hypothesis]:
+    """Return hypotheses with scores from windows and from whole runs, half and half.
+
+    Windows say how well a law describes the motion at hand, whole runs how well it holds on in the long run. Only the
+    best of every number of effects are fitted again; the others keep the difference that they had in windows.
+    """
+    if narrow.runs == whole.runs:
+        return fitted, before
+    chosen = [h for count in (1, 2) for h in [x for x in fitted if len(x.terms) == count][:FINISHED]]
+    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), [before, *chosen])
+    scored = [_scored(whole, fit, 0.0) for fit in fits]
+    both = [replace(h, score=0.5 * (h.score + w.score)) for h, w in zip([before, *chosen], scored, strict=True)]
+    worst = min((b.score - h.score for b, h in zip(both, [before, *chosen], strict=True)), default=0.0)
+    known = {h.label: b for h, b in zip(chosen, both[1:], strict=True)}
+    rest = [known.get(h.label, replace(h, score=h.score + worst)) for h in fitted]
+    return sorted(rest, key=lambda h: -h.score), both[0]
+
+
 def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Refiner:
     """Return the refiner of a screening's runs in windows, which start from smoothed states.
 
@@ -177,7 +201,7 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
     terms : sequence of Term
         A hypothesis; what its sensor effects do to the recordings is taken off before smoothing.
     every : int
-        Only every n-th window.
+        Only one window in n, spread irregularly: motion may repeat itself.
     """
     if max(len(run) for run in screen.runs) <= WHOLE:
         return Refiner(screen, screen.runs)
@@ -186,7 +210,10 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
     wrong = [(t.effect, t.place, t.values) for t in terms if isinstance(t.effect, SensorEffect)]
     parts = [w for run, states in screen.states(wrong) for w in windows(run, states, slowest)]
-    return Refiner(screen, parts[::every])
+    chosen = [
+        w for i, w in enumerate(parts) if every == 1 or (i * 0.6180339887) % 1.0 < 1.0 / every
+    ]  # no regular pattern
+    return Refiner(screen, chosen)
 
 
 def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -238,7 +265,9 @@ def _fitted(refiner: Refiner, candidates: Sequence[Candidate], before: Fit, iter
 
 def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
     """Return the refiner of a hypothesis: windows of its own where it says that a sensor is wrong."""
-    return in_windows(refiner.screen, terms, every) if any(isinstance(t.effect, SensorEffect) for t in terms) else refiner
+    return (
+        in_windows(refiner.screen, terms, every) if any(isinstance(t.effect, SensorEffect) for t in terms) else refiner
+    )
 
 
 def _scored(refiner: Refiner, fit: Fit, gain: float) -> Hypothesis:
@@ -268,7 +297,7 @@ def _pairs(
         rest = screen.given([seed])
         best: dict[str, Candidate] = {}
         for candidate in rest.candidates(effects):
-            if candidate.label != seed.label:
+            if candidate.effect.name != seed.effect.name:  # the same effect at two places is one effect, placed badly
                 best.setdefault(candidate.effect.name, candidate)
         for second in list(best.values())[:SECONDS]:
             if second.gain > LEAST_GAIN:
@@ -291,4 +320,5 @@ def _other_places(
 
     chosen = alternatives[: PLACES - 1]
     found = side_by_side(fitted, chosen)
-    return {first.place.name: best, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}
+    here = _scored(_for(refiner, best.terms), best.fit, best.gain)  # as the others: in windows only
+    return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

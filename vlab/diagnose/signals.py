@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import signal
@@ -98,7 +99,7 @@ def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
     count = max(1, n // length)
     edges = np.linspace(0, n, count + 1).astype(int)
     out = []
-    for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(edges)):
         part = slice(a, b)
         out.append(
             replace(
@@ -182,7 +183,7 @@ def interval_means(run: Run, name: str, is_held: bool, grid: Array) -> Array:
 def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
     """Return a channel at the grid's times: low-passed where the grid is coarser, interpolated where it is not aligned."""
     h = uniform(time)
-    even = time[0] + h * np.arange(int(round((time[-1] - time[0]) / h)) + 1)
+    even = time[0] + h * np.arange(round((time[-1] - time[0]) / h) + 1)
     aligned = even.size == time.size and bool(np.all(np.abs(even - time) < 1e-3 * h))
     x = values if aligned else np.interp(even, time, values)
     if thin > 1:
@@ -224,7 +225,7 @@ def signals_of(
     )
     top = fastest(columns, h, orders) if highest_hz is None else highest_hz
     thin = thinning(len(time), h, top)
-    grid = h * thin * np.arange((int(round(time[-1] / h))) // thin + 1)[:MOST_SAMPLES]
+    grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)[:MOST_SAMPLES]
     y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
     u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(port_names)))
     for drive in run.drives:

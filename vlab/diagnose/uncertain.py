@@ -16,8 +16,9 @@ from vlab.signals import Array
 DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.05, "sensor": 0.01}
 """Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
 known to a third, sensors are calibrated."""
-OWN_SHARE = 0.4
-"""Every element may deviate from its kind's common factor by this share of the kind's standard deviation."""
+OWN_SHARE = {"stiffness": 0.4, "mass": 0.4, "damping": 1.0}
+"""Every element may deviate from its kind's common factor by this share of the kind's standard deviation; dampers differ
+from each other as much as all of them from the model."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
 
@@ -69,7 +70,7 @@ def uncertain_parameters(
             out.append(Uncertain(name=kind, kind=kind, sd=sd, fields=every))
         if 1 < len(elements) <= MOST_ELEMENTS:
             out += [
-                Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN_SHARE * sd, fields=fields)
+                Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN_SHARE[kind] * sd, fields=fields)
                 for name, fields in elements.items()
             ]
         for name, fields in elements.items():
@@ -134,7 +135,7 @@ def with_model(plant: Plant, model: Any) -> Plant:
     mujoco.mj_setConst(model, mujoco.MjData(model))
     if isinstance(plant, MjcfPlant):
         rest, notes = settle(model)
-        return replace(plant, model=model, rest=rest, notes=notes)
+        return replace(plant, model=model, rest=rest, notes=tuple(notes))
     return replace(plant, model=model)
 
 

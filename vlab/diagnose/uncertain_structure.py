@@ -51,7 +51,11 @@ def structure_parameters(
     sd = {kind: given.get(kind, default) for kind, default in {**DEFAULT_SD, "tension": 0.05}.items()}
     out = []
     for name in structure.section:
-        out.append(StructureUncertain(name=f"section:{name}:stiffness", kind="stiffness", sd=sd["stiffness"], edit=_stiffness(name)))
+        out.append(
+            StructureUncertain(
+                name=f"section:{name}:stiffness", kind="stiffness", sd=sd["stiffness"], edit=_stiffness(name)
+            )
+        )
         if structure.section[name].mass_per_length > 0:
             out.append(StructureUncertain(name=f"section:{name}:mass", kind="mass", sd=sd["mass"], edit=_mass(name)))
     if structure.mass or structure.clamp or structure.coil:
@@ -62,13 +66,17 @@ def structure_parameters(
         out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
     out.append(StructureUncertain(name="damping", kind="damping", sd=sd["damping"], edit=_damping(None)))
     out += [
-        StructureUncertain(name=f"damping:mode{i + 1}", kind="damping", sd=OWN_SHARE * sd["damping"], edit=_damping(i))
+        StructureUncertain(
+            name=f"damping:mode{i + 1}", kind="damping", sd=OWN_SHARE["damping"] * sd["damping"], edit=_damping(i)
+        )
         for i in range(len(structure.damping.ratios))
     ]
     for i in actuators:
         out.append(StructureUncertain(name=f"gain:{structure.coil[i].name}", kind="gain", sd=sd["gain"], actuator=i))
     for i, name in enumerate(channels):
-        out.append(StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i))
+        out.append(
+            StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i)
+        )
     return out
 
 
@@ -152,7 +160,12 @@ def adjusted_structure(
 
 
 def structure_changes(
-    structure: Structure, variant: str, parameters: Sequence[Uncertain], shapes_at_points: Array, omega: Array, points: Sequence[str]
+    structure: Structure,
+    variant: str,
+    parameters: Sequence[Uncertain],
+    shapes_at_points: Array,
+    omega: Array,
+    points: Sequence[str],
 ) -> list[Change]:
     """Return what the uncertain parameters of a structure change in a plant's modes.
 
@@ -172,7 +185,9 @@ def structure_changes(
     for parameter in parameters:
         edit = parameter.edit if isinstance(parameter, StructureUncertain) else None
         if edit is None:
-            out.append(Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor))
+            out.append(
+                Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor)
+            )
             continue
         high, low = (build_fe_model(edit(structure, np.exp(s)), variant).linear for s in (STEP, -STEP))
         if parameter.kind == "damping":
@@ -210,5 +225,10 @@ def _modal_damping(structure: Structure, fe: FeModel, name: str, carry: Array, o
         number = int(name.removeprefix("damping:mode")) - 1
         driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
         target = fe.linear.eigen[1][:, driven[number]] if number < len(driven) else None
-        which = np.array([target is not None and np.allclose(np.abs(column @ fe.linear.M @ target), 1.0, atol=1e-6) for column in carry.T])
+        which = np.array(
+            [
+                target is not None and np.allclose(np.abs(column @ fe.linear.M @ target), 1.0, atol=1e-6)
+                for column in carry.T
+            ]
+        )
     return np.diag(np.where(which, 2 * zeta * np.abs(omega), 0.0))

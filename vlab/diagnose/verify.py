@@ -122,9 +122,7 @@ def _checked(run: Run, models: Sequence[Amended | None]) -> Checked:
         if recording is None:
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
-            errors.append(
-                np.array([np.sqrt(np.mean((recording[n] - run.measured[n]) ** 2)) for n in names]) / scale
-            )
+            errors.append(np.array([np.sqrt(np.mean((recording[n] - run.measured[n]) ** 2)) for n in names]) / scale)
     if models[2] is None:
         errors[2], recordings[2] = errors[1], recordings[1]
     total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]

@@ -4,32 +4,52 @@ from vlab.diagnose.choose import Choice
 from vlab.diagnose.prepare import Problem
 
 _SEPARATES = {
-    frozenset({"friction", "hysteresis"}): "a slow quasi-static sweep through several amplitudes: the loop of dry friction has "
+    frozenset(
+        {"friction", "hysteresis"}
+    ): "a slow quasi-static sweep through several amplitudes: the loop of dry friction has "
     "vertical sides at every amplitude, that of micro-slip a slope",
-    frozenset({"damping", "friction"}): "releases or sine dwells at three amplitudes a factor of three apart: damping ratios that rise "
+    frozenset(
+        {"damping", "friction"}
+    ): "releases or sine dwells at three amplitudes a factor of three apart: damping ratios that rise "
     "with amplitude speak for drag, falling ones for dry friction, constant ones for viscous damping",
-    frozenset({"nonlinear-stiffness", "clearance"}): "sine dwells at three amplitudes below and above the gap, harmonics recorded",
-    frozenset({"nonlinear-stiffness", "contact"}): "sine dwells at three amplitudes, harmonics recorded: a stop sets in at one amplitude",
+    frozenset(
+        {"nonlinear-stiffness", "clearance"}
+    ): "sine dwells at three amplitudes below and above the gap, harmonics recorded",
+    frozenset(
+        {"nonlinear-stiffness", "contact"}
+    ): "sine dwells at three amplitudes, harmonics recorded: a stop sets in at one amplitude",
     frozenset({"mass", "stiffness"}): "the same test with a known mass added at the place, or modes with a node there",
-    frozenset({"gain", "mass"}): "a calibration of one actuator against a known force, or of one sensor against a known motion",
+    frozenset(
+        {"gain", "mass"}
+    ): "a calibration of one actuator against a known force, or of one sensor against a known motion",
     frozenset({"gain", "stiffness"}): "a static test: a known force and the deflection it gives",
     frozenset({"gain"}): "a calibration of one actuator against a known force, or of one sensor against a known motion",
-    frozenset({"timing"}): "excitation up to frequencies where a delay turns the phase by much more than a first-order lag",
-    frozenset({"saturation"}): "the same excitation at a level that is twice as large, the actuator's own force recorded",
+    frozenset(
+        {"timing"}
+    ): "excitation up to frequencies where a delay turns the phase by much more than a first-order lag",
+    frozenset(
+        {"saturation"}
+    ): "the same excitation at a level that is twice as large, the actuator's own force recorded",
     frozenset({"mass"}): "the same test with a known mass moved along the structure",
-    frozenset({"stiffness"}): "mode shapes at more points: a local loss of stiffness shows as a kink where its curvature is large",
+    frozenset(
+        {"stiffness"}
+    ): "mode shapes at more points: a local loss of stiffness shows as a kink where its curvature is large",
 }
 
 
 def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     """Return what the recordings leave open."""
     out: list[str] = []
-    if verdict == "missing-physics":
+    if verdict == "missing-physics" and choice.best.terms:
         others = [h.label for h in choice.alike if h is not choice.best]
         out += [f"{label} leaves as little" for label in others[:5]]
         best = choice.best.terms[0].place.name
-        out += [f"{choice.best.terms[0].effect.name} at {p}" for p, share in choice.places.items() if share > 0.05 and p != best]
-    elif verdict == "nothing-missing":
+        out += [
+            f"{choice.best.terms[0].effect.name} at {p}"
+            for p, share in choice.places.items()
+            if share > 0.05 and p != best
+        ]
+    elif verdict in ("nothing-missing", "missing-physics"):
         out.append("effects whose trace is smaller than the noise and the model's own uncertainty")
     else:
         out += [f"{h.label} was tried and leaves {h.level:.2g} times the noise" for h, _ in choice.ranking[:3]]

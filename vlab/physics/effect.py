@@ -84,6 +84,10 @@ class Step(NamedTuple):
     command: Any = 0.0
 
 
+IMPULSE = 4096
+"""Samples of the impulse that tells how a sensor's correction stretches noise."""
+
+
 class Effect(ABC):
     """One effect of the catalogue; a user's own effect is a subclass in their own file.
 
@@ -207,8 +211,15 @@ class SensorEffect(Effect):
         """Return the true signals to recorded ones: the inverse of `sense`, as far as there is one."""
 
     def stretch(self, p: Values, h: float) -> float:
-        """Return the log of how much `correct` magnifies a single sample: what a likelihood of true signals must pay."""
-        return 0.0
+        """Return the log of how much `correct` magnifies white noise's volume: what a likelihood of true signals must pay.
+
+        For a linear correction it is the mean over all frequencies of the log of its magnitude (Szego's theorem).
+        """
+        impulse = np.zeros(IMPULSE)
+        impulse[IMPULSE // 2] = 1.0
+        with np.errstate(all="ignore"):
+            response = np.abs(np.fft.rfft(self.correct(impulse, p, h, np.arange(IMPULSE) * h)))
+        return float(np.mean(np.log(np.clip(response, 1e-6, 1e6))))
 
 
 class PickUp(SensorEffect):

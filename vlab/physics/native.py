@@ -151,6 +151,9 @@ def add_springs(spec: Any, plant: MjcfPlant, place: str, label: str, what: tuple
     rest = plant.port(place).position(plant.new_data())
     for k, spring in enumerate(what):
         tendon = spec.add_tendon(name=f"{label}:{k + 1}")
+        tendon.damping[:], tendon.stiffness[:] = 0.0, 0.0  # not the model's defaults for its own tendons
+        tendon.frictionloss = tendon.armature = 0.0
+        tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         tendon.stiffness[0] = spring.stiffness
         tendon.springlength = [rest + spring.low, rest + spring.high]
         tendon.springyield = spring.springyield

@@ -47,10 +47,6 @@ class SensorGain(SensorEffect):
         """See `SensorEffect`."""
         return np.asarray(y / (1.0 + p["gain"]))
 
-    def stretch(self, p: Values, h: float) -> float:
-        """See `SensorEffect`."""
-        return -float(np.log(abs(1.0 + p["gain"])))
-
 
 class SensorOffset(SensorEffect):
     """A zero that is off."""

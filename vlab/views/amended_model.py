@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from vlab.cases.case import load_case
@@ -114,7 +113,6 @@ def _earlier(done: Diagnosed, raw: Mapping[str, Any]) -> list[Attached]:
 def _write_mjcf(done: Diagnosed, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
     plant = done.problem.adjusted(theta) if effects else done.before.plant
     spec, left = written(plant, effects)
-    only_springs(spec, effects)
     (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
     assert isinstance(plant, MjcfPlant)
     source = (done.problem.case.folder / done.problem.case.table.model.mjcf).parent
@@ -130,15 +128,6 @@ def _write_mjcf(done: Diagnosed, effects: Sequence[Attached], theta: Array, fold
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(source / name, folder / name)
     return left
-
-
-def only_springs(spec: Any, effects: Sequence[Attached]) -> None:
-    """Take off the springs that effects were written as what they took over from the model's defaults for tendons."""
-    for tendon in spec.tendons:
-        if any(tendon.name.startswith(f"{one.label}:") for one in effects):
-            tendon.damping[:], tendon.stiffness[1:] = 0.0, 0.0
-            tendon.frictionloss = tendon.armature = 0.0
-            tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 
 def _calibrated(done: Diagnosed, theta: Array, found: bool) -> list[Attached]:

@@ -1,0 +1,49 @@
+"""The search and the choice on short recordings: nothing where nothing is missing, the effect where one is."""
+
+import pytest
+import rig_oscillator
+from rigs import oscillator_case
+
+from vlab.cases import load_case
+from vlab.diagnose.choose import choose
+from vlab.diagnose.prepare import prepare
+from vlab.diagnose.search import search
+from vlab.physics.catalogue import EFFECTS
+
+SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "actuator-clipping", "sensor-gain")
+
+
+def found(folder, **given):
+    rig = oscillator_case(folder, **given)
+    return rig, search(prepare(load_case(folder)), [EFFECTS[name] for name in SOME])
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    monkeypatch.setattr(rig_oscillator, "SECONDS", 2.0)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_nothing_is_said_where_nothing_is_missing(tmp_path, seed):
+    _, result = found(tmp_path, effect="none", seed=seed)
+    choice = choose(result)
+    assert choice.best is result.before
+    assert not choice.is_supported
+    assert choice.places == {}
+    assert result.before.level < 1.3  # the refitted model leaves the noise
+    # The likeliest of some 100 columns of noise gains about ln(100) = 5, wrong priors some more; hidden effects hundreds.
+    assert result.candidates[0].gain < 20
+
+
+@pytest.mark.slow
+def test_the_hidden_effect_is_chosen_at_its_place_with_its_value(tmp_path):
+    rig, result = found(tmp_path, effect="coulomb-friction")
+    choice = choose(result)
+    assert choice.is_supported
+    assert [t.label for t in choice.best.terms] == [f"coulomb-friction@{rig.place}"]
+    # the motor's gain alone is 2 % uncertain, and friction is in proportion to it
+    assert choice.best.terms[0].values["force"] == pytest.approx(rig.parameters["force"], rel=0.05)
+    assert choice.best.level < 1.3 < result.before.level
+    assert next(iter(choice.places)) == rig.place
+    assert sum(choice.places.values()) == pytest.approx(1.0)
+    assert choice.probability > 0.9

@@ -1,0 +1,138 @@
+"""The share of the gap that is closed, errors over recordings, the amended model, and work on several processes."""
+
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rig_oscillator
+from rigs import oscillator_case
+
+from vlab.assets import asset
+from vlab.cases import load_case, simulate
+from vlab.diagnose.engine import diagnose
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.verify import Amended, check, gap_closed, total
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import effect_named
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "noise", "share"),
+    [
+        (1.0, 0.1, 0.1, 1.0),
+        (0.5, 0.2, 0.1, 0.75),
+        (0.5, 0.5, 0.1, 0.0),
+        (0.5, 0.9, 0.1, -1.0),
+        (0.109, 0.05, 0.1, None),  # nothing to close
+        (np.inf, 0.3, 0.1, 1.0),  # only the amended model can follow at all
+        (np.inf, np.inf, 0.1, 0.0),
+        (0.5, np.inf, 0.1, -np.inf),
+    ],
+)
+def test_the_share_of_the_gap(before, after, noise, share):
+    got = gap_closed(before, after, noise)
+    assert got == (None if share is None else pytest.approx(share))
+
+
+def test_the_error_over_recordings_is_their_root_mean_square():
+    checked = [SimpleNamespace(before=3.0), SimpleNamespace(before=4.0)]
+    assert total(checked, "before") == pytest.approx(np.sqrt(12.5))
+    assert np.isnan(total([], "before"))
+
+
+def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
+    monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
+    rig = oscillator_case(tmp_path, effect="cubic-stiffness", benign=0.0)
+    case = load_case(tmp_path)
+    runs = case.runs(("holdout",))
+    one = Attached(effect=effect_named(rig.effect), place=rig.place, values=rig.parameters)
+    after = Amended(plant=attach(case.plant, [one], channels=[]))
+    results = check(case, runs, Amended(plant=case.plant), after)
+    assert [c.name for c in results] == ["sweep", "other multisine"]
+    for c in results:
+        assert c.role == "holdout"
+        assert c.nominal == c.before > 10 * c.after
+        # noise of 0.5 %, to the 5 % that 2000 samples and its own estimate allow; the law is integrated at 1 ms and 0.5 ms
+        assert c.after == pytest.approx(rig_oscillator.NOISE, rel=0.1)
+        assert c.noise == pytest.approx(rig_oscillator.NOISE, rel=0.3)
+        assert c.gap_closed == pytest.approx(1.0, abs=0.02)
+
+
+def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monkeypatch):
+    monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
+    oscillator_case(tmp_path)
+    case = load_case(tmp_path)
+    (run, *_) = case.runs(("holdout",))
+    plain = simulate(case.plant, run).recording
+    names = tuple(c.channel for c in run.compared)
+    gains, offsets = np.array([1.0, 1.1, 0.9]), np.array([0.0, 0.0, 2e-3])
+    changed = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=offsets).simulated(run)
+    for name, gain, offset in zip(names, gains, offsets, strict=True):
+        np.testing.assert_allclose(changed[name], gain * plain[name] + offset)
+
+
+def test_side_by_side_is_the_serial_map_in_order():
+    offset = 7  # a closure, which need not be pickled
+
+    def work(x):
+        return (x * x + offset, np.sqrt(np.arange(x, x + 3.0)).tolist())
+
+    items = list(range(9))
+    assert side_by_side(work, items) == [work(x) for x in items]
+    assert side_by_side(work, []) == []
+    assert side_by_side(work, [3]) == [work(3)]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="one core")
+def test_side_by_side_nested_and_failing():
+    def outer(x):
+        return sum(side_by_side(lambda y: x * y, [1, 2, 3]))
+
+    assert side_by_side(outer, [1, 2]) == [6, 12]
+
+    def fails(x):
+        raise ZeroDivisionError(str(x))
+
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(fails, [1, 2])
+    assert side_by_side(outer, [1]) == [6]  # the failure left nothing behind
+
+
+# ---- the whole way --------------------------------------------------------------------------------------------------
+
+
+def test_a_loop_with_a_limited_voltage_is_diagnosed():
+    done = diagnose(load_case(asset("cases/avc_cantilever/closed_loop_identified_observer.toml")))
+    diagnosis = done.diagnosis
+    assert diagnosis.verdict == "missing-physics"
+    first = diagnosis.findings[0]
+    assert (first.effect, first.place) == ("actuator-clipping", "actuator:piezo")
+    assert first.parameters["limit"]["value"] == pytest.approx(119.0, rel=0.02)
+    assert diagnosis.is_verified
+    assert [r["name"] for r in diagnosis.heldout["per_recording"]] == ["release 2", "release 3"]
+    assert diagnosis.heldout["gap_closed"] >= 0.8
+    document = diagnosis.to_json()
+    assert document["findings"][0]["class"][0] == "actuator-clipping"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "effect"), [("silverbox", "quadratic-cubic-stiffness"), ("emps", "coulomb-friction")])
+def test_real_recordings_are_diagnosed(case, effect):
+    diagnosis = diagnose(load_case(asset(f"cases/{case}"))).diagnosis
+    assert diagnosis.verdict == "missing-physics"
+    assert effect in [f.effect for f in diagnosis.findings]
+    assert diagnosis.heldout["gap_closed"] >= 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["coulomb-friction", "cubic-stiffness", "actuator-clipping"])
+def test_hidden_effects_are_found_verified_and_sized(tmp_path, effect):
+    rig = oscillator_case(tmp_path, effect=effect)
+    diagnosis = diagnose(load_case(tmp_path)).diagnosis
+    assert diagnosis.verdict == "missing-physics"
+    (first, *_) = diagnosis.findings
+    assert (first.effect, first.place) == (rig.effect, rig.place)
+    for name, true in rig.parameters.items():
+        assert first.parameters[name]["value"] == pytest.approx(true, rel=0.1)  # the gain alone is 2 % uncertain
+    assert diagnosis.heldout["gap_closed"] >= 0.8
