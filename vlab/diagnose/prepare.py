@@ -87,7 +87,12 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     """
     runs = case.runs(roles)
     if not runs:
-        raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
+        only = (
+            " (frequency responses and modal tables alone cannot be diagnosed yet)"
+            if case.table.frf or case.table.modal
+            else ""
+        )
+        raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:
         if tuple(c for c in run.compared if c.actuator is None) != channels:
