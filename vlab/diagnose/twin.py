@@ -1,6 +1,5 @@
 """The linear twin: a plant about rest in its own modes, with everything uncertain as parameters, for many sets at once."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,8 +154,3 @@ def observable(rows: ChannelRows, shapes: Array, omega: Array) -> Array:
     compliance = size / np.maximum(np.abs(omega), 1.0) ** 2
     largest = compliance.max(axis=1, keepdims=True)
     return np.asarray((compliance > 1e-4 * np.maximum(largest, 1e-300)).any(axis=0))
-
-
-def stack_sets(theta: Array, steps: Sequence[float]) -> Array:
-    """Return parameter sets with one parameter moved at a time: the base first, then one row a parameter."""
-    return np.vstack([theta, theta + np.diag(np.asarray(steps))])
