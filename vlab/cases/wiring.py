@@ -15,7 +15,7 @@ from vlab.plants.base import Plant
 from vlab.recordings.assemble import ColumnSpec, own_si
 from vlab.signals import Array, Recording
 
-_ORDER = {
+ORDER = {
     "displacement": 0,
     "angle": 0,
     "velocity": 1,
@@ -23,6 +23,7 @@ _ORDER = {
     "acceleration": 2,
     "angular-acceleration": 2,
 }
+"""How often a kind of motion is the derivative of a position."""
 _UNITS = {
     "m": ("displacement", "velocity", "acceleration"),
     "rad": ("angle", "angular-velocity", "angular-acceleration"),
@@ -167,7 +168,7 @@ def find_output(plant: Plant, channel: ChannelTable, recording: RecordingTable) 
         if "other" in (plant.sensors[i].kind, channel.kind) or plant.sensors[i].kind == channel.kind:
             return Compared(channel=label, sensor=i, from_rest=channel.from_rest)
     if at in plant.ports and channel.kind in _UNITS[plant.ports[at].unit]:
-        return Compared(channel=label, port=at, order=_ORDER[channel.kind], from_rest=channel.from_rest)
+        return Compared(channel=label, port=at, order=ORDER[channel.kind], from_rest=channel.from_rest)
     for i, tap in enumerate(plant.actuators):
         if at in (tap.name, tap.at, f"actuator:{tap.name}") and tap.name and not sensors:
             if recording.controller is None or at not in recording.controller.actuators:

@@ -70,7 +70,7 @@ def choose(found: Found) -> Choice:
             best = two
     if best is before:
         return Choice(
-            best=before, alike=(), probability=1.0, ranking=_ranking(found, before, ()), places={}, is_supported=False
+            best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={}, is_supported=False
         )
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
     alike = tuple(h for h in same if h.level <= ALIKE * best.level)
@@ -85,6 +85,13 @@ def choose(found: Found) -> Choice:
     )
 
 
+def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:
+    """Return the probabilities that the scores of some hypotheses give them among themselves."""
+    scores = np.array([h.score for h in hypotheses])
+    weights = np.exp(scores - scores.max())
+    return [float(w) for w in weights / weights.sum()]
+
+
 def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
     return tuple(sorted(t.effect.name for t in hypothesis.terms))
 
@@ -96,25 +103,19 @@ def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[H
     for h in [best, *sorted(same, key=lambda h: -h.score)]:
         by_effect.setdefault(_names(h), h)
     options = [*by_effect.values(), found.before]
-    scores = np.array([h.score for h in options])
-    weights = np.exp(scores - scores.max())
-    weights /= weights.sum()
-    ranking = sorted(zip(options[1:], weights[1:].tolist(), strict=True), key=lambda pair: -pair[1])
-    return float(weights[0]), tuple(ranking)
+    weights = _shares(options)
+    ranking = sorted(zip(options[1:], weights[1:], strict=True), key=lambda pair: -pair[1])
+    return weights[0], tuple(ranking)
 
 
-def _ranking(found: Found, best: Hypothesis, skip: Sequence[Hypothesis]) -> tuple[tuple[Hypothesis, float], ...]:
+def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
     options = [best, *found.hypotheses[:6]]
-    scores = np.array([h.score for h in options])
-    weights = np.exp(scores - scores.max())
-    weights /= weights.sum()
-    return tuple(zip(options[1:], weights[1:].tolist(), strict=True))
+    weights = _shares(options)
+    return tuple(zip(options[1:], weights[1:], strict=True))
 
 
 def _places(found: Found, best: Hypothesis) -> dict[str, float]:
     first = best.terms[0].place.name
     options = {k: h for k, h in found.places.items() if _names(h) == _names(best)} or {first: best}
-    scores = np.array([h.score for h in options.values()])
-    weights = np.exp(scores - scores.max())
-    weights /= weights.sum()
-    return dict(sorted(zip(options, weights.tolist(), strict=True), key=lambda pair: -pair[1]))
+    weights = _shares(list(options.values()))
+    return dict(sorted(zip(options, weights, strict=True), key=lambda pair: -pair[1]))

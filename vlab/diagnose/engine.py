@@ -79,7 +79,7 @@ def diagnose(
     holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
     runs: list[Run] = list(holdouts) or list(problem.runs)
     checked = check(case, runs, before, after if choice.best.terms or limit else None)
-    diagnosis = _say(case, problem, found, choice, fit_after, checked, limit, time.monotonic() - began)
+    diagnosis = _say(case, problem, choice, fit_after, checked, limit, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
@@ -98,7 +98,6 @@ def _verdict(choice: Choice, checked: Sequence[Checked], limit: CommandLimit | N
 def _say(
     case: Case,
     problem: Problem,
-    found: Found,
     choice: Choice,
     fit: Fit,
     checked: Sequence[Checked],
@@ -121,7 +120,7 @@ def _say(
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
-        next_measurement=next_measurement(choice, verdict, problem),
+        next_measurement=next_measurement(choice, verdict),
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
         seconds=seconds,

@@ -10,7 +10,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.initial import replayed_commands
 from vlab.cases.playback import bench_for
-from vlab.cases.wiring import Compared, Law, Run
+from vlab.cases.wiring import ORDER, Compared, Law, Run
 from vlab.diagnose.linear_view import actuator_forces, channel_rows
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.signals import Signals, fastest, signals_of, uniform
@@ -67,16 +67,6 @@ class Problem:
         return [s for s in self.signals if s.role == role]
 
 
-_ORDERS = {
-    "displacement": 0,
-    "angle": 0,
-    "velocity": 1,
-    "angular-velocity": 1,
-    "acceleration": 2,
-    "angular-acceleration": 2,
-}
-
-
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     """Prepare a case's recordings in some roles.
 
@@ -101,7 +91,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             )
     plant = case.plant
     names = tuple(c.channel for c in channels)
-    orders = [_ORDERS.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
+    orders = [ORDER.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
     linear = plant.linearise()
     rows = channel_rows(plant, channels)
     highest = max(_fastest(run, channels, orders) for run in runs)

@@ -119,7 +119,7 @@ class Refiner:
         self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
-        self.highest = max(2.0 / (2 * np.pi) * float(np.abs(self.twin.omega).max()), 1e-3) / 2
+        self.highest = max(float(np.abs(self.twin.omega).max()) / (2 * np.pi), 5e-4)
         self.active = self._active()
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
         self.directions = self._informed()
@@ -335,7 +335,7 @@ class Refiner:
                 if run.h == h:
                     block = out[at : at + run.y.size].reshape(len(run), run.y.shape[1], -1)
                     for c, column in enumerate(offsets):
-                        block[:, c, column] = self._offset_sd()[c] / self.sigma[i][c]
+                        block[:, c, column] = self.screen.offset_sd[c] / self.sigma[i][c]
                     at += run.y.size
         return out
 
@@ -389,16 +389,13 @@ class Refiner:
     def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
         xi = np.linalg.lstsq(layout.directions, theta, rcond=None)[0] if layout.r else np.zeros(0)
         offsets = np.zeros(layout.n_channels) if start is None else start.offsets
-        parts = [xi, offsets / self._offset_sd()]
+        parts = [xi, offsets / self.screen.offset_sd]
         for i in layout.free:
             run = self.runs[i]
             state = self.first_state(run) if start is None or run.name not in start.starts else start.starts[run.name]
             parts.append(self._pack(state))
         parts.append(np.array([_inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
         return np.concatenate(parts)
-
-    def _offset_sd(self) -> Array:
-        return self.screen.offset_sd
 
     def _pack(self, state: Array) -> Array:
         m = self.twin.m
@@ -421,7 +418,7 @@ class Refiner:
         """Return theta, offsets, starts (n_sets, n_runs, 2m) and effect entries of fitted vectors."""
         r, p, m = layout.r, layout.n_channels, self.twin.m
         theta = X[:, :r] @ layout.directions.T
-        offsets = X[:, r : r + p] * self._offset_sd()
+        offsets = X[:, r : r + p] * self.screen.offset_sd
         starts = np.zeros((len(X), len(self.runs), 2 * m))
         for i, run in enumerate(self.runs):
             if run.start is not None and not run.at_rest:

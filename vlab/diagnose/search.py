@@ -31,8 +31,6 @@ SEEDS = 3
 """Second effects tried on top of each of the best single ones."""
 ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
-SECOND_WORTH = 8.0
-"""Score that a second effect must add to the penalty for its parameters."""
 QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
 WORTH = 40.0

@@ -1,7 +1,6 @@
 """What a diagnosis says in words: what was not excluded, and the measurement that would decide."""
 
 from vlab.diagnose.choose import Choice
-from vlab.diagnose.prepare import Problem
 
 _SEPARATES = {
     frozenset(
@@ -57,7 +56,7 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     return tuple(out)
 
 
-def next_measurement(choice: Choice, verdict: str, problem: Problem) -> str:
+def next_measurement(choice: Choice, verdict: str) -> str:
     """Return the measurement that would separate what is left."""
     if verdict == "nothing-missing":
         return "a recording at a level several times higher, which brings out what grows with amplitude"
