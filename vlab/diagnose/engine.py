@@ -12,10 +12,14 @@ from vlab.cases.misfit import misfit
 from vlab.cases.wiring import Run
 from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.commands import CommandLimit, find_limit
+from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
+from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms
+from vlab.diagnose.hum import Hum
 from vlab.diagnose.prepare import Problem, prepare
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.search import WORTH, Found, Hypothesis, search
+from vlab.diagnose.search import Found, search
+from vlab.diagnose.signals import noise_level
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.physics.catalogue import EFFECTS
@@ -27,6 +31,59 @@ LEAST_MISFIT = 0.015
 """...and more than this share of their rms: integrators, meshes and interpolation leave up to a per cent."""
 LEAST_GAP = 0.4
 """An effect is reported as found where it closes at least this share of the held-out gap."""
+BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
+"""Hum below this share of its channel's rms, or this multiple of its noise, is what every laboratory has."""
+BENIGN_STOP = 0.002
+"""A sensor that stands at its limit for a smaller share of the samples is said among the recordings' defects only."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """What recordings show without any model.
+
+    Parameters
+    ----------
+    limit : CommandLimit or None
+        Of the commands of a law in the loop.
+    stops : tuple of SensorLimit
+        Of sensors, where they matter.
+    hums, benign_hums : tuple of Hum
+        On sensors: where it matters, and elsewhere.
+    damage : Damage
+        Of the recordings.
+    """
+
+    limit: CommandLimit | None
+    stops: tuple[SensorLimit, ...]
+    hums: tuple[Hum, ...]
+    benign_hums: tuple[Hum, ...]
+    damage: Damage
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether any of it is physics that the model lacks."""
+        return self.limit is not None or bool(self.stops) or bool(self.hums)
+
+    def findings(self, problem: Problem) -> list[Finding]:
+        """Return it as findings."""
+        out = [] if self.limit is None else [of_limit(self.limit, problem)]
+        units = {c.name: c.unit for c in problem.runs[0].measured.channels}
+        out += [of_stop(stop, units[stop.channel]) for stop in self.stops]
+        return out + [of_hum(hum, units[hum.channel]) for hum in self.hums]
+
+
+def look(problem: Problem, damage: Damage) -> Seen:
+    """Look at the recordings to fit of a case without its model; the law in the loop aside, whose commands are replayed."""
+    runs = problem.runs
+    big: list[Hum] = []
+    small: list[Hum] = []
+    for hum in problem.hums:
+        noise = float(np.median([noise_level(run.measured[hum.channel]) for run in runs]))
+        matters = hum.share > BENIGN_HUM and hum.rms > HUM_OVER_NOISE * noise
+        (big if matters else small).append(hum)
+    stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP)
+    limit = find_limit(problem.case.plant, runs)
+    return Seen(limit=limit, stops=stops, hums=tuple(big), benign_hums=tuple(small), damage=damage)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,32 +124,38 @@ def diagnose(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     problem = prepare(case, ("fit",))
-    found = search(problem, list(effects) or list(EFFECTS.values()), lambda share, what: report(0.8 * share, what))
+    holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
+    seen = look(problem, assess([*problem.runs, *holdouts]))
+    sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
+    found = search(problem, sought, lambda share, what: report(0.8 * share, what))
     choice = choose(found)
     report(0.8, "fitting whole recordings")
     fit_before = found.whole.fit((), found.before.fit)
     fit_after = found.whole.fit(choice.best.terms, choice.best.fit, 6) if choice.best.terms else fit_before
     before, after = amended(problem, fit_before), amended(problem, fit_after)
-    limit = find_limit(case.plant, problem.runs)
-    after = replace(after, limit=limit)
+    after = replace(after, limit=seen.limit, stops=seen.stops, hums=seen.hums)
     report(0.9, "checking in MuJoCo")
-    holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
     runs: list[Run] = list(holdouts) or list(problem.runs)
-    checked = check(case, runs, before, after if choice.best.terms or limit else None)
-    diagnosis = _say(case, problem, choice, fit_after, checked, limit, time.monotonic() - began)
+    is_amended = bool(choice.best.terms) or seen.is_missing
+    checked = check(case, runs, before, after if is_amended else None, seen.benign_hums)
+    diagnosis = _say(case, problem, choice, fit_after, checked, seen, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
     )
 
 
-def _verdict(choice: Choice, checked: Sequence[Checked], limit: CommandLimit | None) -> Verdict:
+def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen) -> Verdict:
+    if seen.damage.fatal:
+        return "bad-recording"
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = gap_closed(errors["before"], errors["after"], errors["noise"])
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
-    if (choice.best.terms or limit is not None) and (gap is None or gap >= LEAST_GAP):
+    if (choice.best.terms or seen.is_missing) and (gap is None or gap >= LEAST_GAP):
         return "missing-physics"
-    return "none-of-these" if unexplained else "nothing-missing"
+    if not unexplained:
+        return "nothing-missing"
+    return "bad-recording" if seen.damage.warnings else "none-of-these"
 
 
 def _say(
@@ -101,17 +164,16 @@ def _say(
     choice: Choice,
     fit: Fit,
     checked: Sequence[Checked],
-    limit: CommandLimit | None,
+    seen: Seen,
     seconds: float,
 ) -> Diagnosis:
-    verdict = _verdict(choice, checked, limit)
+    verdict = _verdict(choice, checked, seen)
     notes = (
         []
         if case.recordings(("holdout",))
         else ["no hold-out recording: nothing could be verified on data that the search did not use"]
     )
-    found_limit = [] if limit is None else [_limit_finding(limit, problem)]
-    findings = (*found_limit, *_findings(choice, fit)) if verdict == "missing-physics" else ()
+    findings = (*of_terms(choice, fit), *seen.findings(problem)) if verdict == "missing-physics" else ()
     return Diagnosis(
         title=case.table.title,
         verdict=verdict,
@@ -121,106 +183,16 @@ def _say(
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
         next_measurement=next_measurement(choice, verdict),
+        quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
         seconds=seconds,
     )
 
 
-def _limit_finding(limit: CommandLimit, problem: Problem) -> Finding:
-    law = next(run.law for run in problem.runs if run.law is not None)
-    effect = EFFECTS["actuator-clipping"]
-    index = problem.plant.actuator_index(limit.actuator)
-    tap = problem.plant.actuators[index]
-    recorded = [
-        run.measured.channels[run.measured.index(c.channel)].unit
-        for run in problem.runs
-        for c in run.compared
-        if c.actuator == index
-    ]
-    unit = tap.unit if tap.unit != "command" else next(iter(recorded), "")
-    scale = float(law.per_actuator[list(law.actuators).index(index)])
-    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
-    told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
-    # the odds of the replays' errors, of as many independent samples as any score counts
-    odds = (limit.after / limit.before) ** WORTH
-    return Finding(
-        effect=effect.name,
-        family=effect.family,
-        place=f"actuator:{limit.actuator}",
-        places_90=(f"actuator:{limit.actuator}",),
-        probability=1.0 / (1.0 + odds),
-        alike=(effect.name,),
-        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
-        law=effect.law,
-        words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
-        f"{100 * limit.after:.0f} % with it, and {told}",
-    )
-
-
-def _findings(choice: Choice, fit: Fit) -> list[Finding]:
-    out = []
-    for i, term in enumerate(fit.terms):
-        parameters: dict[str, dict[str, Any]] = {}
-        for parameter in term.effect.parameters:
-            value, sd = term.values[parameter.name], choice.best.fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
-            spread = 1.645 * sd
-            low, high = (
-                (value - spread, value + spread)
-                if parameter.signed
-                else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
-            )
-            unit = _unit(parameter.unit, term.place.angular)
-            parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
-        places = choice.places if i == 0 else {term.place.name: 1.0}
-        alike = [term.effect.name, *(name for h in choice.alike for name in _instead(h, fit, i))]
-        out.append(
-            Finding(
-                effect=term.effect.name,
-                family=term.effect.family,
-                place=term.place.name,
-                places_90=_most(places),
-                probability=choice.probability,
-                alike=tuple(dict.fromkeys(alike)),
-                parameters=parameters,
-                law=term.effect.law,
-                words=term.effect.words,
-            )
-        )
-    return out
-
-
-def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
-    """Return what a hypothesis that fits as well has in the place of one of the chosen effects, the others being the same."""
-    others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
-    names = [t.effect.name for t in hypothesis.terms]
-    for name in others:
-        if name not in names:
-            return []
-        names.remove(name)
-    return names
-
-
-_ANGULAR = {"N": "N m", "m": "rad", "kg": "kg m^2", "m/s": "rad/s", "N/m": "N m/rad", "N s/m": "N m s/rad"}
-
-
-def _unit(unit: str, angular: bool) -> str:
-    """Return a parameter's unit at a rotation, where forces are moments and displacements angles."""
-    if not angular:
-        return unit
-    if unit in _ANGULAR:
-        return _ANGULAR[unit]
-    return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
-
-
-def _most(places: dict[str, float]) -> tuple[str, ...]:
-    out, held = [], 0.0
-    for name, probability in places.items():
-        out.append(name)
-        held += probability
-        if held >= 0.9:
-            break
-    return tuple(out)
+def _hum_line(hum: Hum) -> str:
+    lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
+    return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
 
 
 def _alternatives(choice: Choice) -> list[dict[str, Any]]:

@@ -102,7 +102,14 @@ class Smoothed:
 
 
 def run_filter(
-    system: Discrete, gains: Gains, forces: Array, y: Array, lengths: Array, *, smooth: bool = True
+    system: Discrete,
+    gains: Gains,
+    forces: Array,
+    y: Array,
+    lengths: Array,
+    *,
+    usable: Array | None = None,
+    smooth: bool = True,
 ) -> Smoothed:
     """Filter runs side by side, and smooth them.
 
@@ -112,6 +119,8 @@ def run_filter(
         Known modal forces.
     y : (n, n_runs, p) array
         Measured channels.
+    usable : (n, n_runs, p) array or None
+        Zero where a sample says nothing: the filter then goes on without it.
     """
     A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
     n, n_runs, p = y.shape
@@ -122,12 +131,13 @@ def run_filter(
     predicted, e = np.zeros((n, n_runs, A.shape[0])), np.zeros((n, n_runs, p))
     AT, CT = A.T.copy(), C.T.copy()
     KT = np.transpose(gains.K, (0, 2, 1)).copy()
-    everywhere = bool(alive.all())
+    weight = alive[:, :, None] if usable is None else alive[:, :, None] * usable
+    everywhere = bool(np.all(weight))
     for k in range(n):
         predicted[k] = x
         innovation = direct[k] - x @ CT
         if not everywhere:
-            innovation *= alive[k][:, None]
+            innovation *= weight[k]
         e[k] = innovation
         x = x @ AT + innovation @ KT[gains.at(k)] + driven[k]
     inverse = np.linalg.inv(gains.S)
@@ -176,10 +186,13 @@ def start_covariance(system: Discrete, y: Array, lengths: Array) -> Array:
     return np.diag(np.maximum(out, 1e-300))
 
 
-def tune(system: Discrete, noise: Array, forces: Array, y: Array, lengths: Array) -> tuple[float, Gains]:
+def tune(
+    system: Discrete, noise: Array, forces: Array, y: Array, lengths: Array, usable: Array | None = None
+) -> tuple[float, Gains]:
     """Return the intensity of the unknown forces that makes the runs most likely, and its gains."""
     n = min(len(y), TUNING_SAMPLES)
     short = np.minimum(lengths, n)
+    part = None if usable is None else usable[:n]
     start = start_covariance(system, y, lengths)
     B, C = system.B[0], system.C[0]
     # one step's force that moves a channel by its noise: the scale of the search
@@ -188,7 +201,7 @@ def tune(system: Discrete, noise: Array, forces: Array, y: Array, lengths: Array
 
     def value(log_q: float) -> float:
         gains = filter_gains(system, noise, reference * 10.0**log_q, start)
-        return run_filter(system, gains, forces[:n], y[:n], short, smooth=False).loglik
+        return run_filter(system, gains, forces[:n], y[:n], short, usable=part, smooth=False).loglik
 
     grid = np.arange(-8.0, 9.0, 1.5)
     values = [value(g) for g in grid]

@@ -11,6 +11,7 @@ from vlab.cases.case import Case
 from vlab.cases.initial import replayed_commands
 from vlab.cases.playback import bench_for
 from vlab.cases.wiring import ORDER, Compared, Law, Run
+from vlab.diagnose.hum import Hum, find_hum, without_hum
 from vlab.diagnose.linear_view import actuator_forces, channel_rows
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.signals import Signals, fastest, signals_of, uniform
@@ -41,7 +42,9 @@ class Problem:
     runs : tuple of Run
         As wired.
     signals : tuple of Signals
-        The same runs on the search's clock, in the same order.
+        The same runs on the search's clock, in the same order, hum taken off.
+    hums : tuple of Hum
+        The hum that was found on their channels.
     """
 
     case: Case
@@ -53,6 +56,7 @@ class Problem:
     runs: tuple[Run, ...]
     signals: tuple[Signals, ...]
     places: tuple[Place, ...]
+    hums: tuple[Hum, ...] = ()
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""
@@ -128,9 +132,10 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         rows=rows.onto(basis),
         changes=changes,
     )
+    hums = find_hum(runs)
     signals = tuple(
         signals_of(
-            run,
+            without_hum(run, hums),
             channels,
             rows.rest,
             len(plant.actuators),
@@ -152,6 +157,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         runs=tuple(runs),
         signals=signals,
         places=places,
+        hums=hums,
     )
 
 

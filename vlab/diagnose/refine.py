@@ -173,7 +173,8 @@ class Refiner:
             spread = LOOSE_START * np.maximum(np.sqrt(np.mean(states**2, axis=0)), 1e-12)
             for i in index:
                 n = len(self.runs[i])
-                response = (free[:n] / self.sigma[i]).transpose(0, 2, 1).reshape(-1, m2) * spread
+                seen = free[:n] * self.runs[i].usable[:, None, :]
+                response = (seen / self.sigma[i]).transpose(0, 2, 1).reshape(-1, m2) * spread
                 gram = response.T @ response + np.eye(m2)
                 out[i] = (response, np.linalg.solve(gram, response.T), spread)
         return out
@@ -335,7 +336,7 @@ class Refiner:
                 if run.h == h:
                     block = out[at : at + run.y.size].reshape(len(run), run.y.shape[1], -1)
                     for c, column in enumerate(offsets):
-                        block[:, c, column] = self.screen.offset_sd[c] / self.sigma[i][c]
+                        block[:, c, column] = self.screen.offset_sd[c] / self.sigma[i][c] * run.usable[:, c]
                     at += run.y.size
         return out
 
@@ -468,6 +469,8 @@ class Refiner:
             for j, i in enumerate(index):
                 run = self.runs[i]
                 difference = y[: len(run), :, j] + offsets - run.y[:, None, :]
+                if run.valid is not None:
+                    difference = difference * run.usable[:, None, :]
                 block = (difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1)
                 if i in self.loose:
                     response, solve, _ = self.loose[i]

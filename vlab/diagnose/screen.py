@@ -77,6 +77,7 @@ class Group:
     forces: Array
     y: Array
     lengths: Array
+    usable: Array | None = None
     motion: tuple[Array, Array, Array] = field(default_factory=tuple)  # type: ignore[assignment]
     e: Array = field(default_factory=lambda: np.zeros(0))
     white: Array = field(default_factory=lambda: np.zeros(0))
@@ -90,6 +91,8 @@ class Group:
     def rows(self, columns: Array) -> Array:
         """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
         keep = np.arange(self.first, len(columns))[:, None] < self.lengths[None, :]
+        if self.usable is not None:
+            keep &= self.usable[self.first :].all(axis=2)
         return np.asarray(
             np.einsum("pq,nrqk->nrpk", self.white, columns[self.first :])[keep].reshape(-1, columns.shape[-1])
         )
@@ -126,10 +129,7 @@ class Screen:
     def _shortened(self, runs: list[Signals]) -> list[Signals]:
         """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
         most = MOST_ROWS // (len(runs) * len(self.twin.rows.at_q))
-        return [
-            run if len(run) <= most else replace(run, u=run.u[:most], load=run.load[:most], y=run.y[:most])
-            for run in runs
-        ]
+        return [run if len(run) <= most else run.first(most) for run in runs]
 
     def _linearise(self) -> None:
         """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
@@ -194,7 +194,7 @@ class Screen:
                 t = np.arange(len(y)) * group.h
                 for effect, place, values in effects:
                     y[..., place.index] = effect.correct(y[..., place.index], values, group.h, t)
-                smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths)
+                smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths, usable=group.usable)
             out += [(run, smoothed.x[: len(run), i]) for i, run in enumerate(group.runs)]
         return out
 
@@ -225,15 +225,18 @@ class Screen:
         u, lengths = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
         y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+        usable = None
+        if any(run.valid is not None for run in runs):
+            usable, _ = stack_runs(runs, [run.usable for run in runs])
         forces = u @ twin.forces.T + load @ twin.loads.T
         noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0)) / self.sensor_gain
-        intensity, gains = tune(system, noise, forces, y, lengths)
+        intensity, gains = tune(system, noise, forces, y, lengths, usable)
         if self.trust != 1.0:
             gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y, lengths))
-        smoothed = run_filter(system, gains, forces, y, lengths)
+        smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
         settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
-        group = Group(runs, system, gains, smoothed, u, forces, y, lengths, e=smoothed.e)
+        group = Group(runs, system, gains, smoothed, u, forces, y, lengths, usable, e=smoothed.e)
         group.motion = _middles(twin, group)
         group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import signal
 
 from vlab.cases.wiring import Compared, Run
+from vlab.diagnose.damage import on_clock, says_something
 from vlab.signals import Array
 
 POINTS_PER_CYCLE = 14.0
@@ -51,6 +52,8 @@ class Signals:
         Modal state at the first sample, where it is taken as known.
     before : (k, 2m) array or None
         Modal states at the samples before the first one, for laws with memory.
+    valid : (n, n_channels) array of bool or None
+        Which samples say something of the structure; all of them by default.
     """
 
     name: str
@@ -65,6 +68,12 @@ class Signals:
     t0: float = 0.0
     start: Array | None = None
     before: Array | None = None
+    valid: Array | None = None
+
+    @property
+    def usable(self) -> Array:
+        """One where a sample says something, zero where it was lost or stands at a limit, (n, n_channels)."""
+        return np.ones(self.y.shape) if self.valid is None else np.asarray(self.valid, dtype=float)
 
     @property
     def t(self) -> Array:
@@ -73,6 +82,11 @@ class Signals:
 
     def __len__(self) -> int:
         return len(self.y)
+
+    def first(self, most: int) -> "Signals":
+        """Return the first samples alone."""
+        valid = None if self.valid is None else self.valid[:most]
+        return replace(self, u=self.u[:most], load=self.load[:most], y=self.y[:most], valid=valid)
 
 
 WINDOWS = 16
@@ -108,6 +122,7 @@ def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
                 u=run.u[part],
                 load=run.load[part],
                 y=run.y[part],
+                valid=None if run.valid is None else run.valid[part],
                 at_rest=run.at_rest and i == 0,
                 t0=run.t0 + float(a * run.h),
                 start=states[a],
@@ -238,6 +253,7 @@ def signals_of(
         for j in range(n_actuators):
             at = np.searchsorted(time, grid + 1e-9 * h, side="right") - 1
             u[:, j] += commands[at, j]
+    usable = on_clock(run, says_something(run, compared), grid)
     scale = np.std(y, axis=0)
     scale = np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12)
     largest = np.abs(y).max(axis=0)
@@ -253,4 +269,5 @@ def signals_of(
         noise=np.array([noise_level(column) for column in y.T]),
         scale=scale,
         at_rest=run.initial == "rest" or (run.initial == "auto" and starts),
+        valid=None if usable.all() else usable,
     )

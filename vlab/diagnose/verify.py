@@ -9,12 +9,15 @@ from vlab.cases.case import Case
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
+from vlab.diagnose.damage import SensorLimit
+from vlab.diagnose.hum import Hum
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.signals import noise_level
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
+from vlab.recordings.quality import held_samples
 from vlab.signals import Array, Recording
 
 
@@ -30,6 +33,10 @@ class Amended:
         The channels.
     limit : CommandLimit or None
         On the commands of a law in the loop.
+    stops : tuple of SensorLimit
+        Ends of sensors' ranges.
+    hums : tuple of Hum
+        On sensors, with the amplitude found on the recordings to fit and the phase of each recording.
     """
 
     plant: Plant
@@ -37,15 +44,21 @@ class Amended:
     sensor_gain: Array | None = None
     offset: Array | None = None
     limit: CommandLimit | None = None
+    stops: tuple[SensorLimit, ...] = ()
+    hums: tuple[Hum, ...] = ()
 
     def simulated(self, run: Run) -> Recording:
         """Return what a run's channels are with this plant."""
         recording = simulate(self.plant, run if self.limit is None else self.limit.on(run)).recording
-        if self.sensor_gain is None or self.offset is None:
-            return recording
         data = recording.data.copy()
-        for name, gain, offset in zip(self.names, self.sensor_gain, self.offset, strict=True):
-            data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
+        if self.sensor_gain is not None and self.offset is not None:
+            for name, gain, offset in zip(self.names, self.sensor_gain, self.offset, strict=True):
+                data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
+        for hum in self.hums:
+            data[:, recording.index(hum.channel)] += hum.expected(run)
+        for stop in self.stops:
+            column = recording.index(stop.channel)
+            data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
         return replace(recording, data=data)
 
 
@@ -105,16 +118,29 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
     return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
 
 
-def check(case: Case, runs: Sequence[Run], before: Amended, after: Amended | None) -> list[Checked]:
-    """Simulate runs with the nominal, the refitted and the amended model and measure what is left."""
+def check(
+    case: Case, runs: Sequence[Run], before: Amended, after: Amended | None, hums: Sequence[Hum] = ()
+) -> list[Checked]:
+    """Simulate runs with the nominal, the refitted and the amended model and measure what is left.
+
+    Parameters
+    ----------
+    hums : sequence of Hum
+        Counted as noise.
+    """
     models = [Amended(plant=case.plant), before, after]
-    return [_checked(run, models) for run in runs]
+    return [_checked(run, models, hums) for run in runs]
 
 
-def _checked(run: Run, models: Sequence[Amended | None]) -> Checked:
+def _checked(run: Run, models: Sequence[Amended | None], hums: Sequence[Hum]) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    kept = ~held_samples(run.measured)
     scale = np.array([np.std(run.measured[n]) for n in names])
     noise = np.array([noise_level(run.measured[n]) for n in names]) / scale
+    for hum in hums:
+        if hum.channel in names:
+            i = names.index(hum.channel)
+            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
     errors, recordings = [], []
     for model in models:
         recording = None if model is None else _try(model, run)
@@ -122,7 +148,7 @@ def _checked(run: Run, models: Sequence[Amended | None]) -> Checked:
         if recording is None:
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
-            errors.append(np.array([np.sqrt(np.mean((recording[n] - run.measured[n]) ** 2)) for n in names]) / scale)
+            errors.append(np.array([_rms((recording[n] - run.measured[n])[kept]) for n in names]) / scale)
     if models[2] is None:
         errors[2], recordings[2] = errors[1], recordings[1]
     total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
@@ -137,6 +163,10 @@ def _checked(run: Run, models: Sequence[Amended | None]) -> Checked:
         measured=run.measured,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def _try(model: Amended, run: Run) -> Recording | None:

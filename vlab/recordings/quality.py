@@ -62,7 +62,7 @@ def _findings(recording: Recording) -> Iterator[Finding]:
             continue
         moving.append(i)
         step = _step(values)
-        yield from _clipping(recording, i, step)
+        yield from _clipping(recording, i)
         yield from _quantisation(recording, i, step)
     yield from _held(recording, moving)
     yield from _duplicates(recording, moving)
@@ -111,14 +111,15 @@ def _drives(channel: Channel) -> bool:
     return channel.is_input or channel.kind in ("command", "excitation")
 
 
-def _clipping(recording: Recording, index: int, step: float) -> Iterator[Finding]:
-    """Find flat tops that the signal enters and leaves at speed.
+def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
+    """Return the samples that stand at a limit, by side (``"lower"``, ``"upper"``): flat tops that the signal enters and leaves at speed.
 
     A smooth top that is flat for n >= 3 samples because of quantisation has a slope of at most about one step a sample
     at the ends of the flat (x = -c k^2/2 with c (n/2)^2/2 <= step/2, so that c n/2 <= 2 step/n): three steps are not smooth.
     A signal that rests at its extreme value for more than half of the time is a signal at rest.
     """
-    channel, values = recording.channels[index], recording.data[:, index]
+    out: dict[str, NDArray[np.bool_]] = {}
+    step = _step(values)
     for side, extreme in (("lower", values.min()), ("upper", values.max())):
         at_extreme = values == extreme
         first, last = runs(at_extreme)
@@ -126,13 +127,21 @@ def _clipping(recording: Recording, index: int, step: float) -> Iterator[Finding
         first, last = first[inside], last[inside]
         speed = np.maximum(np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last]))
         flat = (last - first >= CLIPPED_RUN) & (speed > 3 * step)
-        if not flat.any() or at_extreme.mean() > 0.5:
-            continue
-        longest = int((last - first)[flat].max())
+        if flat.any() and at_extreme.mean() <= 0.5:
+            out[side] = at_extreme
+    return out
+
+
+def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
+    """Say which limits a channel stops at."""
+    channel, values = recording.channels[index], recording.data[:, index]
+    for side, at_limit in flat_tops(values).items():
+        first, last = runs(at_limit)
+        long = last - first >= CLIPPED_RUN
         text = (
-            f"{channel.name} stops at its {side} limit of {extreme:g} {channel.unit} "
-            f"{_count(int(flat.sum()), 'time')}, up to {longest} samples, "
-            f"{100 * at_extreme.mean():.2g} % of the samples, first at t = {recording.time[first[flat][0]]:g} s"
+            f"{channel.name} stops at its {side} limit of {values[at_limit][0]:g} {channel.unit} "
+            f"{_count(int(long.sum()), 'time')}, up to {int((last - first).max())} samples, "
+            f"{100 * at_limit.mean():.2g} % of the samples, first at t = {recording.time[first[long][0]]:g} s"
         )
         # A limit of the drive is physics that a model may have; a limit of a sensor is a loss.
         yield Finding(channel.name, "clipping", text, "note" if _drives(channel) else "warning")
@@ -151,11 +160,23 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
         yield Finding(channel.name, "quantisation", text, "warning" if step > 0.3 * size else "note")
 
 
-def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
-    """Find blocks in which all sensors stand still and then jump: samples lost and filled by the last value."""
+def held_samples(recording: Recording) -> NDArray[np.bool_]:
+    """Return the samples of blocks in which all sensors stand still and then jump: lost, and filled by the last value."""
+    out = np.zeros(len(recording), dtype=bool)
+    for first, last in zip(*_held_blocks(recording, _moving(recording)), strict=True):
+        out[first + 1 : last + 1] = True
+    return out
+
+
+def _moving(recording: Recording) -> list[int]:
+    return [i for i in range(len(recording.channels)) if np.ptp(recording.data[:, i]) > 0]
+
+
+def _held_blocks(recording: Recording, moving: list[int]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the last good and the last held sample of each block in which the sensors stand still and then jump."""
     sensors = [i for i in moving if not recording.channels[i].is_input]
     if not sensors:
-        return
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     moves = np.abs(np.diff(recording.data[:, sensors], axis=0))
     first, last = runs(np.max(moves, axis=1) == 0.0)
     inside = (last - first >= HELD_RUN) & (first > 0) & (last < len(moves))
@@ -167,10 +188,16 @@ def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
     data = recording.data[:, sensors]
     is_clipped = (data[first] == data.min(axis=0)) | (data[first] == data.max(axis=0))
     held &= ~is_clipped.all(axis=1)
-    if held.any():
-        longest = int((last - first)[held].max())
-        where = f"the first after t = {recording.time[first[held][0]]:g} s"
-        text = f"{_count(int(held.sum()), 'block')} of samples repeat the last value, up to {longest} samples, {where}"
+    return first[held], last[held]
+
+
+def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
+    """Say where samples repeat the last value."""
+    first, last = _held_blocks(recording, moving)
+    if first.size:
+        longest = int((last - first).max())
+        where = f"the first after t = {recording.time[first[0]]:g} s"
+        text = f"{_count(first.size, 'block')} of samples repeat the last value, up to {longest} samples, {where}"
         yield Finding("", "held", text, "warning")
 
 

@@ -1,0 +1,141 @@
+"""Damage to recordings before any model is asked: what makes them useless, and the samples that say nothing.
+
+What `vlab.recordings.quality` finds is reported and never mended. Samples that were lost (gaps in the time stamps, blocks that
+repeat the last value) or stand at a sensor's limit are left out of the search; a recording that holds little else, a sensor
+that is dead or a copy of another one makes the verdict ``bad-recording``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlab.cases.wiring import Compared, Run
+from vlab.recordings.quality import findings, flat_tops, held_samples
+from vlab.signals import Array
+
+MOST_LOST = 0.2
+"""A case of which a larger share of samples is lost says nothing."""
+LONG_STEP = 1.5
+"""Multiple of the usual time step beyond which samples are missing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damage:
+    """What is wrong with the recordings of a case.
+
+    Parameters
+    ----------
+    fatal : tuple of str
+        Why nothing can be said of the model; empty where something can.
+    warnings : tuple of str
+        What may have changed the diagnosis.
+    notes : tuple of str
+        What else was seen.
+    """
+
+    fatal: tuple[str, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All of it, the worst first."""
+        return (*self.fatal, *self.warnings, *self.notes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorLimit:
+    """A limit at which a sensor stops.
+
+    Parameters
+    ----------
+    channel : str
+        Its name.
+    limit : float
+        Largest magnitude [SI unit of the channel].
+    share : float
+        Of the samples of all recordings that stand there.
+    """
+
+    channel: str
+    limit: float
+    share: float
+
+
+def assess(runs: Sequence[Run]) -> Damage:
+    """Say what is wrong with some runs."""
+    warnings: list[str] = []
+    notes: list[str] = []
+    for run in runs:
+        for finding in findings(run.measured):
+            (warnings if finding.severity == "warning" else notes).append(f"{run.name}: {finding.text}")
+    lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
+    fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > MOST_LOST else []
+    return Damage(fatal=(*fatal, *_dead(runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes))
+
+
+def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
+    """Return the limits that sensors stop at, the same in all runs that reach them."""
+    out = []
+    for channel in _compared(runs):
+        tops = [(run, at) for run in runs for at in flat_tops(run.measured[channel]).values()]
+        if not tops:
+            continue
+        sizes = np.array([abs(float(run.measured[channel][at][0])) for run, at in tops])
+        limit = float(np.median(sizes))
+        if np.ptp(sizes) <= 0.01 * limit:
+            reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
+            out.append(SensorLimit(channel=channel, limit=limit, share=float(np.mean(np.concatenate(reached)))))
+    return tuple(out)
+
+
+def says_something(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
+    """Return which samples of which compared channels say something of the structure, (n_samples, n_channels)."""
+    out = np.repeat(_kept(run)[:, None], len(compared), axis=1)
+    for i, c in enumerate(compared):
+        for at_limit in flat_tops(run.measured[c.channel]).values():
+            out[:, i] &= ~at_limit
+    return out
+
+
+def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool_]:
+    """Return which samples of a clock stand on samples that say something, (n, n_channels); between lost ones none does."""
+    time = run.measured.time - run.measured.time[0]
+    h, step = float(np.median(np.diff(time))), float(np.median(np.diff(grid)))
+    reach = max(h, step)
+    count = np.vstack([np.zeros((1, valid.shape[1])), np.cumsum(~valid, axis=0)])
+    first = np.searchsorted(time, grid - 1.01 * reach)
+    last = np.searchsorted(time, grid + 1.01 * reach, side="right")
+    whole = count[last] - count[first] == 0
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    bridged = time[after] - time[after - 1] > LONG_STEP * h
+    return np.asarray(whole & ~bridged[:, None] & (last > first)[:, None])
+
+
+def _kept(run: Run) -> NDArray[np.bool_]:
+    """Return which samples were not lost and filled by the last value."""
+    return ~held_samples(run.measured)
+
+
+def _compared(runs: Sequence[Run]) -> list[str]:
+    return list(dict.fromkeys(c.channel for run in runs for c in run.compared if c.actuator is None))
+
+
+def _dead(runs: Sequence[Run]) -> list[str]:
+    moves = {c: any(np.ptp(run.measured[c]) > 0 for run in runs if c in run.measured.names) for c in _compared(runs)}
+    if not any(moves.values()):
+        return ["no sensor moves in any recording"]
+    return [f"{channel} stands still in every recording" for channel, moving in moves.items() if not moving]
+
+
+def _copies(runs: Sequence[Run]) -> list[str]:
+    names = _compared(runs)
+    out = []
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            both = [run.measured for run in runs if {one, other} <= set(run.measured.names)]
+            if both and all(np.array_equal(m[one], m[other]) and np.ptp(m[one]) > 0 for m in both):
+                out.append(f"{other} holds the same samples as {one}")
+    return out

@@ -1,0 +1,154 @@
+"""What was found, as a diagnosis reports it: effects of the search, and what recordings show without any model."""
+
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.choose import Choice
+from vlab.diagnose.commands import CommandLimit
+from vlab.diagnose.damage import SensorLimit
+from vlab.diagnose.diagnosis import Finding
+from vlab.diagnose.hum import Hum
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.refine import Fit
+from vlab.diagnose.search import WORTH, Hypothesis
+from vlab.physics.catalogue import EFFECTS
+
+SEEN = 0.99
+"""Probability of what recordings show without any model."""
+
+
+def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
+    """Return the finding of a limit on a law's commands."""
+    law = next(run.law for run in problem.runs if run.law is not None)
+    effect = EFFECTS["actuator-clipping"]
+    index = problem.plant.actuator_index(limit.actuator)
+    tap = problem.plant.actuators[index]
+    recorded = [
+        run.measured.channels[run.measured.index(c.channel)].unit
+        for run in problem.runs
+        for c in run.compared
+        if c.actuator == index
+    ]
+    unit = tap.unit if tap.unit != "command" else next(iter(recorded), "")
+    scale = float(law.per_actuator[list(law.actuators).index(index)])
+    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
+    told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
+    # the odds of the replays' errors, of as many independent samples as any score counts
+    odds = (limit.after / limit.before) ** WORTH
+    return Finding(
+        effect=effect.name,
+        family=effect.family,
+        place=f"actuator:{limit.actuator}",
+        places_90=(f"actuator:{limit.actuator}",),
+        probability=1.0 / (1.0 + odds),
+        alike=(effect.name,),
+        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
+        law=effect.law,
+        words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
+        f"{100 * limit.after:.0f} % with it, and {told}",
+    )
+
+
+def of_terms(choice: Choice, fit: Fit) -> list[Finding]:
+    """Return the findings of the chosen hypothesis."""
+    out = []
+    for i, term in enumerate(fit.terms):
+        parameters: dict[str, dict[str, Any]] = {}
+        for parameter in term.effect.parameters:
+            value, sd = term.values[parameter.name], choice.best.fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
+            spread = 1.645 * sd
+            low, high = (
+                (value - spread, value + spread)
+                if parameter.signed
+                else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
+            )
+            unit = _unit(parameter.unit, term.place.angular)
+            parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
+        places = choice.places if i == 0 else {term.place.name: 1.0}
+        alike = [term.effect.name, *(name for h in choice.alike for name in _instead(h, fit, i))]
+        out.append(
+            Finding(
+                effect=term.effect.name,
+                family=term.effect.family,
+                place=term.place.name,
+                places_90=_most(places),
+                probability=choice.probability,
+                alike=tuple(dict.fromkeys(alike)),
+                parameters=parameters,
+                law=term.effect.law,
+                words=term.effect.words,
+            )
+        )
+    return out
+
+
+def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
+    """Return what a hypothesis that fits as well has in the place of one of the chosen effects, the others being the same."""
+    others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
+    names = [t.effect.name for t in hypothesis.terms]
+    for name in others:
+        if name not in names:
+            return []
+        names.remove(name)
+    return names
+
+
+_ANGULAR = {"N": "N m", "m": "rad", "kg": "kg m^2", "m/s": "rad/s", "N/m": "N m/rad", "N s/m": "N m s/rad"}
+
+
+def _unit(unit: str, angular: bool) -> str:
+    """Return a parameter's unit at a rotation, where forces are moments and displacements angles."""
+    if not angular:
+        return unit
+    if unit in _ANGULAR:
+        return _ANGULAR[unit]
+    return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
+
+
+def _most(places: dict[str, float]) -> tuple[str, ...]:
+    out, held = [], 0.0
+    for name, probability in places.items():
+        out.append(name)
+        held += probability
+        if held >= 0.9:
+            break
+    return tuple(out)
+
+
+def of_hum(hum: Hum, unit: str) -> Finding:
+    """Return the finding of hum on a sensor's leads."""
+    lines = " and ".join(f"{k * hum.frequency:.2f} Hz" for k in hum.harmonics)
+    words = (
+        f"at {lines}, {100 * hum.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
+    )
+    parameters = {
+        "amplitude": _known(np.sqrt(2) * hum.rms, 0.05, unit),
+        "frequency": _known(hum.frequency, 1e-3, "Hz"),
+    }
+    return _seen("mains-hum", hum.channel, parameters, words)
+
+
+def of_stop(stop: SensorLimit, unit: str) -> Finding:
+    """Return the finding of a sensor that stops at the end of its range."""
+    words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
+    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+
+
+def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:
+    effect, place = EFFECTS[name], f"sensor:{channel.removeprefix('sensor:')}"
+    return Finding(
+        effect=name,
+        family=effect.family,
+        place=place,
+        places_90=(place,),
+        probability=SEEN,
+        alike=(name,),
+        parameters=parameters,
+        law=effect.law,
+        words=f"{effect.words}; {words}",
+    )
+
+
+def _known(value: float, share: float, unit: str) -> dict[str, Any]:
+    return {"value": float(value), "unit": unit, "ci90": [float(value * (1 - share)), float(value * (1 + share))]}
