@@ -1,20 +1,60 @@
 """``vlab modal-test``."""
 
 import argparse
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from vlab.cli.common import Outcome, text_table
-from vlab.lab.run_folder import load_run
-from vlab.modal.modal_test import ModalTest, run_modal_test
+from vlab.errors import BadRecording
+from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
+from vlab.lab.run_folder import RunSettings, load_run
+from vlab.modal.dwell import DwellResult
+from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
+from vlab.modal.recognise import KINDS
 from vlab.outputs import output_folder, write_manifest
+from vlab.recordings import open_table
+from vlab.recordings.assemble import ColumnSpec, to_recording
+from vlab.recordings.table import Table
+from vlab.signals import KIND_UNITS, ModalModel, Recording
+
+TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
+"""Names by which the time column of a recording from elsewhere is known."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("run", nargs="+", help="run folders, or recordings written by vlab (.parquet, .csv)")
     parser.add_argument(
-        "--input", action="append", default=[], help="input channel; by default what the recording marks as input"
+        "run",
+        nargs="+",
+        help="run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); several of one input are averaged, those "
+        "of different inputs stand side by side",
     )
-    parser.add_argument("--output", action="append", default=[], help="output channel; by default all sensors")
+    parser.add_argument(
+        "--input",
+        action="append",
+        default=[],
+        metavar="NAME[=KIND[,UNIT]]",
+        help="input channel; by default what the recording marks as input. Kind and unit are for recordings from elsewhere: "
+        "force=force,lbf",
+    )
+    parser.add_argument(
+        "--output",
+        action="append",
+        default=[],
+        metavar="NAME[=KIND[,UNIT]]",
+        help="output channel; by default all sensors. From elsewhere: acc1=acceleration,g",
+    )
+    parser.add_argument(
+        "--time", metavar="NAME", help="time column of a recording from elsewhere; by default the one named so"
+    )
+    parser.add_argument(
+        "--rate", type=float, help="samples per second of a recording from elsewhere without a time column"
+    )
+    parser.add_argument(
+        "--signal", choices=KINDS, help="what excited; by default what the recording says of itself, or looks like"
+    )
     parser.add_argument(
         "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band in Hz in which modes are looked for"
     )
@@ -25,43 +65,188 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--period", type=float, help="period of the excitation in s; by default what the recording says"
     )
-    parser.add_argument("--segment", type=float, help="segment length in s for random data")
-    parser.add_argument("--out", help="folder for figures and the responses")
+    parser.add_argument(
+        "--segment", type=float, help="length in s of the segments of random data, of blocks of bursts or blows"
+    )
+    parser.add_argument(
+        "--dwell", type=float, help="time in s of each step of a stepped sine; by default the steps are found"
+    )
+    parser.add_argument(
+        "--window-end",
+        type=float,
+        default=ModalTest.end_level,
+        metavar="LEVEL",
+        help="what the exponential window leaves at the end of a hammer's block, 1 for none (default %(default)s); the damping it "
+        "adds is taken out again",
+    )
+    parser.add_argument(
+        "--against-plant",
+        action="store_true",
+        help="for run folders: the plant's own linearised modes beside those found, within 0.1 %% of frequency, 5 %% of damping and "
+        "a MAC of .98; exit status 1 where one is missed",
+    )
+    parser.add_argument("--out", help="folder for a report, figures and the responses")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Estimate responses and modes."""
-    runs = [load_run(path) for path in arguments.run]
     test = ModalTest(
-        inputs=tuple(arguments.input),
-        outputs=tuple(arguments.output),
+        inputs=tuple(_name(text) for text in arguments.input),
+        outputs=tuple(_name(text) for text in arguments.output),
         band_hz=tuple(arguments.band) if arguments.band else None,
         n_modes=arguments.modes,
         estimator=arguments.estimator,
+        signal=arguments.signal,
         period_s=arguments.period,
         segment_s=arguments.segment,
+        dwell_s=arguments.dwell,
+        end_level=arguments.window_end,
     )
-    result = run_modal_test([recording for recording, _ in runs], test)
+    runs = [_load(path, arguments) for path in arguments.run]
+    recordings = [recording for recording, _ in runs]
+    if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):
+        return _dwells([run_dwell_test(recording, test) for recording in recordings], arguments)
+    result = run_modal_test(recordings, test)
+    found, true = _against_plant(result, [settings for _, settings in runs]) if arguments.against_plant else ([], None)
     document = result.as_dict()
+    if true is not None:
+        document["against_plant"] = [mode.as_dict() for mode in found]
+    if arguments.out:
+        from vlab.views.modal_test_report import write_modal_test
+
+        with output_folder(arguments.out) as folder:
+            write_modal_test(result, folder, title=_title(arguments.run), found=found, true=true)
+            write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
+        document["out"] = str(arguments.out)
+    return Outcome(document=document, text=_text(result, found), holds=all(mode.ok for mode in found))
+
+
+def _title(runs: Sequence[str]) -> str:
+    names = [Path(path).name for path in runs]
+    return f"Modal test: {', '.join(names[:6])}{' and more' if len(names) > 6 else ''}"
+
+
+def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
+    document = result.as_dict()
+    kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
     rows = [
         [i + 1, m["hz"], m["hz_sd"], m["zeta"], m["zeta_sd"], m["confidence"], *m["shape"].values()]
         for i, m in enumerate(document["modes"])
     ]
     headers = ["mode", "Hz", "sd", "zeta", "sd", "confidence", *result.mean.outputs]
-    text = f"input {', '.join(result.mean.inputs)}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}\n\n{text_table(headers, rows)}"
+    parts = [
+        f"input {', '.join(result.mean.inputs)}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
+        text_table(headers, rows),
+    ]
+    from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, found_rows, level_rows
+
+    for part in result.distortion:
+        parts.append(
+            f"noise and distortion relative to the linear output, {part.input}: {part.realisations} realisations of "
+            f"{part.periods} periods\n{text_table(LEVEL_HEADERS, level_rows(part.levels()))}"
+        )
+    if result.forces:
+        rows = [[i + 1, f.hz, f.indicator, *f.forces.tolist()] for i, f in enumerate(result.forces)]
+        parts.append(
+            "forces that hold each mode alone (vlab experiment --excite dwell:hz=...,forces=.../...)\n"
+            + text_table(["mode", "Hz", "indicator", *result.mean.inputs], rows)
+        )
+    if found:
+        good = sum(mode.ok for mode in found)
+        parts.append(f"{good} of {len(found)} modes of the plant found\n{text_table(FOUND_HEADERS, found_rows(found))}")
+    return "\n\n".join(parts)
+
+
+def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Outcome:
+    """Report modes that dwells held, one a recording."""
+    modes = [
+        {
+            "hz": d.hz if d.decay_hz is None else d.decay_hz,
+            "zeta": d.decay_zeta,
+            "shape": dict(zip(d.outputs, d.shape.tolist(), strict=True)),
+            "confidence": max(0.0, 1.0 - d.indicator),
+            "driven_hz": d.hz,
+            "indicator": d.indicator,
+            "forces": dict(zip(d.inputs, d.forces.tolist(), strict=True)),
+            "decay_residual": d.decay_residual,
+        }
+        for d in dwells
+    ]
+    if len({d.outputs for d in dwells}) != 1:
+        raise BadRecording("the dwells have different outputs; name common ones with --output")
+    rows = [[i + 1, d.hz, d.indicator, d.decay_hz, d.decay_zeta, *d.shape.tolist()] for i, d in enumerate(dwells)]
+    headers = ["mode", "driven Hz", "indicator", "decay Hz", "decay zeta", *dwells[0].outputs]
+    document: dict[str, Any] = {"frf": [], "modes": modes}
     if arguments.out:
-        from vlab.views.figures import frf_figure, to_svg
+        from vlab.views.modal_test_report import write_dwells
 
         with output_folder(arguments.out) as folder:
-            for name in result.mean.outputs:
-                figure = frf_figure(
-                    result.mean,
-                    result.poles.fitted,
-                    output=name,
-                    input=result.mean.inputs[0],
-                    labels=("measured", "fitted"),
-                )
-                (folder / f"frf-{name.replace(':', '-')}.svg").write_text(to_svg(figure), encoding="utf-8")
+            write_dwells(dwells, folder, title=_title(arguments.run))
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)
-    return Outcome(document=document, text=text)
+    return Outcome(document=document, text=text_table(headers, rows))
+
+
+def _against_plant(
+    result: ModalTestResult, settings: Sequence[RunSettings | None]
+) -> tuple[list[FoundMode], ModalModel]:
+    """Compare with the linearised plant of the first run; all runs must be of that plant."""
+    first = settings[0]
+    if first is None or any(other is None or not _same_plant(first, other) for other in settings):
+        raise BadRecording(
+            "--against-plant needs run folders of vlab experiment, all of one structure, plant and variant"
+        )
+    if first.law:
+        raise BadRecording(
+            f"--against-plant: the law {first.law!r} is in the loop, which changes the poles; run without --law"
+        )
+    low, high = float(result.poles.fitted.freq[0]), float(result.poles.fitted.freq[-1])
+    plant = dataclasses.replace(first, seconds=1.0).prepare().plant
+    true = plant_modes(plant, result.mean.outputs, low_hz=low, high_hz=high)
+    return compare_with_plant(true, result.poles.to_modal_model()), true
+
+
+def _same_plant(a: RunSettings, b: RunSettings) -> bool:
+    return all(getattr(a, key) == getattr(b, key) for key in ("structure", "plant", "variant", "law", "effect"))
+
+
+# ------------------------------------------------------------------------------------------ recordings from elsewhere
+
+
+def _name(text: str) -> str:
+    return text.partition("=")[0]
+
+
+def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSettings | None]:
+    """Load a run folder, a recording of vlab's own, or one from elsewhere whose columns the arguments name."""
+    if Path(path).is_dir():
+        return load_run(path)
+    table = open_table(path)
+    if table.channels is not None:
+        return load_run(path)
+    if not arguments.input or not arguments.output:
+        raise BadRecording(
+            f"{path}: the columns carry no labels; name them with --input and --output (columns: {', '.join(table.names[:20])})"
+        )
+    specs = [_spec(text, is_input=True, table=table) for text in arguments.input]
+    specs += [_spec(text, is_input=False, table=table) for text in arguments.output]
+    time = arguments.time
+    if time is None and arguments.rate is None:
+        time = next((name for name in table.names if name.strip().lower() in TIME_NAMES), None)
+    if time is None and arguments.rate is None:
+        raise BadRecording(
+            f"{path}: no column is named time; name it with --time, or give --rate (columns: {', '.join(table.names[:20])})"
+        )
+    return to_recording(table, specs, rate_hz=arguments.rate, time=time), None
+
+
+def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
+    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; without a kind the numbers stay as they are."""
+    name, equals, rest = text.partition("=")
+    kind, _, unit = rest.partition(",")
+    if equals and not kind:
+        raise BadRecording(f"{text!r} has not the form NAME=KIND,UNIT (kinds: {', '.join(KIND_UNITS)})")
+    if not equals:
+        return ColumnSpec(column=name, kind="other", name=name, scale=1.0, is_input=is_input)
+    unit = unit or table.units.get(name) or KIND_UNITS.get(kind) or ""
+    return ColumnSpec(column=name, kind=kind, unit=unit, name=name, is_input=is_input)

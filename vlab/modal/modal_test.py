@@ -7,12 +7,25 @@ from typing import Any
 import numpy as np
 
 from vlab.errors import BadRecording
-from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf
+from vlab.modal.appropriation import AppropriatedForces, appropriate
+from vlab.modal.combine import combine_responses
+from vlab.modal.distortion import Distortion, separate_distortion
+from vlab.modal.dwell import DwellResult, evaluate_dwell
+from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf, peak_levels
+from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_decay
 from vlab.modal.poles import PoleEstimate, estimate_poles
-from vlab.signals import Recording
+from vlab.modal.recognise import Signal, signal_of
+from vlab.modal.steps import estimate_stepped_frf
+from vlab.signals import Array, Recording
 
 SETTLING_SHARE = 0.5
 """Share of the periods of a periodic record that is left out at its start, for the transient to decay."""
+FINE_LINES, FINEST = 201, 1e-3
+"""Lines over a peak on which forces are appropriated, and the least half width of a peak, relative to its frequency."""
+PEAK_WIDTH = 0.02
+"""How far from a natural frequency its peak is looked for, relatively, and no further than half way to the next."""
+
+_DERIVATIVES = {"velocity": 1, "angular-velocity": 1, "acceleration": 2, "angular-acceleration": 2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +40,16 @@ class ModalTest:
         Band in which modes are looked for.
     n_modes : int or None
         How many to report; as many as the data support by default.
+    signal : str or None
+        What excited, one of `vlab.modal.recognise.KINDS`; by default what the recording says, or looks like.
     period_s : float or None
-        Period of the excitation; by default what the recording says of itself, else the data count as random.
+        Period of the excitation; by default what the recording says of itself.
+    segment_s : float or None
+        Length of the segments of random data, of the blocks of bursts and blows.
+    dwell_s : float or None
+        Time of each step of a stepped sine; by default the steps are found.
+    end_level : float
+        What the exponential window leaves at the end of a hammer's block.
     """
 
     inputs: tuple[str, ...] = ()
@@ -36,28 +57,63 @@ class ModalTest:
     band_hz: tuple[float, float] | None = None
     n_modes: int | None = None
     estimator: Estimator = "H1"
+    signal: str | None = None
     period_s: float | None = None
     segment_s: float | None = None
+    dwell_s: float | None = None
+    end_level: float = END_LEVEL
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalTestResult:
-    """Responses of every recording, and the poles of their mean, all sensors as displacements."""
+    """Responses of every recording, and the poles of what they make together, all sensors as displacements.
+
+    Parameters
+    ----------
+    signals : tuple of Signal
+        What each recording was taken for.
+    distortion : tuple of Distortion
+        Noise and nonlinear distortion, for each input with periodic data.
+    forces : tuple of AppropriatedForces
+        For each mode, where several inputs were tested: the forces of a dwell that holds it alone.
+    """
 
     responses: tuple[MeasuredFrequencyResponse, ...]
     mean: MeasuredFrequencyResponse
     poles: PoleEstimate
+    signals: tuple[Signal, ...] = ()
+    distortion: tuple[Distortion, ...] = ()
+    forces: tuple[AppropriatedForces, ...] = ()
+
+    def peak_shapes(self) -> Array:
+        """Return the shapes as the dissertation read them off the peaks, (n_outputs, n_modes): section 5.4.1.
+
+        Level and phase of each displacement where all are largest together, from the input to which the mode responds
+        most; the largest is 1, of the others the part in phase or in opposition to it stands.
+        """
+        freq, spacing = self.poles.freq, float(np.median(np.diff(self.mean.freq)))
+        shapes = []
+        for j, hz in enumerate(freq):
+            nearest = np.min(np.abs(np.delete(freq, j) - hz), initial=np.inf) / 2
+            width = max(min(PEAK_WIDTH * hz, nearest), spacing)
+            at = int(np.argmin(np.abs(self.mean.freq - hz)))
+            into = self.mean.inputs[int(np.argmax(np.linalg.norm(self.mean.H[at], axis=0)))]
+            shapes.append(peak_levels(self.mean, hz, width, input=into)[0].real)
+        return np.array(shapes).reshape(freq.size, len(self.mean.outputs)).T
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        estimate, shapes = self.poles, self.poles.real_shapes()
-        return {
+        estimate, shapes, peaks = self.poles, self.poles.real_shapes(), self.peak_shapes()
+        outputs = self.mean.outputs
+        document: dict[str, Any] = {
             "frf": [_response(f) for f in self.responses],
+            "signals": [{"kind": s.kind, "recognised": s.is_recognised} for s in self.signals],
             "modes": [
                 {
                     "hz": float(estimate.freq[j]),
                     "zeta": float(estimate.zeta[j]),
-                    "shape": dict(zip(self.mean.outputs, shapes[:, j].tolist(), strict=True)),
+                    "shape": dict(zip(outputs, shapes[:, j].tolist(), strict=True)),
+                    "peak_shape": dict(zip(outputs, peaks[:, j].tolist(), strict=True)),
                     "confidence": float(estimate.confidence[j]),
                     "hz_sd": float(estimate.freq_sd[j]),
                     "zeta_sd": float(estimate.zeta_sd[j]),
@@ -65,7 +121,12 @@ class ModalTestResult:
                 for j in range(len(estimate.freq))
             ],
             "residual": estimate.residual,
+            "distortion": [_distortion(part) for part in self.distortion],
         }
+        for mode, forces in zip(document["modes"], self.forces, strict=False):
+            named = dict(zip(forces.inputs, forces.forces.tolist(), strict=True))
+            mode["dwell"] = {"hz": forces.hz, "indicator": forces.indicator, "forces": named}
+        return document
 
 
 def _response(frf: MeasuredFrequencyResponse) -> dict[str, Any]:
@@ -77,86 +138,172 @@ def _response(frf: MeasuredFrequencyResponse) -> dict[str, Any]:
         "real": frf.H.real.tolist(),
         "imag": frf.H.imag.tolist(),
         "coherence": None if frf.coherence is None else frf.coherence.tolist(),
+        "added_decay_1_s": frf.added_decay,
+    }
+
+
+def _distortion(part: Distortion) -> dict[str, Any]:
+    return {
+        "input": part.input,
+        "realisations": part.realisations,
+        "periods": part.periods,
+        "levels": part.levels(),
+        "freq_hz": part.freq.tolist(),
+        "noise_sd": part.noise_sd.tolist(),
+        "total_sd": None if part.total_sd is None else part.total_sd.tolist(),
     }
 
 
 def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTestResult:
-    """Estimate responses of each recording and the poles of their average.
+    """Estimate responses of each recording and the poles of all of them together.
+
+    Recordings of one input are realisations and are averaged; those of different inputs stand side by side, which is
+    what tells close modes apart (a test with several references).
 
     Raises
     ------
     BadRecording
-        Nothing to test, recordings that do not go together, or one of the refusals of `estimate_frf`, `estimate_poles`.
+        Nothing to test, recordings that do not go together, or one of the refusals of the estimators.
     """
-    responses = estimate_responses(recordings, test)
-    first = responses[0]
-    for other in responses[1:]:
-        same = other.freq.shape == first.freq.shape and np.allclose(other.freq, first.freq)
-        if not same or (other.inputs, other.outputs) != (first.inputs, first.outputs):
-            raise BadRecording(
-                "the recordings differ in channels or frequency lines and have no common average; test them one by one"
-            )
-    mean = first if len(responses) == 1 else _average(responses)
-    receptance = _as_displacement(mean, recordings[0])
-    poles = estimate_poles(receptance, sample_rate=recordings[0].rate, band_hz=test.band_hz, n_modes=test.n_modes)
-    return ModalTestResult(responses=responses, mean=receptance, poles=poles)
-
-
-def _average(responses: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
-    coherences = [f.coherence for f in responses if f.coherence is not None]
-    variances = [f.variance for f in responses if f.variance is not None]
-    complete = len(variances) == len(responses)
-    return replace(
-        responses[0],
-        H=np.mean([f.H for f in responses], axis=0),
-        coherence=np.mean(coherences, axis=0) if len(coherences) == len(responses) else None,
-        variance=np.mean(variances, axis=0) / len(responses) if complete else None,
+    signals = read_signals(recordings, test)
+    if any(signal.kind == "dwell" for signal in signals):
+        raise BadRecording("a dwell holds one mode and gives no frequency response; test dwells by themselves")
+    rates = sorted({round(recording.rate, 6) for recording in recordings})
+    if len(rates) > 1:
+        raise BadRecording(
+            f"the recordings have rates from {rates[0]:g} to {rates[-1]:g} Hz; test those of one rate together"
+        )
+    responses = tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
+    mean = as_displacement(combine_responses(responses), recordings[0])
+    poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=test.band_hz, n_modes=test.n_modes)
+    poles = without_added_decay(poles, mean.added_decay)
+    return ModalTestResult(
+        responses=responses,
+        mean=mean,
+        poles=poles,
+        signals=signals,
+        distortion=_distortions(recordings, signals, responses),
+        forces=_forces(poles) if len(mean.inputs) > 1 and mean.added_decay == 0 else (),
     )
 
 
-def _as_displacement(frf: MeasuredFrequencyResponse, recording: Recording) -> MeasuredFrequencyResponse:
+def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
+    """Read one mode off a recorded dwell; raises as `run_modal_test` does."""
+    (signal,) = read_signals([recording], test)
+    if signal.kind != "dwell":
+        raise BadRecording(f"the excitation is {signal.kind}, not a dwell; give --signal dwell where it is one")
+    inputs, outputs = _channels(recording, test)
+    order = np.array([_DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
+    return evaluate_dwell(
+        recording, signal.steps[0], inputs=inputs, outputs=outputs, derivatives=order, drive_s=signal.drive_s
+    )
+
+
+def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Signal, ...]:
+    """Return what each recording was excited by; raises as `run_modal_test` does."""
+    if not recordings:
+        raise BadRecording("no recording was given")
+    return tuple(
+        signal_of(
+            recording,
+            _channels(recording, test)[0][0],
+            kind=test.signal,
+            period_s=test.period_s,
+            segment_s=test.segment_s,
+            dwell_s=test.dwell_s,
+        )
+        for recording in recordings
+    )
+
+
+def as_displacement(frf: MeasuredFrequencyResponse, recording: Recording) -> MeasuredFrequencyResponse:
     """Return the responses with velocities and accelerations integrated in the frequency domain (section 5.4.1).
 
     Mode shapes of different kinds of sensors then stand in one unit.
     """
-    order = {"velocity": 1, "angular-velocity": 1, "acceleration": 2, "angular-acceleration": 2}
-    powers = np.array([order.get(recording.channels[recording.index(name)].kind, 0) for name in frf.outputs])
-    factor = (2j * np.pi * frf.freq[:, None]) ** -powers[None, :]
+    powers = np.array([_DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in frf.outputs])
+    factor = (frf.added_decay + 2j * np.pi * frf.freq[:, None]) ** -powers[None, :]
     variance = None if frf.variance is None else frf.variance * np.abs(factor[:, :, None]) ** 2
     return replace(frf, H=frf.H * factor[:, :, None], variance=variance, unit="m/N" if np.any(powers) else frf.unit)
 
 
 def estimate_responses(recordings: Sequence[Recording], test: ModalTest) -> tuple[MeasuredFrequencyResponse, ...]:
     """Estimate the responses of each recording, without looking for poles; raises as `run_modal_test` does."""
-    if not recordings:
-        raise BadRecording("no recording was given")
-    return tuple(_estimate(recording, test) for recording in recordings)
+    signals = read_signals(recordings, test)
+    return tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
 
 
-def _estimate(recording: Recording, test: ModalTest) -> MeasuredFrequencyResponse:
+def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], tuple[str, ...]]:
     inputs = test.inputs or recording.inputs
     if not inputs:
         raise BadRecording(
             f"the recording marks no input; name one with --input (channels: {', '.join(recording.names)})"
         )
-    sensed = [
-        c.name
-        for c in recording.channels
-        if c.kind in ("velocity", "displacement", "acceleration", "angle", "angular-velocity")
-    ]
+    sensed = [c.name for c in recording.channels if c.kind in ("displacement", "angle", *_DERIVATIVES)]
     outputs = test.outputs or tuple(name for name in sensed if name not in inputs)
     if not outputs:
         raise BadRecording(
             f"the recording has no sensor; name outputs with --output (channels: {', '.join(recording.names)})"
         )
-    period = test.period_s if test.period_s is not None else recording.meta.get("period_s")
-    periods = 0 if period is None else int((len(recording) + 0.5) / recording.rate / float(period))
-    if period is None or test.segment_s is not None or (periods < 2 and test.period_s is None):
+    return tuple(inputs), tuple(outputs)
+
+
+def _estimate(recording: Recording, test: ModalTest, signal: Signal) -> MeasuredFrequencyResponse:
+    inputs, outputs = _channels(recording, test)
+    common: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "estimator": test.estimator}
+    if signal.kind == "stepped":
+        return estimate_stepped_frf(recording, signal.steps, **common)
+    if signal.kind == "impact":
+        return estimate_impact_frf(recording, block_s=test.segment_s, end_level=test.end_level, **common)
+    if signal.kind == "burst":
+        return estimate_frf(recording, segment_s=signal.block_s, overlap=0.0, window="boxcar", **common)
+    skip = _skip_s(recording, signal)
+    if skip is None and test.period_s is None:
         # not periodic, or too short to show that it is: averaged over windowed segments
-        return estimate_frf(
-            recording, inputs=inputs, outputs=outputs, estimator=test.estimator, segment_s=test.segment_s
+        return estimate_frf(recording, segment_s=test.segment_s, **common)
+    return estimate_frf(recording, period_s=signal.period_s, skip_s=skip or 0.0, **common)
+
+
+def _skip_s(recording: Recording, signal: Signal) -> float | None:
+    """Return what is left out at the start of periodic data, or None where there are not two periods."""
+    if signal.period_s is None:
+        return None
+    periods = int((len(recording) + 0.5) / recording.rate / signal.period_s)
+    return signal.period_s * min(int(SETTLING_SHARE * periods), periods - 2) if periods >= 2 else None
+
+
+def _distortions(
+    recordings: Sequence[Recording], signals: Sequence[Signal], responses: Sequence[MeasuredFrequencyResponse]
+) -> tuple[Distortion, ...]:
+    """Separate noise and distortion for each single input whose recordings are all periodic with one period."""
+    groups: dict[str, list[int]] = {}
+    for i, (recording, signal, response) in enumerate(zip(recordings, signals, responses, strict=True)):
+        if signal.kind == "periodic" and len(response.inputs) == 1 and _skip_s(recording, signal) is not None:
+            groups.setdefault(response.inputs[0], []).append(i)
+    parts = []
+    for input, members in groups.items():
+        period = signals[members[0]].period_s
+        if period is None or any(signals[i].period_s != period for i in members):
+            continue
+        skip = max(_skip_s(recordings[i], signals[i]) or 0.0 for i in members)
+        parts.append(
+            separate_distortion(
+                [recordings[i] for i in members],
+                input=input,
+                outputs=responses[members[0]].outputs,
+                period_s=period,
+                skip_s=skip,
+            )
         )
-    skip = float(period) * min(int(SETTLING_SHARE * periods), max(periods - 2, 0))
-    return estimate_frf(
-        recording, inputs=inputs, outputs=outputs, estimator=test.estimator, period_s=float(period), skip_s=skip
-    )
+    return tuple(parts)
+
+
+def _forces(poles: PoleEstimate) -> tuple[AppropriatedForces, ...]:
+    """Appropriate forces to each mode on the fitted responses, which have no noise left, on lines finer than a peak."""
+    chosen = []
+    for hz, zeta, shape in zip(poles.freq, poles.zeta, poles.real_shapes().T, strict=True):
+        width = max(zeta, FINEST) * hz
+        low, high = poles.fitted.freq[0], poles.fitted.freq[-1]
+        fine = np.linspace(max(hz - width, low), min(hz + width, high), FINE_LINES)
+        chosen.append(appropriate(poles.on_lines(fine), hz, 2 * width, shape=shape))
+    return tuple(chosen)

@@ -8,7 +8,7 @@ put in.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,25 @@ class PoleEstimate:
         """Return the shapes turned to where they are most nearly real, and their real part, largest component 1."""
         turned = self.shapes * np.exp(-0.5j * np.angle(np.sum(self.shapes**2, axis=0)))
         return turned.real / _largest(turned.real)
+
+    def on_lines(self, freq: Array) -> FrequencyResponse:
+        """Return the fit at other lines [Hz] within those of the data: the modes exactly, what is beside them in between.
+
+        Modes outside the band and other slow parts of the fit are interpolated linearly.
+        """
+        lines, f = self.fitted.freq, np.asarray(freq, dtype=float)
+        if f.size and not (lines[0] <= f[0] and f[-1] <= lines[-1]):
+            raise BadRecording(f"the fit covers {lines[0]:g} to {lines[-1]:g} Hz; {f[0]:g} to {f[-1]:g} Hz goes beyond")
+        rest = (self.fitted.H - self._modal(lines)).reshape(lines.size, -1)
+        between = np.stack([np.interp(f, lines, c.real) + 1j * np.interp(f, lines, c.imag) for c in rest.T], axis=1)
+        return replace(self.fitted, freq=f, H=self._modal(f) + between.reshape(f.size, *self.fitted.H.shape[1:]))
+
+    def _modal(self, freq: Array) -> ComplexArray:
+        """Return what the modes alone make, (line, output, input)."""
+        s = 2j * np.pi * freq[:, None]
+        residues = np.einsum("ok,ik->oik", self.shapes, self.participation)
+        direct = np.einsum("fk,oik->foi", 1 / (s - self.s), residues)
+        return direct + np.einsum("fk,oik->foi", 1 / (s - self.s.conj()), residues.conj())
 
     def to_modal_model(self, *, is_real: bool = True) -> ModalModel:
         """Return frequencies, damping ratios and shapes (real by default) at the output channels."""

@@ -1,0 +1,54 @@
+"""Which channels of a recording are inputs and outputs, checked, and the unit of their response."""
+
+import re
+
+import numpy as np
+
+from vlab.errors import BadRecording
+from vlab.signals import Array, Recording
+
+
+def checked_data(
+    recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...], skip_s: float
+) -> tuple[float, Array, Array]:
+    """Return the time step [s] and the input and output samples, (n, n_channels) each, after `skip_s`.
+
+    Raises
+    ------
+    BadRecording
+        No or doubled channels, uneven time steps, nothing left, or a constant input.
+    """
+    columns = [recording.index(name) for name in inputs + outputs]
+    if not inputs or not outputs:
+        what = "input" if not inputs else "output"
+        raise BadRecording(
+            f"no {what} channel: name the {what}s, or mark inputs with is_input (has: {recording.names})"
+        )
+    for name in inputs + outputs:
+        if (inputs + outputs).count(name) > 1:
+            raise BadRecording(f"channel {name!r} is named more than once among inputs and outputs")
+    if not recording.is_uniform:
+        steps = np.diff(recording.time)
+        raise BadRecording(
+            f"time steps from {steps.min():g} to {steps.max():g} s: a frequency response needs even sampling; resample "
+            "first"
+        )
+    dt = float(recording.time[-1] - recording.time[0]) / (len(recording) - 1)
+    first = max(0, int(np.ceil(skip_s / dt - 1e-6)))
+    data = recording.data[first:, columns]
+    if len(data) < 2:
+        raise BadRecording(f"skip_s = {skip_s:g} s leaves nothing of {len(recording) * dt:g} s")
+    x, y = data[:, : len(inputs)], data[:, len(inputs) :]
+    for name, column in zip(inputs, x.T, strict=True):
+        if np.ptp(column) <= 1e-12 * np.abs(column).max():  # a few thousand times the rounding error of one sample
+            raise BadRecording(f"input channel {name!r} is constant ({column[0]:g}): nothing was excited by it")
+    return dt, x, y
+
+
+def response_unit(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
+    """Return the unit of H where it is one for all, else nothing."""
+    over, under = ({recording.channels[recording.index(n)].unit for n in names} for names in (outputs, inputs))
+    if len(over) != 1 or len(under) != 1:
+        return ""
+    numerator, denominator = (f"({u})" if re.search(r"[ /*]", u) else u or "1" for u in (over.pop(), under.pop()))
+    return f"{numerator}/{denominator}"

@@ -1,0 +1,114 @@
+"""Responses of several recordings as one: realisations averaged, sweeps merged with their zooms, inputs side by side."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from vlab.errors import BadRecording
+from vlab.modal.frf import MeasuredFrequencyResponse
+from vlab.modal.steps import merged
+from vlab.signals import Array
+
+IN_COMMON = 0.8
+"""Share of the lines of each response that the others must have, too; a few fall out where the input is weak."""
+SMOOTHED = 25
+"""Lines over which the spread between realisations is averaged: from few realisations it scatters too much."""
+
+
+def combine_responses(responses: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
+    """Return all responses as one: those to the same input averaged or merged, those to different inputs side by side.
+
+    The variance of an average is that of the noise, and what the realisations differ beyond it.
+
+    Raises
+    ------
+    BadRecording
+        Different outputs, lines that do not go together, or windows of different decay.
+    """
+    groups: dict[tuple[str, ...], list[MeasuredFrequencyResponse]] = {}
+    for response in responses:
+        groups.setdefault(response.inputs, []).append(response)
+    if len({response.outputs for response in responses}) != 1 or len({r.added_decay for r in responses}) != 1:
+        raise BadRecording(
+            "the recordings differ in their outputs or windows and have no common response; test them one by one"
+        )
+    columns = [_one_input(group) for group in groups.values()]
+    return columns[0] if len(columns) == 1 else _side_by_side(columns)
+
+
+def _one_input(group: list[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
+    if len(group) == 1:
+        return group[0]
+    lines = _common_lines(group)
+    if lines is not None:
+        return _averaged([response._lines(at) for response, at in zip(group, lines, strict=True)])
+    if all(_is_uneven(response.freq) for response in group):
+        return merged(group)
+    raise BadRecording(
+        "the recordings differ in channels or frequency lines and have no common average; test them one by one"
+    )
+
+
+def _is_uneven(freq: Array) -> bool:
+    """Whether the lines are those of steps rather than of a transform."""
+    steps = np.diff(freq)
+    multiple = freq / max(steps.min(initial=np.inf), 1e-12)
+    return bool(np.any(np.abs(multiple - np.round(multiple)) > 1e-3))
+
+
+def _common_lines(group: Sequence[MeasuredFrequencyResponse]) -> list[NDArray[np.int_]] | None:
+    """Return where each response has the lines that all have, or None where they have too few in common."""
+    step = min(float(np.diff(response.freq).min(initial=np.inf)) for response in group)
+    keys = [np.round(response.freq / (1e-3 * step)).astype(np.int64) for response in group]
+    common = keys[0]
+    for key in keys[1:]:
+        common = np.intersect1d(common, key)
+    if common.size < IN_COMMON * max(key.size for key in keys) or common.size < 2:
+        return None
+    return [np.flatnonzero(np.isin(key, common)) for key in keys]
+
+
+def _averaged(group: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
+    each = np.array([response.H for response in group])
+    H, count = each.mean(axis=0), len(group)
+    coherences = [r.coherence for r in group if r.coherence is not None]
+    variances = [r.variance for r in group if r.variance is not None]
+    variance = None
+    if len(variances) == count:
+        noise = np.mean(variances, axis=0) / count
+        spread = np.sum(np.abs(each - H) ** 2, axis=0) / (count * (count - 1))
+        beyond = uniform_filter1d(spread - noise, min(SMOOTHED, len(H)), axis=0, mode="nearest")
+        variance = noise + np.maximum(beyond, 0.0)
+    return replace(
+        group[0],
+        H=H,
+        coherence=np.mean(coherences, axis=0) if len(coherences) == count else None,
+        variance=variance,
+        n_averages=float(sum(r.n_averages for r in group)),
+    )
+
+
+def _side_by_side(columns: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
+    names = [name for column in columns for name in column.inputs]
+    if len(set(names)) < len(names):
+        raise BadRecording(f"an input stands alone and among others ({', '.join(names)}); test them one by one")
+    lines = _common_lines(columns)
+    if lines is None:
+        raise BadRecording(
+            "the recordings to different inputs have too few frequency lines in common; excite all in one band with one period"
+        )
+    kept = [column._lines(at) for column, at in zip(columns, lines, strict=True)]
+    coherences = [c.coherence for c in kept if c.coherence is not None]
+    variances = [c.variance for c in kept if c.variance is not None]
+    return replace(
+        kept[0],
+        H=np.concatenate([c.H for c in kept], axis=2),
+        inputs=tuple(names),
+        unit=kept[0].unit if len({c.unit for c in kept}) == 1 else "",
+        coherence=np.min(coherences, axis=0) if len(coherences) == len(kept) else None,
+        variance=np.concatenate(variances, axis=2) if len(variances) == len(kept) else None,
+        n_averages=min(c.n_averages for c in kept),
+    )

@@ -1,0 +1,201 @@
+"""Hammer tests: blows found, doubled ones left out, windows whose damping is known and taken out again."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.errors import BadRecording
+from vlab.modal.channels import checked_data, response_unit
+from vlab.modal.frf import Estimator, MeasuredFrequencyResponse
+from vlab.modal.poles import PoleEstimate
+from vlab.modal.spectra import Spectra, solve
+from vlab.signals import Array, Recording
+
+THRESHOLD = 0.1
+"""Part of the largest force that a blow exceeds."""
+EDGE = 0.01
+"""Part of its own peak below which a blow has ended."""
+PRETRIGGER = 0.002
+"""Share of a block before the blow."""
+END_LEVEL = 0.05
+"""What the exponential window leaves at the end of a block; the customary 1 to 5 %."""
+USABLE = 1e-2
+"""Lines with less than this part of the largest force power are left out: 20 dB, customary for hammers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blow:
+    """A blow: first sample, and the one after the last; `count` of pulses until the next blow."""
+
+    start: int
+    stop: int
+    count: int = 1
+
+
+def find_blows(force: Array, rate: float, *, block_s: float | None = None) -> list[Blow]:
+    """Return the blows in a force signal whose resting value is zero.
+
+    A pulse that follows within a block of the one before is its double. Without `block_s`, pulses within a twentieth of
+    the median distance between pulses count as one blow.
+    """
+    size = np.abs(force)
+    loud = size > THRESHOLD * size.max()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], loud, [False]]).astype(int)))
+    pulses = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    starts = np.array([a for a, _ in pulses])
+    near = block_s * rate if block_s is not None else 0.05 * np.max(np.diff(starts), initial=0.0)
+    blows: list[Blow] = []
+    for a, b in pulses:
+        begin, end = _feet(size, a, b)
+        if blows and a - blows[-1].start < near:
+            previous = blows[-1]
+            touching = begin <= previous.stop  # one pulse with a dent is no double
+            blows[-1] = replace(previous, stop=max(end, previous.stop), count=previous.count + (not touching))
+        else:
+            blows.append(Blow(start=begin, stop=end))
+    return blows
+
+
+def _feet(size: Array, a: int, b: int) -> tuple[int, int]:
+    """Widen a pulse to where it leaves the floor."""
+    floor = EDGE * size[a:b].max()
+    while a > 0 and size[a - 1] > floor:
+        a -= 1
+    while b < len(size) and size[b] > floor:
+        b += 1
+    return a, b
+
+
+def estimate_impact_frf(
+    recording: Recording,
+    *,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    estimator: Estimator = "H1",
+    block_s: float | None = None,
+    end_level: float = END_LEVEL,
+) -> MeasuredFrequencyResponse:
+    """Estimate the frequency response from blows.
+
+    The force is cut to its pulse (rectangular window); force and response are multiplied by the same falling
+    exponential, so that the response ends within the block. H is then exactly that at s = added_decay + j omega, and
+    `without_added_decay` takes the window's damping out of the poles [1]_. Blows with a second pulse in
+    their block are left out.
+
+    Parameters
+    ----------
+    block_s : float or None
+        Length of a block [s]; by default the shortest distance between blows.
+    end_level : float
+        What the exponential window leaves at the end of a block, in (0, 1]; 1 for none.
+
+    Raises
+    ------
+    BadRecording
+        Several inputs, no blow, only doubled blows, or blocks that hold no response.
+
+    References
+    ----------
+    .. [1] A. Brandt, *Noise and Vibration Analysis*, Wiley, 2011, chapter 13.
+    """
+    inputs, outputs = tuple(inputs), tuple(outputs)
+    if len(inputs) != 1:
+        raise BadRecording(
+            f"a hammer test has one input, not {len(inputs)} ({', '.join(inputs)}); test them one by one"
+        )
+    if not 0 < end_level <= 1:
+        raise BadRecording(f"the exponential window leaves {end_level:g} at its end; accepted: above 0 up to 1")
+    dt, x, y = checked_data(recording, inputs, outputs, 0.0)
+    force, motion = x[:, 0] - np.median(x[:, 0]), y - np.mean(y, axis=0)
+    blows = find_blows(force, 1 / dt, block_s=block_s)
+    length = _block_length(blows, len(force), dt, block_s)
+    lead = min(int(PRETRIGGER * length), *(blow.start for blow in blows))
+    whole = [b for b in blows if b.start - lead + length <= len(force)]
+    used = [b for b in whole if b.count == 1]
+    if not used:
+        what = f"all {len(whole)} of them are doubled" if whole else "none leaves a whole block"
+        raise BadRecording(
+            f"{len(blows)} blows were found in {inputs[0]!r} and {what}; strike once a block, or give --segment"
+        )
+    decay = -np.log(end_level) / (length * dt)
+    window = np.exp(-decay * dt * (np.arange(length) - lead))
+    X, Y = np.zeros((len(used), length, 1)), np.empty((len(used), length, len(outputs)))
+    for i, blow in enumerate(used):
+        begin = blow.start - lead
+        X[i, lead : lead + blow.stop - blow.start, 0] = force[blow.start : blow.stop]
+        Y[i] = motion[begin : begin + length]
+    X, Y = X * window[:, None], Y * window[:, None]
+    power = np.mean(np.abs(np.fft.rfft(X[:, :, 0], axis=1)) ** 2, axis=0)
+    keep = power > USABLE * power.max()
+    keep[0] = False
+    spectra = Spectra(
+        X=np.fft.rfft(X, axis=1),
+        Y=np.fft.rfft(Y, axis=1),
+        freq=np.arange(length // 2 + 1) / (length * dt),
+        n_effective=float(len(used)),
+        resolution_hz=decay / np.pi,  # half-power width that the window gives to any pole
+    ).at(keep)
+    H, coherence, variance = solve(spectra, estimator)
+    is_single = len(used) < 2  # one blow agrees with itself whatever the noise
+    return MeasuredFrequencyResponse(
+        freq=spectra.freq,
+        H=H,
+        outputs=outputs,
+        inputs=inputs,
+        unit=response_unit(recording, inputs, outputs),
+        coherence=None if is_single else coherence,
+        variance=None if is_single else variance,
+        n_averages=float(len(used)),
+        resolution_hz=spectra.resolution_hz,
+        added_decay=decay,
+    )
+
+
+def _block_length(blows: list[Blow], samples: int, dt: float, block_s: float | None) -> int:
+    if not blows:
+        raise BadRecording("no blow was found: the input never rises")
+    starts = [blow.start for blow in blows]
+    shortest = int(np.min(np.diff(starts), initial=samples - starts[0]))
+    length = shortest if block_s is None else round(block_s / dt)
+    longest = max(blow.stop - blow.start for blow in blows)
+    if length < 8 * longest:
+        raise BadRecording(
+            f"a block of {length * dt:g} s for blows of {longest * dt:g} s holds no free response; give a longer --segment"
+        )
+    return min(length, samples - starts[0])
+
+
+def without_added_decay(estimate: PoleEstimate, decay: float) -> PoleEstimate:
+    """Return the poles moved right by the decay of an exponential window [1/s]; natural frequency and damping follow.
+
+    Poles that this leaves without damping are noise or leakage and count as nuisance.
+
+    Raises
+    ------
+    BadRecording
+        No pole keeps any damping: the window is too strong for the noise.
+    """
+    if decay == 0:
+        return estimate
+    keep = np.flatnonzero(estimate.s.real + decay < 0)
+    if keep.size == 0:
+        raise BadRecording(
+            f"no mode has damping left without the exponential window's {decay:g} 1/s; use longer blocks or a weaker window"
+        )
+    s = estimate.s[keep] + decay
+    freq_sd, zeta_sd = estimate.freq_sd[keep], estimate.zeta_sd[keep]
+    zeta_sd = np.hypot(zeta_sd, freq_sd / estimate.freq[keep] * estimate.zeta[keep])
+    omega = np.abs(s)
+    return replace(
+        estimate,
+        s=s,
+        freq=omega / (2 * np.pi),
+        zeta=-s.real / omega,
+        shapes=estimate.shapes[:, keep],
+        participation=estimate.participation[:, keep],
+        freq_sd=freq_sd,
+        zeta_sd=zeta_sd * np.abs(estimate.s[keep]) / omega,
+        confidence=estimate.confidence[keep],
+        n_nuisance=estimate.n_nuisance + estimate.s.size - keep.size,
+    )
