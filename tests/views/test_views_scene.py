@@ -14,7 +14,8 @@ from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.plants import Plant
 from vlab.signals import Channel, FrequencyResponse, Recording
-from vlab.views import documents, scene
+from vlab.views import documents, rerun_timing, scene
+from vlab.views.frames import Motion
 
 HOSTILE = "<script>/../$x ![a](http://b)"
 
@@ -41,6 +42,10 @@ def column(path, entity, component):
     raise AssertionError(entity)
 
 
+def traces_of(path):
+    return [column(path, entity, "scalars") for entity in rows_of(path)[0] if entity.startswith("/traces/")]
+
+
 @pytest.fixture(scope="module")
 def run(composite: Plant) -> Result:
     excitation = Multisine(level=0.1, period_s=1.0, high_hz=30)
@@ -58,10 +63,12 @@ def written(tmp_path_factory, beam, composite, run, laboratory):
 
 def test_every_sample_of_every_channel_is_written(written, run):
     rows, _, timelines = rows_of(written)
-    traces = {entity: n for entity, n in rows.items() if entity.startswith("/traces/")}
-    assert len(traces) == len(run.recording.channels)
-    assert set(traces.values()) == {len(run.recording)}
+    traces = [entity for entity in rows if entity.startswith("/traces/")]
+    assert {rows[entity] for entity in traces} == {len(run.recording)}
     assert timelines == {"sim_time", "step"}
+    columns = [np.array(column(written, entity, "scalars")) for entity in traces]
+    found = {tuple(values) for block in columns for values in block.T[:, ::97]}
+    assert found == {tuple(values) for values in run.recording.data.T[:, ::97]}
 
 
 def test_structure_moves_at_the_stored_configurations(written, run, beam):
@@ -94,6 +101,18 @@ def test_points_stand_where_the_ports_are(written, run, beam, composite):
     assert np.ptp(drawn[:, [0, 2]], axis=0) == pytest.approx([0, 0])
 
 
+def test_motion_is_read_back_as_it_was(written, run, beam, composite, tmp_path):
+    found, truth = Motion.read(written), Motion.of(beam, composite, run)
+    assert found.names == truth.names
+    assert np.array_equal(found.deflections, truth.deflections)
+    assert np.array_equal(found.steps, truth.steps)
+    assert found.times == pytest.approx(truth.times, abs=1e-9)  # Rerun keeps whole nanoseconds
+    (tmp_path / "no.rrd").write_bytes(b"nothing")
+    for damaged in (tmp_path / "no.rrd", tmp_path / "missing.rrd"):
+        with pytest.raises(BadRecording, match="no motion of a structure"):
+            Motion.read(damaged)
+
+
 def test_the_file_opens_arranged(written):
     reader = chunk.RrdReader(written)
     assert len(reader.recordings()) == 1
@@ -121,8 +140,9 @@ def test_hostile_channel_names_are_only_names(tmp_path, beam, composite, run):
     recording = Recording(time=run.recording.time, data=run.recording.data, channels=tuple(channels))
     result = Result(recording=recording, frame_times=run.frame_times, frames=run.frames)
     path = scene.write_run(tmp_path / "h.rrd", beam, composite, result, law=HOSTILE)
-    traces = [entity for entity in rows_of(path)[0] if entity.startswith("/traces/")]
-    assert len(traces) == len(channels)
+    kinds = {(c.kind, c.unit) for c in channels}
+    assert sum(entity.startswith("/traces/") for entity in rows_of(path)[0]) == len(kinds)
+    assert sum(len(block[0]) for block in traces_of(path)) == len(channels)
     assert documents.cell("![a](http://b) <i>|\n") == r"\!\[a\]\(http://b\) \<i\>\| "
 
 
@@ -216,3 +236,11 @@ def test_a_disk_that_fills_up_leaves_no_half_file(tmp_path, beam, composite, run
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_long_recording_of_many_channels_is_written_whole(tmp_path):
+    recording = rerun_timing.long_recording()  # what `vlab bench` times: 60 s of 50 channels at 2 kHz
+    rerun_timing.write_traces(tmp_path / "long.rrd", recording)
+    rows, static, _ = rows_of(tmp_path / "long.rrd")
+    assert rows == {f"/traces/{k}": 120_000 for k in range(5)}
+    assert set(rows) <= static  # names and units of all curves

@@ -27,6 +27,8 @@ VERBS = {
     "correct": "a reduced model corrected by a simulated modal test of a structure that differs from it",
     "compare": "a case: recordings beside their model, and by how much they differ",
     "diagnose": "what physics the model of a case lacks, where, and how much better it fits with it",
+    "conceal": "cases with something hidden in them by an independent generator, and their sealed truth",
+    "prove": "concealed cases diagnosed, the answers frozen, then the truth opened and scored",
     "show": "open a run in the Rerun viewer",
     "bench": "speed side by side with what a user would use instead",
 }
@@ -79,8 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except VlabError as error:
         print("error: " + " ".join(str(error).split()), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("error: interrupted; nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"error: interrupted; {stop if stop.args else 'nothing was written'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         return 141

@@ -83,3 +83,15 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
             bar.update(100 * share - bar.n)
 
         yield report
+
+
+@contextlib.contextmanager
+def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
+    """Show how many of many cases are done, with an estimate of the time left, on stderr, where stderr is a terminal."""
+    with tqdm(total=total, desc=label, unit="case", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False) as bar:
+
+        def report(done: int, of: int) -> None:
+            bar.total = of
+            bar.update(done - bar.n)
+
+        yield report

@@ -1,22 +1,37 @@
 """``vlab experiment``."""
 
 import argparse
+import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-from vlab.cli.common import Outcome, progress_bar
+from vlab.cases.description import ModelTable
+from vlab.cli.common import Outcome, progress_bar, share_bar
+from vlab.cli.loop_words import loop_facts, loop_text
+from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
-from vlab.lab.run_folder import RunSettings, perform
+from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
+from vlab.lab.run_folder import DoneRun, RunSettings, perform
 from vlab.outputs import output_folder
 from vlab.recordings import write_recording
+from vlab.views.viewer import PORT, listening, viewer_at
+
+RUN_OUT, PLAN_OUT = "out/run", "out/plan"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments; they are those of `RunSettings`."""
     default = RunSettings(structure="beam")
-    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
+    parser.add_argument("structure", nargs="?", help="a built-in structure (beam, grid) or a structure file")
+    parser.add_argument(
+        "--plan",
+        metavar="PLAN.toml",
+        help="a test plan instead of a structure and its settings: several records, written as run folders and a case; "
+        "an interrupted plan goes on where it stood (an example: assets/examples/plan.toml)",
+    )
     parser.add_argument("--plant", default=default.plant, help="composite (default), fe (of the grid) or modal")
     parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
     parser.add_argument(
@@ -29,12 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model", default=default.model, help=f"design the law anew, on this model: {', '.join(MODELS)}"
     )
     parser.add_argument(
-        "--excite", default=default.excite, help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite})"
+        "--excite",
+        default=default.excite,
+        help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite}); more settings of it as NAME:setting=value,..., "
+        "for example stepped-sine:steps=40,zoom_hz=1.85/4.8",
     )
     parser.add_argument(
         "--at",
         default=default.at,
-        help="the coil that excites besides controlling (by default the structure's exciter)",
+        help="the coil that excites besides controlling (by default the structure's exciter); for a dwell several, COIL,COIL",
     )
     parser.add_argument(
         "--level",
@@ -62,17 +80,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--hardware", default=default.hardware, help="a hardware file instead of the laboratory's own")
     parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="another value in the hardware file, for example leads.shielded=false, velocity_sensor.buffered=false, "
+        "coil.limit=0.2lbf; may be given several times",
+    )
+    parser.add_argument(
         "--power-up",
         default=default.power_up,
         metavar="ORDER",
         help=f"switch the bench on in an order of your own, without its interlock and with its faults; right is {','.join(ORDER)}",
     )
     parser.add_argument("--csv", action="store_true", help="write the recording as recording.csv, too")
-    parser.add_argument("--out", default="out/run", help="run folder (default out/run)")
+    parser.add_argument("--report", action="store_true", help="write report.html, too: one page, some seconds")
+    parser.add_argument(
+        "--live",
+        nargs="?",
+        type=int,
+        const=PORT,
+        metavar="PORT",
+        help="show the run while it goes, in a viewer on this machine; one that listens at the port already is used "
+        f"(default {PORT})",
+    )
+    parser.add_argument(
+        "--pace",
+        type=float,
+        help="with --live: most simulated seconds a second (default 1, real time; inf: as fast as it is computed)",
+    )
+    parser.add_argument("--out", help=f"run folder (default {RUN_OUT}), or folder of a plan (default {PLAN_OUT})")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Run the experiment and write its folder."""
+    """Run the experiment, or the plan, and write its folder."""
+    if arguments.plan:
+        return _run_plan(arguments)
+    if not arguments.structure:
+        raise BadExperiment("the following is required: structure, or a test plan with --plan")
+    if arguments.pace is not None and arguments.live is None:
+        raise BadExperiment("--pace is for --live; without it a run goes as fast as it is computed")
+    out = arguments.out or RUN_OUT
     settings = RunSettings(
         structure=arguments.structure,
         plant=arguments.plant,
@@ -91,29 +139,84 @@ def run(arguments: argparse.Namespace) -> Outcome:
         seed=arguments.seed,
         noise=arguments.noise,
         hardware=arguments.hardware,
+        hardware_values=tuple(arguments.set),
         effect=tuple(arguments.effect),
         power_up=arguments.power_up,
     )
     prepared = settings.prepare()
-    with output_folder(arguments.out) as folder:
-        with progress_bar("experiment", settings.seconds) as report:
-            done = perform(prepared, folder, progress=report)
-        from vlab.views.run_view import write_run_view
+    live = None
+    if arguments.live is not None:
+        from vlab.views.live import LiveView
 
-        write_run_view(folder / "run.rrd", prepared, done.result)
+        pace = 1.0 if arguments.pace is None else arguments.pace
+        live = LiveView(prepared, pace=pace, connect=lambda: viewer_at(arguments.live))
+    with output_folder(out) as folder:
+        with progress_bar("experiment", settings.seconds) as report:
+            done = perform(prepared, folder, progress=report, watch=live.watch if live is not None else None)
+        if live is not None:
+            live.finish(done.result)
+            if not listening(arguments.live):
+                print("vlab experiment: the viewer was closed before the run ended; the run is whole", file=sys.stderr)
+        _write_views(folder, done, report=arguments.report)
         if arguments.csv:
             write_recording(done.result.recording, folder / "recording.csv")
         done.finish(folder)
+        files = sorted(path.name for path in folder.iterdir())
     names = done.result.recording.names
     document: dict[str, Any] = {
-        "out": str(arguments.out),
+        "out": str(out),
         "real_time_factor": done.real_time_factor,
         "channels": list(names),
     }
     document["faults"] = [asdict(fault) for fault in prepared.faults]
+    document |= loop_facts(done)
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
+    text += loop_text(document)
     text += (
         f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
-        f"written to {arguments.out}: recording.parquet, run.toml, manifest.json, run.rrd   (vlab show {arguments.out})"
+        f"written to {out}: {', '.join(files)}   (vlab show {out})"
     )
     return Outcome(document=document, text=text)
+
+
+def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:
+    from vlab.views.run_view import write_run_views
+
+    write_run_views(folder, done, report=report)
+
+
+def _run_plan(arguments: argparse.Namespace) -> Outcome:
+    """Perform what a plan's folder lacks of its records."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    default = vars(parser.parse_args([]))
+    for name, value in default.items():
+        if name not in ("plan", "out", "report") and getattr(arguments, name) != value:
+            given = "a structure" if name == "structure" else f"--{name.replace('_', '-')}"
+            raise BadExperiment(f"{given} was given besides --plan; everything that is run stands in {arguments.plan}")
+    plan, folder = load_plan(arguments.plan), Path(arguments.out or PLAN_OUT)
+    ModelTable(**plan.model_table())  # refuses what the case could not say
+    with share_bar("plan") as bar:
+        done = perform_plan(
+            plan,
+            folder,
+            views=lambda fresh, run: _write_views(fresh, run, report=arguments.report),
+            progress=lambda p: bar(p.share, p.record),
+        )
+    return Outcome(document=_plan_document(plan, done, folder), text=_plan_text(plan, done, folder))
+
+
+def _plan_document(plan: Plan, done: DonePlan, folder: Path) -> dict[str, Any]:
+    records = [
+        {"name": r.name, "role": r.role, "folder": str(folder / r.name), "performed": r.name in done.performed}
+        for r in plan.record
+    ]
+    return {"out": str(folder), "case": str(folder / "case.toml"), "concealed": plan.concealed, "records": records}
+
+
+def _plan_text(plan: Plan, done: DonePlan, folder: Path) -> str:
+    before = f", {len(done.kept)} had been there" if done.kept else ""
+    text = f"{len(done.performed)} of {len(plan.record)} records performed{before}; written to {folder}"
+    if plan.concealed:
+        text += f"; what they conceal: {folder}-truth"
+    return text + f"\nvlab compare {folder}   vlab diagnose {folder}"

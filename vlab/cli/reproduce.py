@@ -4,33 +4,73 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from vlab.cli.common import Outcome, finite, progress_bar, text_table
+from vlab.cli.common import Outcome, finite, progress_bar, share_bar, text_table
+from vlab.cli.loop_words import effort_table, ring_down_table
 from vlab.errors import BadExperiment
 from vlab.outputs import output_folder, write_manifest
-from vlab.reproduce.tables import NOT_REPRODUCIBLE, REPRODUCED, ReproducedTable, reproduce_tables, share, widened
+from vlab.reproduce.control_bench import HARDWARE, TESTS
+from vlab.reproduce.control_figures import FIGURES, control_figure
+from vlab.reproduce.tables import (
+    NOT_REPRODUCIBLE,
+    ON_REQUEST,
+    SIMULATED,
+    TABLES,
+    ReproducedTable,
+    reproduce_tables,
+    share,
+    structure_of,
+    widened,
+)
 from vlab.structure import load_structure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("table", nargs="*", help=f"tables to reproduce: {', '.join(REPRODUCED)} (default all)")
+    parser.add_argument(
+        "table",
+        nargs="*",
+        help=f"tables to reproduce: {', '.join(TABLES)} (default all but {' and '.join(ON_REQUEST)}, which take a minute more); "
+        f"{', '.join(SIMULATED)} are with simulated experiments",
+    )
+    parser.add_argument(
+        "--figure",
+        metavar="N",
+        help=f"instead of tables, a figure with simulated experiments: {', '.join(FIGURES)}; as SVG, CSV and JSON",
+    )
+    parser.add_argument(
+        "--plant",
+        default="",
+        help=f"what stands on the bench in simulated experiments: composite or modal (default {_default_plants()})",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of excitation and noise in them (default 0)")
     parser.add_argument(
         "--limit-cycle",
         action="store_true",
         help="instead of tables, the vibration of 41 Hz that LQG had on the beam (section 6.1): what the model explains of it",
     )
     parser.add_argument(
-        "--out", help="with --limit-cycle: folder for the study as JSON, its time histories and figures (a minute)"
+        "--out",
+        help="with --figure: the folder (default out/figure-N); with --limit-cycle: folder for the study as JSON, its time "
+        "histories and figures (a minute)",
     )
+
+
+def _default_plants() -> str:
+    return ", ".join(f"{test.plant} of the {name}" for name, test in TESTS.items())
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Print each cell published / ours / tolerance / ok."""
     if arguments.limit_cycle:
         return _limit_cycle(arguments)
+    if arguments.figure is not None:
+        return _figure(arguments)
     if arguments.out:
-        raise BadExperiment("--out belongs to --limit-cycle; the tables come as JSON with --json")
-    tables = reproduce_tables(arguments.table)
+        raise BadExperiment("--out belongs to --figure and --limit-cycle; the tables come as JSON with --json")
+    with share_bar("tables") as report:
+        tables = reproduce_tables(
+            arguments.table, plant=arguments.plant, seed=arguments.seed, progress=lambda text: report(0.0, text)
+        )
     missing = [{"table": table, "why": why} for table, why in NOT_REPRODUCIBLE.items()]
     lines = [line for table in tables for line in _table_lines(table)]
     shares = {name: _shares(tables, name) for name in ("beam", "grid")}
@@ -44,7 +84,17 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if shown.of:
         lines += [f"In brackets: {shown} cells that they do not determine; see below."]
     lines += ["", "Not reproduced:", *(f"  Table {part['table']}: {part['why']}" for part in missing)]
-    document = {"tables": [t.as_dict() for t in tables], "shares": shares, "not_reproducible": missing}
+    if not arguments.table:
+        lines += ["", f"Left out unless named, a minute more: vlab reproduce {' '.join(ON_REQUEST)}"]
+    lines += ["", f"Figures with simulated experiments, vlab reproduce --figure N: {', '.join(FIGURES)}"]
+    figures = [{"figure": number, "structure": known, "title": title} for number, (known, title, _) in FIGURES.items()]
+    document = {
+        "tables": [t.as_dict() for t in tables],
+        "shares": shares,
+        "not_reproducible": missing,
+        "figures": figures,
+        "on_request": list(ON_REQUEST),
+    }
     return Outcome(document=document, text="\n".join(lines), holds=all(t.ok for t in tables))
 
 
@@ -68,7 +118,7 @@ def _table_lines(table: ReproducedTable) -> list[str]:
 
 def _shares(tables: Sequence[ReproducedTable], structure: str) -> dict[str, int]:
     """Count the determined cells of a structure: all, inside the honest tolerance, inside the one they are held to."""
-    own = [table for table in tables if REPRODUCED[table.table][0] == structure]
+    own = [table for table in tables if structure_of(table.table) == structure]
     held, honest = share(own), share(own, honest=True)
     return {"of": held.of, "inside_honest": honest.inside, "inside": held.inside}
 
@@ -83,6 +133,63 @@ def _widened_lines(tables: Sequence[ReproducedTable]) -> list[str]:
         for number, c in wide
     ]
     return [f"Widened (*): {len(wide)} cells, {sum(c.ok for _, c in wide)} of them inside the wider tolerance:", *rows]
+
+
+def _figure(arguments: argparse.Namespace) -> Outcome:
+    """Run the experiments of a figure and write it."""
+    if arguments.table:
+        raise BadExperiment(
+            f"--figure {arguments.figure} stands alone; leave the tables {', '.join(arguments.table)} away"
+        )
+    out = arguments.out or f"out/figure-{arguments.figure}"
+    with share_bar(f"figure {arguments.figure}") as report:
+        figure = control_figure(
+            arguments.figure, plant=arguments.plant, seed=arguments.seed, progress=lambda text: report(0.0, text)
+        )
+    from vlab.views.control_test import write_control_figure
+
+    with output_folder(out) as folder:
+        files = write_control_figure(folder, figure)
+        write_manifest(
+            folder,
+            verb="reproduce",
+            figure=figure.number,
+            plant=figure.plant,
+            seed=arguments.seed,
+            hardware_values=list(HARDWARE),
+        )
+    document = figure.as_dict() | {"out": str(out), "files": files}
+    lines = [f"{figure.title}; {figure.plant} plant", ""]
+    lines += _ring_down_lines(document) if figure.ring_downs else _ratio_lines(document)
+    return Outcome(document=finite(document), text="\n".join([*lines, f"written to {out}: {', '.join(files)}"]))
+
+
+def _ratio_lines(document: dict[str, Any]) -> list[str]:
+    """Say how peak levels of analysis and experiment compare, and what the actuators did."""
+    rows = [
+        [
+            part["panel"],
+            part["analysis"],
+            *(f"{ratio:.2f}" for ratio in part["over_experiment"]),
+            f"{part['average_error']:.2f}",
+        ]
+        for part in document["peak_ratios"]
+    ]
+    modes = max(len(part["over_experiment"]) for part in document["peak_ratios"])
+    lines = ["Peak levels, analysis over simulated experiment:", ""]
+    lines += [text_table(["law", "analysis", *(f"mode {i + 1}" for i in range(modes)), "average error"], rows), ""]
+    return lines + _effort_lines(document["effort"])
+
+
+def _ring_down_lines(document: dict[str, Any]) -> list[str]:
+    """Say what damping the releases show beside the predicted poles, and what the actuators did."""
+    parts = document["ring_downs"]
+    table = ring_down_table({part["law"]: part["modes"] for part in parts})
+    return [table, "", *_effort_lines({part["law"]: part["effort"] for part in parts})]
+
+
+def _effort_lines(effort: dict[str, Any]) -> list[str]:
+    return ["Effort of the actuators:", "", effort_table(effort), ""]
 
 
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:

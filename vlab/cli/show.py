@@ -1,29 +1,57 @@
 """``vlab show``."""
 
 import argparse
-import os
-import subprocess
-import sys
+import contextlib
+import tempfile
 from pathlib import Path
 
 from vlab.cli.common import Outcome
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, OutputRefused
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("run", help="a run folder, or an .rrd file")
+    parser.add_argument(
+        "run", nargs="+", help="a run folder, or an .rrd file; or two run folders, which are shown over each other"
+    )
+    parser.add_argument(
+        "--save", metavar="FILE.rrd", help="with two runs: write what would be shown and open no viewer"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Open the viewer and wait until it is closed."""
-    path = Path(arguments.run)
+    """Open the viewer and wait until it is closed, or write what two runs look like over each other."""
+    paths = [Path(name) for name in arguments.run]
+    if len(paths) > 2:
+        raise BadRecording(f"{len(paths)} runs were given; one is shown, or two over each other")
+    if len(paths) == 1:
+        if arguments.save:
+            raise BadRecording("--save is for two runs; of one run the file is there: run.rrd in its folder")
+        return _shown(_rrd(paths[0]))
+    from vlab.views.two_runs import load_two, write_two_runs
+
+    runs = load_two(paths)
+    if arguments.save:
+        target = Path(arguments.save)
+        if target.suffix != ".rrd":
+            raise OutputRefused(f"{target}: the viewer knows its files by their ending; name it {target.stem}.rrd")
+        write_two_runs(target, runs)
+        return Outcome(document={"rrd": str(target)}, text=f"written: {target}   (vlab show {target})")
+    with tempfile.TemporaryDirectory(prefix="vlab-") as folder:
+        return _shown(write_two_runs(Path(folder) / "two-runs.rrd", runs))
+
+
+def _rrd(path: Path) -> Path:
     rrd = path / "run.rrd" if path.is_dir() else path
     if not rrd.is_file() or rrd.suffix != ".rrd":
         raise BadRecording(f"{path}: no run.rrd here; give a run folder written by vlab experiment, or an .rrd file")
-    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(rrd)]
-    try:  # the viewer reports usage to its makers unless told not to
-        status = subprocess.run(command, env={**os.environ, "CI": "1"}, stdout=sys.stderr, check=False).returncode
-    except OSError as error:
-        raise BadRecording(f"the Rerun viewer cannot be started: {error}") from error
+    return rrd
+
+
+def _shown(rrd: Path) -> Outcome:
+    from vlab.views.viewer import start_viewer
+
+    with start_viewer(rrd) as viewer, contextlib.suppress(KeyboardInterrupt):
+        viewer.wait()
+    status = viewer.returncode
     return Outcome(document={"rrd": str(rrd), "viewer_status": status}, text=f"{rrd} shown", holds=status == 0)

@@ -1,11 +1,19 @@
-"""From motion to samples: the roll-off of coil sensors outside their travel, noise, quantisation."""
+"""From motion to samples: the roll-off of coil sensors outside their travel, pick-up, noise, drift, quantisation.
+
+Pick-up, drift and quantisation are the laws of `vlab.physics.sensors`; here they get what the hardware file says.
+"""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from vlab.hardware.laboratory import Hardware
+from vlab.physics.sensors import MainsHum, SensorDrift, SensorQuantisation
 from vlab.signals import Array
+
+CARRIER, DRIFT, QUANTISATION = MainsHum(), SensorDrift(), SensorQuantisation()
+_NO_TIMES = np.zeros(0)
 
 
 def coil_gain(displacement: Array, linear_range: float) -> Array:
@@ -26,26 +34,38 @@ class Sampling:
     Parameters
     ----------
     is_velocity : (n_sensors,) bool array
-        Which sensors are coils.
-    noise : (n_samples, n_sensors) array or None
-        Additive noise, drawn beforehand so that a seed gives the same bits on any number of threads.
+        Which sensors are coils; the others are probes.
+    added : (n_samples, n_sensors) array or None
+        Noise, pick-up and drift, drawn beforehand so that a seed gives the same bits on any number of threads.
     """
 
     hardware: Hardware
     is_velocity: Array
-    noise: Array | None
+    added: Array | None
 
     @classmethod
     def draw(cls, hardware: Hardware, is_velocity: Array, samples: int, rng: np.random.Generator) -> "Sampling":
-        """Draw the noise of a whole run."""
-        sd = np.where(is_velocity, hardware.velocity_sensor.noise, hardware.displacement_probe.noise)
-        noise = rng.standard_normal((samples, len(sd))) * sd if np.any(sd > 0) else None
-        return cls(hardware, is_velocity, noise)
+        """Draw everything random of a whole run: noise, the phases of what is picked up, rates of drift."""
+        coil, probe = hardware.velocity_sensor, hardware.displacement_probe
+        n, period = len(is_velocity), 1.0 / hardware.converter.rate
+        added, is_silent, t = np.zeros((samples, n)), True, np.arange(samples) * period
+        sd = np.where(is_velocity, coil.noise, probe.noise)
+        if np.any(sd > 0):
+            added, is_silent = rng.standard_normal((samples, n)) * sd, False
+        for volts, hz in hardware.leads.carriers if hardware.leads is not None else ():
+            amplitude, phase = np.where(is_velocity, volts / coil.sensitivity, 0.0), rng.uniform(0, 2 * np.pi, n)
+            parts = {"sine": amplitude * np.cos(phase), "cosine": amplitude * np.sin(phase), "frequency": hz}
+            added, is_silent = CARRIER.sense(added, parts, period, t), False
+        wander = np.where(is_velocity, coil.drift, probe.drift)
+        if np.any(wander > 0):
+            added, is_silent = DRIFT.sense(added, {"rate": wander * rng.standard_normal(n)}, period, t), False
+        return cls(hardware, is_velocity, None if is_silent else added)
 
     @property
     def is_ideal(self) -> bool:
         """Whether samples inside the linear travel are the true values."""
-        return self.noise is None and self.hardware.converter.resolution == 0.0
+        coil = self.hardware.velocity_sensor
+        return self.added is None and self.hardware.converter.resolution == 0.0 and coil.signal_share == 1.0
 
     def samples(self, values: Array, travel: Array | None, at: int | slice) -> Array:
         """Return what the converter gives for true sensor values.
@@ -57,22 +77,35 @@ class Sampling:
         travel : (..., n_coils) array or None
             Displacements of the coil sensors, in their order; None where the plant does not know them.
         at : int or slice
-            Which samples of the run these are, for the noise.
+            Which samples of the run these are, for what is added.
         """
         return self.converted(self.rolled_off(values, travel), at)
 
     def rolled_off(self, values: Array, travel: Array | None) -> Array:
-        """Return what coil sensors give of true values: less, outside their linear travel."""
-        if travel is not None:
+        """Return what coil sensors give of true values: less, outside their linear travel and under a load."""
+        coil = self.hardware.velocity_sensor
+        if travel is not None or coil.signal_share < 1.0:
             values = values.copy()
-            values[..., self.is_velocity] *= coil_gain(travel, self.hardware.velocity_sensor.linear_range)
+            share = 1.0 if travel is None else coil_gain(travel, coil.linear_range)
+            values[..., self.is_velocity] *= coil.signal_share * share
         return values
 
     def converted(self, values: Array, at: int | slice) -> Array:
-        """Return what the converter gives of the sensors' values: with noise, in its steps."""
-        if self.noise is not None:
-            values = values + self.noise[at]
-        step = self.hardware.converter.resolution
-        if step > 0:
-            values = np.where(self.is_velocity, np.round(values / step) * step, values)
+        """Return what the converter gives of the sensors' values: with noise, pick-up and drift, in its steps."""
+        if self.added is not None:
+            values = values + self.added[at]
+        if self._steps is not None:
+            values = QUANTISATION.sense(values, self._steps, 0.0, _NO_TIMES)
         return values
+
+    @cached_property
+    def _steps(self) -> dict[str, Array] | None:
+        """Steps of the converter in every sensor's motion; None without any."""
+        volts, coil = self.hardware.converter.resolution, self.hardware.velocity_sensor
+        per_motion = np.where(self.is_velocity, coil.sensitivity, self.hardware.displacement_probe.sensitivity)
+        return {"step": volts / per_motion} if volts > 0 else None
+
+    def only(self, sensors: Array) -> "Sampling":
+        """Return the same for some of the sensors, by index."""
+        added = None if self.added is None else np.ascontiguousarray(self.added[:, sensors])
+        return Sampling(self.hardware, self.is_velocity[sensors], added)

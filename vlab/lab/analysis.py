@@ -4,6 +4,7 @@ import numpy as np
 
 from controllers.linear import LinearController
 from vlab.fe.second_order import Quantity
+from vlab.hardware.back_emf import brake_model
 from vlab.lab.prediction import closed_loop_response
 from vlab.lab.run_folder import PreparedRun
 from vlab.modal.frf import MeasuredFrequencyResponse
@@ -34,17 +35,18 @@ def measured_response(recording: Recording, kind: str = "velocity") -> MeasuredF
 def analytical_response(
     prepared: PreparedRun, recording: Recording, freq: Array, kind: str = "velocity"
 ) -> FrequencyResponse | None:
-    """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay and filter.
+    """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay, filter, and coils that brake.
 
     None where the excitation has no input channel, or the law is not linear.
     """
-    law, fe = prepared.law, prepared.fe_model()
+    law, fe = prepared.law, brake_model(prepared.fe_model(), prepared.hardware)
     if not recording.inputs or kind not in SENSED or not (law is None or isinstance(law, LinearController)):
         return None
     excited = fe.deflection(recording.channels[recording.index(recording.inputs[0])].at)[:, None]
-    parts, names = [], []
+    parts, names, share = [], [], prepared.hardware.velocity_sensor.signal_share
     for channel in (c for c in recording.channels if c.kind == kind):
         row, quantity = fe.deflection(channel.at)[None, :], SENSED[channel.kind]
+        row = share * row if channel.kind == "velocity" else row
         if law is None:
             parts.append(fe.linear.frequency_response(freq, excited, row, quantity=quantity).H)
         else:
@@ -55,7 +57,7 @@ def analytical_response(
                     law,
                     prepared.hardware.converter,
                     freq,
-                    sensors=fe.deflections(law.sensors),
+                    sensors=share * fe.deflections(law.sensors),
                     excited=excited,
                     outputs=row,
                     quantity=quantity,

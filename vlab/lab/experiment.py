@@ -9,10 +9,12 @@ import numpy as np
 
 from controllers import Controller
 from vlab.errors import BadExperiment
+from vlab.hardware.back_emf import brake_plant
 from vlab.hardware.laboratory import Hardware, load_hardware
 from vlab.hardware.sensing import Sampling
 from vlab.lab.callback import control_callback
-from vlab.lab.excitation import Excitation, Release
+from vlab.lab.effort import ActuatorEffort, actuator_efforts
+from vlab.lab.excitation import Excitation, Release, forces_at
 from vlab.lab.loop import ControlLoop
 from vlab.plants.base import Plant, check_run
 from vlab.signals import Array, Channel, Recording
@@ -34,7 +36,7 @@ class Experiment:
     excitation : Excitation or None
         Added to the command of the actuator `excite`.
     excite : str
-        The actuator that also excites; the first one by default.
+        The actuator that also excites, several with commas between them; the first one by default.
     controller : Controller or None
         The law in the loop.
     hardware : Hardware
@@ -58,6 +60,9 @@ class Experiment:
             raise BadExperiment(f"a duration of {self.seconds} s cannot be run; accepted: above 0 up to a day")
         if self.seconds * self.hardware.converter.rate < 2:
             raise BadExperiment(f"{self.seconds} s at {self.hardware.converter.rate:g} Hz are fewer than 2 samples")
+        places = self.excite.split(",")
+        if len(set(places)) < len(places):
+            raise BadExperiment(f"the excitation acts twice at one place ({self.excite}); name every actuator once")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,20 +77,30 @@ class Result:
         Times of the stored configurations [s].
     frames : (n_frames, nq) array
         Configurations, for views.
+    effort : tuple of ActuatorEffort
+        What was asked of every actuator.
     """
 
     recording: Recording
     frame_times: Array
     frames: Array
+    effort: tuple[ActuatorEffort, ...] = ()
 
 
-def run_experiment(experiment: Experiment, *, progress: Callable[[float], None] | None = None) -> Result:
+def run_experiment(
+    experiment: Experiment,
+    *,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[float, Callable[[], Result]], None] | None = None,
+) -> Result:
     """Run an experiment.
 
     Parameters
     ----------
     progress : callable or None
         Called with the simulated seconds done.
+    watch : callable or None
+        Called with the simulated seconds done and a function that gives the result, filled in as far as that.
 
     Raises
     ------
@@ -94,15 +109,16 @@ def run_experiment(experiment: Experiment, *, progress: Callable[[float], None] 
     Diverged
         The run left the finite world or MuJoCo reset it.
     """
-    plant, rate = experiment.plant, experiment.hardware.converter.rate
+    plant = brake_plant(experiment.plant, experiment.hardware)
+    rate = experiment.hardware.converter.rate
     substeps = plant.substeps(rate)
     samples = round(experiment.seconds * rate)
     steps = samples * substeps
-    target = plant.actuator_index(experiment.excite) if experiment.excite else 0
+    targets = [plant.actuator_index(at) for at in experiment.excite.split(",")] if experiment.excite else [0]
     middles = (np.arange(steps) + 0.5) * plant.timestep
     added = np.zeros((steps, len(plant.actuators)))
     if experiment.excitation is not None:
-        added[:, target] = experiment.excitation.sample(middles)
+        added[:, targets] = forces_at(experiment.excitation, middles, len(targets))
     is_velocity = np.array([tap.kind == "velocity" for tap in plant.sensors])
     sampling = Sampling.draw(experiment.hardware, is_velocity, samples, np.random.default_rng(experiment.seed))
     loop = ControlLoop(
@@ -116,17 +132,28 @@ def run_experiment(experiment: Experiment, *, progress: Callable[[float], None] 
         frame_every=max(1, round(rate / FRAMES_HZ)),
     )
     if isinstance(experiment.excitation, Release):
-        _pull(plant, loop.data, target, experiment.excitation.level)
-    _advance(plant, loop, steps, progress)
+        _pull(plant, loop.data, targets[0], experiment.excitation.level)
     times = np.arange(samples) / rate
-    return Result(
-        recording=_record(experiment, loop, times, target),
-        frame_times=times[:: loop.frame_every],
-        frames=loop.frames,
-    )
+
+    def so_far() -> Result:
+        return Result(
+            recording=_record(experiment, loop, times, targets),
+            frame_times=times[:: loop.frame_every],
+            frames=loop.frames,
+            effort=actuator_efforts(plant.actuators, loop.commands, loop.applied, loop.saturated),
+        )
+
+    def after(done_s: float) -> None:
+        if progress is not None:
+            progress(done_s)
+        if watch is not None:
+            watch(done_s, so_far)
+
+    _advance(plant, loop, steps, after)
+    return so_far()
 
 
-def _advance(plant: Plant, loop: ControlLoop, steps: int, progress: Callable[[float], None] | None) -> None:
+def _advance(plant: Plant, loop: ControlLoop, steps: int, after: Callable[[float], None]) -> None:
     done = 0
     with control_callback(loop.data, loop.callback):
         while done < steps:
@@ -134,8 +161,7 @@ def _advance(plant: Plant, loop: ControlLoop, steps: int, progress: Callable[[fl
             mujoco.mj_step(plant.model, loop.data, nstep=chunk)
             done += chunk
             check_run(plant.model, loop.data, done * plant.timestep)
-            if progress is not None:
-                progress(done * plant.timestep)
+            after(done * plant.timestep)
 
 
 def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
@@ -150,18 +176,19 @@ def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
     mujoco.mj_forward(plant.model, data)
 
 
-def _record(experiment: Experiment, loop: ControlLoop, times: Array, target: int) -> Recording:
+def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int]) -> Recording:
     plant = experiment.plant
     excited = experiment.excitation is not None and not isinstance(experiment.excitation, Release)
     applied, sampled = loop.applied, loop.sampled
     channels: list[Channel] = []
     columns: list[Array] = []
     if excited and experiment.excitation is not None:
-        tap = plant.actuators[target]
-        channels.append(
-            Channel(name=f"excitation:{tap.at}", kind="excitation", unit=tap.unit, at=tap.at, is_input=True)
-        )
-        columns.append(experiment.excitation.sample(times))
+        for target, signal in zip(targets, forces_at(experiment.excitation, times, len(targets)).T, strict=True):
+            tap = plant.actuators[target]
+            channels.append(
+                Channel(name=f"excitation:{tap.at}", kind="excitation", unit=tap.unit, at=tap.at, is_input=True)
+            )
+            columns.append(signal)
     for i, tap in enumerate(plant.actuators):
         if experiment.controller is not None:
             channels.append(Channel(name=f"command:{tap.at}", kind="command", unit=tap.unit, at=tap.at))
@@ -171,7 +198,7 @@ def _record(experiment: Experiment, loop: ControlLoop, times: Array, target: int
     for i, sensor in enumerate(plant.sensors):
         channels.append(Channel(name=sensor.name, kind=sensor.kind, unit=sensor.unit, at=sensor.at))
         columns.append(sampled[:, i])
-    meta = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
-    if excited and experiment.excitation is not None and experiment.excitation.period_s is not None:
-        meta["period_s"] = experiment.excitation.period_s
+    meta: dict[str, Any] = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
+    if excited and experiment.excitation is not None:
+        meta |= experiment.excitation.facts
     return Recording(time=times, data=np.column_stack(columns), channels=tuple(channels), meta=meta)

@@ -78,8 +78,20 @@ class ControlLoop:
     def applied(self) -> Array:
         """Mean force at every actuator over every sample, (n_samples, n_actuators); what attached physics does to it is
         behind what the laboratory records."""
-        forces = self._limited if self._limited is not None else self._chain.response(self.commands) + self.added
+        forces = self._limited if self._limited is not None else self._demanded()
         return forces.reshape(-1, self.substeps, forces.shape[1]).mean(axis=1)
+
+    @property
+    def saturated(self) -> Array:
+        """Share of the integration steps in which each amplifier was asked for more than its limit, (n_actuators,)."""
+        limit = self.hardware.coil.limit
+        if not limit:
+            return np.zeros(self.commands.shape[1])
+        return np.asarray(np.mean(np.abs(self._demanded()) > limit, axis=0))
+
+    def _demanded(self) -> Array:
+        """Return the force that every integration step asks of the amplifiers, (n_steps, n_actuators)."""
+        return np.asarray(self._chain.response(self.commands) + self.added)
 
     def _check_law(self, controller: Controller) -> None:
         self._from = np.array([self.plant.sensor_index(name) for name in controller.sensors], dtype=int)
@@ -111,7 +123,8 @@ class ControlLoop:
             return None
         law, push, commands, sampling = controller.step, self._chain.push, self.commands, self.sampling
         sensordata, every, wired, to = self.data.sensordata, self.plant.sensor_matrix, self._from, self._to
-        direct, plain = every[wired].dot, sampling.is_ideal
+        direct, plain, own = every[wired].dot, sampling.is_ideal, sampling.only(wired)
+        loaded = self.hardware.velocity_sensor.signal_share < 1.0  # what the coils give is less in their travel, too
         travel, half_travel = sensordata[self.plant.travel], self.hardware.velocity_sensor.linear_range / 2
         known_travel = travel if travel.size else None
         sensed = self._sensed
@@ -121,12 +134,13 @@ class ControlLoop:
         def tick(sample: int) -> Array:
             if sensed is not None:
                 return answer(sampling.converted(sensed[sample], sample)[wired], sample)
-            in_range = plain
+            in_range = not loaded
             for x in travel.tolist():  # a few plain floats compare faster than an array
                 if not -half_travel <= x <= half_travel:
                     in_range = False
-            y = direct(sensordata) if in_range else sampling.samples(every @ sensordata, known_travel, sample)[wired]
-            return answer(y, sample)
+            if not in_range:
+                return answer(sampling.samples(every @ sensordata, known_travel, sample)[wired], sample)
+            return answer(direct(sensordata) if plain else own.converted(direct(sensordata), sample), sample)
 
         def answer(y: Array, sample: int) -> Array:
             command = law(y)

@@ -7,13 +7,16 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from controllers import Controller
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
-from vlab.lab.excitation import build_excitation
+from vlab.lab.excitation import build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
 from vlab.outputs import write_manifest
@@ -50,13 +53,14 @@ class RunSettings:
     seed: int = 0
     noise: float = 0.0
     hardware: str = ""
+    hardware_values: tuple[str, ...] = ()
     power_up: str = ""
     effect: tuple[str, ...] = ()
 
     def prepare(self) -> "PreparedRun":
         """Build every part, so that whatever is wrong is said before anything runs or is written."""
         structure = load_structure(self.structure)
-        hardware = load_hardware(self.hardware or None)
+        hardware = load_hardware(self.hardware or None, self.hardware_values)
         if self.rate_hz is not None:
             hardware = hardware.at_rate(self.rate_hz)
         if not (math.isfinite(self.noise) and self.noise >= 0):
@@ -89,7 +93,8 @@ class RunSettings:
         plant = attach(plant, [parse_effect(text) for text in self.effect])
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
-        plant.actuator_index(at)
+        places = [plant.actuator_index(place) for place in at.split(",")]
+        forces_at(excitation, np.zeros(1), len(places))
         experiment = Experiment(
             plant=plant,
             seconds=self.seconds,
@@ -117,7 +122,10 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedRun:
-    """A run whose parts are all built; what went wrong while the bench was switched on is in `faults`."""
+    """A run whose parts are all built; what went wrong while the bench was switched on is in `faults`.
+
+    What is written of a concealed one says nothing of the effects in its plant.
+    """
 
     settings: RunSettings
     structure: Structure
@@ -126,6 +134,11 @@ class PreparedRun:
     law: Controller | None
     experiment: Experiment
     faults: tuple[Fault, ...] = ()
+    is_concealed: bool = False
+
+    def concealed(self) -> "PreparedRun":
+        """Return the same run, whose folder will not say what effects its plant has."""
+        return replace(self, settings=replace(self.settings, effect=()), is_concealed=True)
 
     def fe_model(self) -> FeModel:
         """Return the FE model of the same variant, for the analytical responses."""
@@ -145,6 +158,11 @@ class DoneRun:
         """Simulated over elapsed time."""
         return self.prepared.settings.seconds / self.elapsed_s
 
+    @property
+    def effort(self) -> dict[str, dict[str, Any]]:
+        """What was asked of every actuator, by its place, as plain data."""
+        return {part.at: part.as_dict() for part in self.result.effort}
+
     def finish(self, folder: Path) -> None:
         """Write the manifest, once everything else is in the folder."""
         digest = hashlib.sha256((folder / RECORDING).read_bytes()).hexdigest()
@@ -154,17 +172,24 @@ class DoneRun:
             settings=asdict(self.prepared.settings),
             recording_sha256=digest,
             faults=[asdict(fault) for fault in self.prepared.faults],
-            elapsed_s=self.elapsed_s,
+            effort=self.effort,
+            **({} if self.prepared.is_concealed else {"elapsed_s": self.elapsed_s}),  # effects take time
         )
 
 
-def perform(prepared: PreparedRun, folder: Path, *, progress: Callable[[float], None] | None = None) -> DoneRun:
-    """Run a prepared experiment and write recording and settings into a folder."""
+def perform(
+    prepared: PreparedRun,
+    folder: Path,
+    *,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[float, Callable[[], Result]], None] | None = None,
+) -> DoneRun:
+    """Run a prepared experiment and write recording and settings into a folder; see `run_experiment` for the callbacks."""
     begun = time.perf_counter()
-    result = run_experiment(prepared.experiment, progress=progress)
+    result = run_experiment(prepared.experiment, progress=progress, watch=watch)
     elapsed = time.perf_counter() - begun
     facts = {key: value for key, value in asdict(prepared.settings).items() if value is not None}
-    facts["effect"] = "; ".join(prepared.settings.effect)
+    facts |= {key: "; ".join(facts[key]) for key in ("effect", "hardware_values")}
     recording = replace(result.recording, meta={**facts, **result.recording.meta})
     result = replace(result, recording=recording)
     write_recording(recording, folder / RECORDING)
@@ -188,4 +213,5 @@ def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
             f"{path}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file"
         )
     reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
-    return read_recording(path / RECORDING, folder=path), reader.table(RunSettings, reader.load())
+    whole = path.absolute()  # a relative path would be looked for below the folder
+    return read_recording(whole / RECORDING, folder=whole), reader.table(RunSettings, reader.load())

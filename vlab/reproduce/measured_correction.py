@@ -27,14 +27,13 @@ from vlab.modal.mac import mac, match_modes
 from vlab.modal.modal_test import ModalTest, ModalTestResult, run_modal_test
 from vlab.plants.base import named_sensors
 from vlab.plants.modal import build_modal
+from vlab.reproduce.measured_shapes import measured_at, measured_coordinates
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 REDUCTIONS: dict[str, Callable[..., Reduction]] = {"guyan": guyan_reduction, "exact": exact_reduction}
 """The reductions by name; the dissertation's is Guyan's."""
-RELIABLE = 0.9
-"""Confidence from which a measured mode is used: found again at nearly every model order."""
 MARGIN = (0.5, 1.08)
 """The band of the test begins below the first frequency and ends above the last that the coordinates can carry."""
 PLANT_MODES = 20
@@ -295,7 +294,7 @@ def correct_by_test(
         raise unknown_name("reduction", str(reduction), REDUCTIONS)
     structure = load_structure(structure_name)
     fe = build_fe_model(structure, variant)
-    keep = _measured_coordinates(fe, retained)
+    keep = measured_coordinates(fe, retained)
     if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes < len(keep):
         raise BadExperiment(
             f"{modes} modes for {len(keep)} measured coordinates; accepted: 1 to {len(keep) - 1}, so that something of the "
@@ -309,21 +308,7 @@ def correct_by_test(
     reductions = {name: reduce(fe.linear, keep) for name, reduce in REDUCTIONS.items()}
     band = (MARGIN[0] * float(fe.linear.freq[0]), MARGIN[1] * float(fe.linear.freq[len(keep) - 1]))
     test = _tested(fe, real, band, seed, noise, period_s, periods, progress)
-    every = test.poles.to_modal_model()
-    used = np.flatnonzero(test.poles.confidence >= RELIABLE)[:modes]
-    if used.size == 0:
-        raise BadRecording(
-            f"none of {every.freq.size} identified modes is reliable; lengthen the period or lower the noise"
-        )
-    seen = [_seen_by(structure, label) for label in keep]
-    rows = [every.coordinates.index(channel) for channel, _ in seen]
-    shapes = every.shapes[rows][:, used] / np.array([[arm] for _, arm in seen])
-    measured = ModalModel(
-        freq=every.freq[used],
-        zeta=every.zeta[used],
-        shapes=shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(used.size)],
-        coordinates=tuple(keep),
-    )
+    measured, confidence = measured_at(structure, test, keep, modes)
     return CorrectionTest(
         fe=fe,
         real=real,
@@ -332,7 +317,7 @@ def correct_by_test(
         noise=float(noise),
         test=test,
         measured=measured,
-        confidence=test.poles.confidence[used],
+        confidence=confidence,
         reductions=reductions,
         reduction=reduction,
         steps=tuple(correct_sequentially(reductions[reduction].model, measured)),
@@ -345,31 +330,6 @@ def _checked_seed(seed: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise BadExperiment(f"the seed {seed} is no whole number from 0")
     return int(seed)
-
-
-def _measured_coordinates(fe: FeModel, retained: Sequence[str] | None) -> list[str]:
-    structure = fe.structure
-    seen = [f"v:{sensor.at}" for sensor in structure.sensor]
-    seen += [f"rx:{plate.at}" for plate in structure.plate if any(p.at == plate.name for p in structure.probe)]
-    measurable = [label for label in seen if label in fe.linear.coordinates]
-    if retained is None:
-        retained = structure.reduction.retained if structure.reduction is not None else measurable
-    keep = [retained] if isinstance(retained, str) else list(retained)
-    for label in keep:
-        if label not in measurable:
-            raise unknown_name("measured coordinate", str(label), measurable)
-    if len(keep) < 2:
-        raise BadExperiment(f"{len(keep)} measured coordinates show no shapes; at least 2 are needed")
-    return keep
-
-
-def _seen_by(structure: Structure, label: str) -> tuple[str, float]:
-    """Return the channel of a coordinate and its motion per unit of it: a probe sees a plate swing below the axis."""
-    motion, _, place = label.partition(":")
-    if motion == "rx":
-        plate = next(plate for plate in structure.plate if plate.at == place)
-        return next(f"probe:{probe.name}" for probe in structure.probe if probe.at == plate.name), plate.offset
-    return next(f"sensor:{sensor.name}" for sensor in structure.sensor if sensor.at == place), 1.0
 
 
 def _tested(

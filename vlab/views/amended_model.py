@@ -14,6 +14,9 @@ import numpy as np
 from vlab.cases.case import load_case
 from vlab.cases.compare import compare_run
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.frequency.engine import FrequencyDiagnosed
+from vlab.diagnose.frequency.problem import FrequencyProblem
+from vlab.diagnose.frequency.verify import checked_again
 from vlab.diagnose.uncertain_structure import edited
 from vlab.errors import OutputRefused, VlabError
 from vlab.physics.attach import Attached, written
@@ -24,6 +27,7 @@ from vlab.structure.model import Structure
 
 MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
 RECORDINGS = "recordings"
+Done = Diagnosed | FrequencyDiagnosed
 LEAST = 1e-9
 """Refitted gains closer to one, and offsets smaller than this share of a channel, are not written."""
 
@@ -53,7 +57,7 @@ class AmendedFiles:
     note: str = ""
 
 
-def write_amended(done: Diagnosed, folder: Path) -> AmendedFiles:
+def write_amended(done: Done, folder: Path) -> AmendedFiles:
     """Write the amended model (the refitted one where nothing was found), its case and the recordings; run them again.
 
     Raises
@@ -100,7 +104,7 @@ def write_amended(done: Diagnosed, folder: Path) -> AmendedFiles:
     )
 
 
-def _earlier(done: Diagnosed, raw: Mapping[str, Any]) -> list[Attached]:
+def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
     """Return the effects of the case as given that are no numbers of its model and must be stated again."""
     at_work = [(a.effect.name, dict(a.values)) for a in done.problem.plant.physics]
     given = [
@@ -110,7 +114,7 @@ def _earlier(done: Diagnosed, raw: Mapping[str, Any]) -> list[Attached]:
     return [e for e in given if done.problem.case.structure is not None or (e.effect.name, dict(e.values)) in at_work]
 
 
-def _write_mjcf(done: Diagnosed, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
+def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
     plant = done.problem.adjusted(theta) if effects else done.before.plant
     spec, left = written(plant, effects)
     (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
@@ -130,25 +134,29 @@ def _write_mjcf(done: Diagnosed, effects: Sequence[Attached], theta: Array, fold
     return left
 
 
-def _calibrated(done: Diagnosed, theta: Array, found: bool) -> list[Attached]:
+def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
     """Return the refitted gains and zeros of channels, and of a structure's coils, as effects of the catalogue."""
     out, problem = [], done.problem
     if problem.case.structure is not None:  # of an MJCF they are in the gear
         for parameter, value in zip(problem.parameters, theta, strict=True):
-            if parameter.actuator is not None and abs(value) > LEAST:
-                place = f"actuator:{problem.plant.actuators[parameter.actuator].name.removeprefix('coil:')}"
+            index = parameter.actuator
+            if index is not None and index < len(problem.plant.actuators) and abs(value) > LEAST:
+                place = f"actuator:{problem.plant.actuators[index].name.removeprefix('coil:')}"
                 out.append(
                     Attached(effect=effect_named("actuator-gain"), place=place, values={"gain": float(np.expm1(value))})
                 )
     model = done.after if found else done.before
-    if model.sensor_gain is None or model.offset is None:
+    if model.sensor_gain is None:
         return out
     for i, name in enumerate(model.names):
         place = name if name.startswith("sensor:") else f"sensor:{name}"
-        gain, offset = float(model.sensor_gain[i]), float(model.offset[i])
-        scale = max(float(np.abs(r.measured[name]).max()) for r in problem.runs)
+        gain = float(model.sensor_gain[i])
         if abs(gain - 1.0) > LEAST:
             out.append(Attached(effect=effect_named("sensor-gain"), place=place, values={"gain": gain - 1.0}))
+        if isinstance(problem, FrequencyProblem) or model.offset is None:
+            continue
+        offset = float(model.offset[i])
+        scale = max(float(np.abs(r.measured[name]).max()) for r in problem.runs)
         if abs(offset) > LEAST * scale:
             out.append(Attached(effect=effect_named("sensor-offset"), place=place, values={"offset": offset}))
     return out
@@ -170,7 +178,7 @@ def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:
         table["file"] = known[given]
 
 
-def _run_again(done: Diagnosed, folder: Path) -> tuple[float | None, str]:
+def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
     """Return the NRMSE of the checked recordings, simulated from the written files alone."""
     roles = sorted({c.role for c in done.diagnosis.checked})
     names = {c.name for c in done.diagnosis.checked}
@@ -178,6 +186,8 @@ def _run_again(done: Diagnosed, folder: Path) -> tuple[float | None, str]:
         return None, "no recording was checked"
     try:
         case = load_case(folder / CASE)
+        if isinstance(done, FrequencyDiagnosed):
+            return checked_again(case, names), ""
         runs = [compare_run(case.plant, run) for run in case.runs(roles) if run.name in names]
     except VlabError as error:
         return None, str(error)

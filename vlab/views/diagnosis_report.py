@@ -11,9 +11,11 @@ import numpy as np
 
 from vlab.cases.misfit import BANDS, Misfit, misfit
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.frequency.engine import FrequencyDiagnosed
 from vlab.diagnose.verify import Checked
 from vlab.recordings.files import written_whole
-from vlab.views.amended_model import CASE, AmendedFiles, write_amended
+from vlab.views.amended_model import CASE, AmendedFiles, Done, write_amended
+from vlab.views.diagnosis_frequency import frequency_sections, write_frequency_scene
 from vlab.views.diagnosis_response import responses
 from vlab.views.diagnosis_scene import write_scene
 from vlab.views.diagnosis_words import summary, verdict_sentence
@@ -39,7 +41,7 @@ REPRODUCED = 0.05
 elements take their step a little differently from a law that acts as a force."""
 
 
-def write_diagnosis(done: Diagnosed, folder: Path) -> None:
+def write_diagnosis(done: Done, folder: Path) -> None:
     """Write ``diagnosis.json``, ``report.html``, ``run.rrd`` and the amended model of a diagnosis into a folder.
 
     Raises
@@ -54,12 +56,14 @@ def write_diagnosis(done: Diagnosed, folder: Path) -> None:
     }
     with written_whole(folder / "diagnosis.json") as stream:
         stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
-    done = _shown(done)
+    done = done if isinstance(done, FrequencyDiagnosed) else _shown(done)
     title = done.diagnosis.title or done.problem.case.path.parent.name
     write_report(
         folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=sections(done, files)
     )
-    if done.diagnosis.checked:
+    if isinstance(done, FrequencyDiagnosed):
+        write_frequency_scene(folder / "run.rrd", done, title=title, verdict=verdict_sentence(done))
+    elif done.diagnosis.checked:
         facts = {"verdict": verdict_sentence(done), "next measurement": done.diagnosis.next_measurement}
         write_scene(folder / "run.rrd", done.diagnosis.checked, title=title, facts=facts)
 
@@ -90,18 +94,20 @@ def _number(value: float) -> str:
 # ---- sections -------------------------------------------------------------------------------------------------------
 
 
-def sections(done: Diagnosed, files: AmendedFiles | None = None) -> list[Section]:
+def sections(done: Done, files: AmendedFiles | None = None) -> list[Section]:
     """Return the sections of the report in reading order."""
     diagnosis = done.diagnosis
     out = [_found(done), _drawing(done)]
-    if diagnosis.checked:
+    if isinstance(done, FrequencyDiagnosed):
+        out += frequency_sections(done)
+    elif diagnosis.checked:
         out.append(_overlays(done))
-    if diagnosis.findings:
+    if diagnosis.findings and not isinstance(done, FrequencyDiagnosed):
         out.append(_forces(done))
     if diagnosis.checked:
         out += [_errors(diagnosis.checked, diagnosis.heldout)]
     out.append(_alternatives(done))
-    if any(_refitted(c) is not None for c in diagnosis.checked):
+    if not isinstance(done, FrequencyDiagnosed) and any(_refitted(c) is not None for c in diagnosis.checked):
         out.append(_mismatch(done))
     if done.problem.parameters:
         out.append(_calibration(done))
@@ -125,7 +131,7 @@ def sections(done: Diagnosed, files: AmendedFiles | None = None) -> list[Section
     return out
 
 
-def _found(done: Diagnosed) -> Section:
+def _found(done: Done) -> Section:
     diagnosis = done.diagnosis
     if not diagnosis.findings:
         return Section(title="What was found", text=(_nothing(done),))
@@ -155,7 +161,7 @@ def _found(done: Diagnosed) -> Section:
     )
 
 
-def _nothing(done: Diagnosed) -> str:
+def _nothing(done: Done) -> str:
     best = done.choice.best
     if done.diagnosis.verdict == "nothing-missing":
         return (
@@ -168,7 +174,7 @@ def _nothing(done: Diagnosed) -> str:
     return f"No effect of the catalogue explains what is left over.{tried} What remains is shown below, by channel, frequency and time."
 
 
-def _drawing(done: Diagnosed) -> Section:
+def _drawing(done: Done) -> Section:
     marks = _marks(done)
     if marks:
         caption = "The model at rest with the places found: filled the likeliest of each finding, rings where else it may be, with probabilities."
@@ -183,7 +189,7 @@ def _drawing(done: Diagnosed) -> Section:
     return Section(title="Where", figures=[(to_svg(drawing), caption)])
 
 
-def _marks(done: Diagnosed) -> list[tuple[str, float]]:
+def _marks(done: Done) -> list[tuple[str, float]]:
     """Return the places to mark with their probabilities: of the first finding all that hold 90 %, of others the best."""
     marks: dict[str, float] = {}
     for i, finding in enumerate(done.diagnosis.findings):
@@ -280,7 +286,7 @@ def _row(*values: float | None) -> list[Any]:
     ]
 
 
-def _alternatives(done: Diagnosed) -> Section:
+def _alternatives(done: Done) -> Section:
     diagnosis, choice = done.diagnosis, done.choice
     options = [
         (_option(a["effect"], a["place"]), float(a["probability"]), float(a["remaining"]))
@@ -347,7 +353,7 @@ def _picture(found: Sequence[tuple[Checked, str, Misfit]], edges: Sequence[float
     return to_svg(mismatch_figure(rows, np.array(edges), bands, times, title=title))
 
 
-def _calibration(done: Diagnosed) -> Section:
+def _calibration(done: Done) -> Section:
     rows = [(p.name, float(v), p.sd) for p, v in zip(done.problem.parameters, done.fit.theta, strict=True)]
     order = sorted(rows, key=lambda r: -abs(r[1]) / r[2])[:ROWS]
     text = [
@@ -364,7 +370,7 @@ def _calibration(done: Diagnosed) -> Section:
     return Section(title="Refitted parameters", text=text, figures=[(to_svg(calibration_figure(order)), caption)])
 
 
-def _files(done: Diagnosed, files: AmendedFiles) -> Section:
+def _files(done: Done, files: AmendedFiles) -> Section:
     what = "the physics found" if done.diagnosis.findings else "the refitted parameters, no physics added"
     text = [
         f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab compare {CASE}`."

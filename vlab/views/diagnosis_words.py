@@ -1,9 +1,10 @@
 """A diagnosis in a few plain sentences."""
 
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.frequency.engine import FrequencyDiagnosed
 
 
-def verdict_sentence(done: Diagnosed) -> str:
+def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     """Return the verdict in one plain sentence."""
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
@@ -36,7 +37,7 @@ def _ratio(error: float | None, noise: float | None) -> str:
     return f"{100 * error:.3g} % of the recordings' rms, {error / noise:.3g} times the noise,"
 
 
-def summary(done: Diagnosed) -> list[str]:
+def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
     """Return the paragraphs under the title: the verdict, what it means, and what limits it."""
     diagnosis = done.diagnosis
     out = [verdict_sentence(done)]

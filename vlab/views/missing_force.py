@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.nonlinear.force import asked_force
+from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.refine import Term
 from vlab.diagnose.screen import Group, port_series
 from vlab.diagnose.twin import discretise
@@ -79,6 +81,8 @@ def _motion(done: Diagnosed, group: Group, term: Term) -> tuple[Array, Array, Ar
     the known forces; of all modal forces that do, the part along the port's row. What other fitted effects do is taken off.
     """
     screen, twin = done.found.screen, done.problem.twin
+    if isinstance(screen, MovingScreen):
+        return asked_force(screen, done.fit, term)
     M, C, K, gain, _ = (part[0] for part in twin.matrices(done.fit.theta[None]))
     system = discretise(M[None], C[None], K[None], np.eye(twin.m), twin.rows, group.h)
     known = group.forces + group.u @ (twin.forces * gain - screen.now.forces).T

@@ -92,6 +92,12 @@ def send(stream: Any, path: str, indexes: list[Any], look: Any, columns: Any) ->
     stream.send_columns(path, indexes, columns)
 
 
+def rgb(index: int) -> tuple[int, ...]:
+    """Return the colour of the figures' curve of that number; their black is a grey that shows on black."""
+    colour = COLOURS[index % len(COLOURS)]
+    return (120, 120, 120) if colour == "#000000" else tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+
+
 def plain(words: object) -> str:
     """Return text on one line, without control characters."""
     return "".join(c if c.isprintable() else " " for c in str(words))
@@ -121,16 +127,30 @@ def extent_in_view(points: Array, middle: Array) -> float:
     return float(np.max(depth + at @ towards) / (EYE_DISTANCE * np.linalg.norm(TOWARDS_EYE)))
 
 
-def arranged(scene: Any, traces: Sequence[Any], papers: Sequence[Any]) -> Any:
-    """Arrange the moving picture, the traces and what is read, from left to right."""
-    return blueprint(rrb.Horizontal(scene, rrb.Vertical(*traces), rrb.Vertical(*papers), column_shares=[3, 4, 3]))
+def arranged(scene: Any, bars: Any | None, pages: Sequence[tuple[str, Sequence[Any]]], papers: Sequence[Any]) -> Any:
+    """Arrange the moving picture over its bars, the pages of plots, and what is read, from left to right.
+
+    Parameters
+    ----------
+    pages : sequence of (name, views)
+        One above the other on each; pages without a view are left out.
+    """
+    left = scene if bars is None else rrb.Vertical(scene, bars, row_shares=[3, 1])
+    shown = [rrb.Vertical(*views, name=name) for name, views in pages if views]
+    plots = rrb.Tabs(*shown) if len(shown) > 1 else shown[0]
+    return rrb.Horizontal(left, plots, rrb.Vertical(*papers), column_shares=[3, 4, 3])
 
 
-def blueprint(views: Any) -> Any:
-    """Return views that open with the panels folded away and the time running."""
+def blueprint(views: Any, *, playing: str = "playing") -> Any:
+    """Return views that open with the panels folded away and the time running; `playing` "following" stays at its end."""
     return rrb.Blueprint(
         views,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="sim_time", loop_mode="all", play_state="playing"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline="sim_time",
+            loop_mode="all" if playing == "playing" else "off",
+            play_state=playing,
+        ),
     )

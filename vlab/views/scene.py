@@ -4,7 +4,7 @@ Nothing is started and nothing is sent: the file is written and closed. Traces h
 the rate of the stored configurations. Timelines: ``sim_time`` [s] and ``step``, the number of the sample.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from controllers import Controller
 from vlab.errors import unknown_name
 from vlab.hardware.laboratory import Hardware
 from vlab.lab.experiment import Result
@@ -21,8 +22,11 @@ from vlab.structure.model import Structure
 from vlab.views.body_scene import BodyScene, model_name
 from vlab.views.documents import cell, fact_list, level_table, log_document, response_pictures, run_facts
 from vlab.views.figures import aligned, channel_label, pretty_unit, residual_percent
-from vlab.views.frames import port_deflections
+from vlab.views.frames import Motion, port_deflections
+from vlab.views.law_scene import LawScene
+from vlab.views.modal_scene import ModalScene
 from vlab.views.rrd import BLUE, GREEN, ORANGE, arranged, blueprint, identity_of, plain, rrd_file
+from vlab.views.spectrum_scene import SpectrumScene
 from vlab.views.structure_scene import StructureScene, sensible_exaggeration
 from vlab.views.trace_scene import PEAKS, log_series, log_traces, plot_view, trace_views
 
@@ -42,6 +46,7 @@ def write_run(
     analytical: FrequencyResponse | None = None,
     exaggeration: float | None = None,
     law: str = "",
+    controller: Controller | None = None,
     hardware: Hardware | None = None,
     facts: Mapping[str, object] | None = None,
 ) -> Path:
@@ -57,8 +62,10 @@ def write_run(
         Factor on the deflections in the picture; by default one that shows them, stated in the title of the view.
     law : str
         The control law in words.
+    controller : Controller or None
+        The law that ran, for its states.
     hardware : Hardware or None
-        Where the delay and the filter are read from.
+        Where the delay, the filter and the amplifiers' limit are read from.
     facts : mapping or None
         More lines of the document.
 
@@ -70,11 +77,51 @@ def write_run(
         The stored configurations are not those of this plant.
     """
     recording = result.recording
-    scene = StructureScene(structure, plant, result, exaggeration)
-    about = {"structure": structure.title, **run_facts(plant, recording, law, hardware)}
-    about["picture"] = f"{scene.title()}; largest deflection {1000 * scene.largest:.3g} mm; arrows: forces of the coils"
-    text = fact_list(f"{structure.title}: {plant.name}", {**about, **(facts or {})}) + "\n" + level_table(recording)
-    return _write(path, f"{structure.name} {plant.name}", scene, recording, text, (frf, analytical))
+    motion = Motion.of(structure, plant, result)
+    scene, modes = StructureScene(structure, motion, exaggeration), ModalScene(structure, plant)
+    text = run_document(structure, plant, result, scene, law, hardware, facts)
+    inside = LawScene(plant, recording, hardware, controller)
+
+    def log(stream: Any) -> None:
+        scene.log(stream)
+        scene.log_forces(stream, recording, largest_forces(recording))
+        modes.log(stream, result)
+        motion.log(stream)
+
+    return _write(
+        path,
+        f"{structure.name} {plant.name}",
+        scene.view(),
+        modes.view(),
+        log,
+        inside,
+        recording,
+        text,
+        (frf, analytical),
+    )
+
+
+def run_document(
+    structure: Structure,
+    plant: Plant,
+    result: Result,
+    scene: StructureScene,
+    law: str,
+    hardware: Hardware | None,
+    facts: Mapping[str, object] | None = None,
+) -> str:
+    """Return what is read beside the picture of a run."""
+    about = {"structure": structure.title, **run_facts(plant, result.recording, law, hardware)}
+    about["picture"] = (
+        f"{scene.title()}; largest deflection {1000 * scene.motion.largest:.3g} mm; arrows: forces of the coils"
+    )
+    title = f"{structure.title}: {plant.name}"
+    return fact_list(title, {**about, **(facts or {})}) + "\n" + level_table(result.recording)
+
+
+def largest_forces(recording: Recording) -> dict[str, float]:
+    """Return the largest force of every channel that is one, by name."""
+    return {c.name: float(np.abs(recording[c.name]).max()) for c in recording.channels if c.kind == "force"}
 
 
 def write_bodies(
@@ -96,13 +143,17 @@ def write_bodies(
     scene = BodyScene(plant, result)
     about = {**run_facts(plant, recording, law, hardware), "picture": "bodies, centres of mass and geoms, to scale"}
     text = fact_list(model_name(plant), {**about, **(facts or {})}) + "\n" + level_table(recording)
-    return _write(path, model_name(plant), scene, recording, text, (frf, analytical))
+    inside = LawScene(plant, recording, hardware, None)
+    return _write(path, model_name(plant), scene.view(), None, scene.log, inside, recording, text, (frf, analytical))
 
 
 def _write(
     path: Path | str,
     name: str,
-    scene: Any,
+    picture: Any,
+    bars: Any | None,
+    log: Callable[[Any], None],
+    inside: LawScene,
     recording: Recording,
     text: str,
     responses: tuple[FrequencyResponse | None, FrequencyResponse | None],
@@ -111,9 +162,18 @@ def _write(
     pictures = response_pictures(*responses)
     if pictures:
         papers.insert(0, rrb.Tabs(*(view for _, view, _ in pictures), name="frequency responses"))
-    with rrd_file(path, name, arranged(scene.view(), trace_views(recording), papers), identity_of(recording)) as stream:
-        scene.log(stream)
+    spectra = SpectrumScene(recording) if recording.is_uniform else None
+    pages = [
+        ("traces", trace_views(recording)),
+        ("spectra", spectra.views() if spectra is not None else []),
+        ("controller", inside.views()),
+    ]
+    with rrd_file(path, name, blueprint(arranged(picture, bars, pages, papers)), identity_of(recording)) as stream:
+        log(stream)
         log_traces(stream, recording)
+        if spectra is not None:
+            spectra.log(stream, recording)
+        inside.log(stream, recording)
         for origin, _, image in pictures:
             stream.log(origin, rr.EncodedImage(contents=image, media_type="image/png"), static=True)
         log_document(stream, text)

@@ -1,17 +1,16 @@
 """A structure in a Rerun scene: its bars bend as its points deflect, its coils push."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from vlab.lab.experiment import Result
-from vlab.plants.base import Plant
-from vlab.signals import Array
+from vlab.signals import Array, Recording
 from vlab.structure.model import Cable, Structure
 from vlab.views.figures import bar_curve
-from vlab.views.frames import frame_columns, frame_steps, port_deflections
+from vlab.views.frames import Motion
 from vlab.views.rrd import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, extent_in_view, eye_view, send
 
 SHOWN_SHARE = 0.2
@@ -30,20 +29,37 @@ def sensible_exaggeration(largest: float, size: float) -> float:
 
 
 class StructureScene:
-    """The structure with its deflections, ready to be logged."""
+    """The structure with its deflections, ready to be logged.
 
-    def __init__(self, structure: Structure, plant: Plant, result: Result, exaggeration: float | None) -> None:
-        self.structure, self.result = structure, result
-        self.names = [p.name for p in structure.point if p.name in plant.ports]
+    Parameters
+    ----------
+    motion : Motion
+        How its points move.
+    exaggeration : float or None
+        Factor on the deflections; by default one that shows them.
+    root : str
+        The entity that everything is logged under.
+    colour : tuple or None
+        Of all bars; by default they differ.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        motion: Motion,
+        exaggeration: float | None = None,
+        *,
+        root: str = "structure",
+        colour: tuple[int, ...] | None = None,
+    ) -> None:
+        self.structure, self.motion, self.root, self.colour = structure, motion, root, colour
+        self.names = list(motion.names)
         self.at = np.array([structure.position(name) for name in self.names])
         corners = np.array([structure.position(p.name) for p in structure.point])
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         self.size = float(np.hypot(*(self.high - self.low)))
-        deflections = port_deflections(plant, result.frames, self.names)
-        largest = float(np.abs(deflections).max(initial=0.0))
-        self.factor = sensible_exaggeration(largest, self.size) if exaggeration is None else float(exaggeration)
-        self.largest, self.y = largest, deflections * self.factor
-        self.steps, self.indexes = frame_steps(result), frame_columns(result)
+        self.factor = sensible_exaggeration(motion.largest, self.size) if exaggeration is None else float(exaggeration)
+        self.y, self.indexes = motion.deflections * self.factor, motion.indexes
 
     def title(self) -> str:
         """Return what the view is called: the structure and the factor on its deflections."""
@@ -52,11 +68,13 @@ class StructureScene:
 
     def log(self, stream: Any) -> None:
         """Log the structure and its motion."""
-        stream.log("structure", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        stream.log(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._bars(stream)
         self._cables(stream)
         self._points(stream)
-        self._forces(stream)
+
+    def _path(self, *parts: str) -> str:
+        return f"{self.root}{rr.new_entity_path(parts)}"
 
     def _bars(self, stream: Any) -> None:
         for k, bar in enumerate(self.structure.bar):
@@ -67,12 +85,12 @@ class StructureScene:
             width = self.structure.section[bar.section].width or 0.04 * self.size  # a bar whose build-up is not known
             rest = np.column_stack([xz[:, 0], np.zeros(len(xz)), xz[:, 1]])
             undeformed = rr.LineStrips3D([rest[[0, -1]]], colors=[GREY], radii=[0.1 * width])
-            stream.log(rr.new_entity_path(["structure", "undeformed", bar.name]), undeformed, static=True)
+            stream.log(self._path("undeformed", bar.name), undeformed, static=True)
             moving = np.repeat(rest[None].astype(np.float32), len(self.y), axis=0)
             moving[:, :, 1] = self.y[:, [self.names.index(p) for p in points]] @ matrix.T
-            path = rr.new_entity_path(["structure", "bars", bar.name])
-            look = rr.LineStrips3D.from_fields(colors=[(BLUE, ORANGE, GREEN)[k % 3]], radii=[0.25 * width])
-            send(stream, path, self.indexes, look, rr.LineStrips3D.columns(strips=moving))
+            colour = self.colour or (BLUE, ORANGE, GREEN)[k % 3]
+            look = rr.LineStrips3D.from_fields(colors=[colour], radii=[0.25 * width])
+            send(stream, self._path("bars", bar.name), self.indexes, look, rr.LineStrips3D.columns(strips=moving))
 
     def _cables(self, stream: Any) -> None:
         thin = rr.LineStrips3D.from_fields(colors=[LIGHT], radii=[0.0012 * self.size])
@@ -81,15 +99,9 @@ class StructureScene:
             for k, fixing in enumerate(self._fixings(cable)):
                 strips = np.stack([moving, np.broadcast_to(fixing, moving.shape)], axis=1)
                 name = f"{cable.name}:{k + 1}"
-                send(
-                    stream,
-                    rr.new_entity_path(["structure", "cables", name]),
-                    self.indexes,
-                    thin,
-                    rr.LineStrips3D.columns(strips=strips),
-                )
+                send(stream, self._path("cables", name), self.indexes, thin, rr.LineStrips3D.columns(strips=strips))
                 fixed = rr.Points3D([fixing], colors=[GREY], radii=[0.006 * self.size])
-                stream.log(rr.new_entity_path(["structure", "fixings", name]), fixed, static=True)
+                stream.log(self._path("fixings", name), fixed, static=True)
 
     def _fixings(self, cable: Cable) -> NDArray[np.float32]:
         """Return where the cables of a group are fixed, (n_cables, 3)."""
@@ -102,15 +114,20 @@ class StructureScene:
         things = self._things()
         for name, (_, colour, radius) in things.items():
             look = rr.Points3D.from_fields(colors=[colour], radii=[radius * self.size])
-            path = rr.new_entity_path(["structure", "points", name])
-            send(stream, path, self.indexes, look, rr.Points3D.columns(positions=self.position(name)))
+            send(
+                stream,
+                self._path("points", name),
+                self.indexes,
+                look,
+                rr.Points3D.columns(positions=self.position(name)),
+            )
         places, anchors = self._label_places(list(things))
         if len(places):
             words = [things[name][0] for name in things]
             labels = rr.Points3D(places, radii=[0.001 * self.size], colors=[LIGHT], labels=words, show_labels=True)
-            stream.log("structure/labels", labels, static=True)
+            stream.log(f"{self.root}/labels", labels, static=True)
             leaders = rr.LineStrips3D(np.stack([anchors, places], axis=1), colors=[GREY], radii=[0.0006 * self.size])
-            stream.log("structure/labels/leaders", leaders, static=True)
+            stream.log(f"{self.root}/labels/leaders", leaders, static=True)
 
     def _label_places(self, names: list[str]) -> tuple[Array, Array]:
         """Return where labels stand beside the structure, none on another, and the points they belong to."""
@@ -140,18 +157,23 @@ class StructureScene:
                 out[name] = (f"{name}: {', '.join(words)}", colour, radius)
         return out
 
-    def _forces(self, stream: Any) -> None:
-        """Draw the force of every coil as an arrow along its axis."""
-        recording = self.result.recording
+    def log_forces(self, stream: Any, recording: Recording, largest: Mapping[str, float]) -> None:
+        """Draw the force of every coil as an arrow along its axis, the longest where it is the largest of all.
+
+        Parameters
+        ----------
+        largest : mapping
+            Largest force of every channel that is drawn, by name.
+        """
         coils = {c.name: c.at for c in self.structure.coil if c.at in self.names}
-        found = [c for c in recording.channels if c.kind == "force" and c.at in coils]
-        largest = max((float(np.abs(recording[c.name]).max()) for c in found), default=0.0)
-        for channel in found if largest > 0 else []:
-            vectors = np.zeros((len(self.y), 3), dtype=np.float32)
-            vectors[:, 1] = recording[channel.name][self.steps] * FORCE_SHARE * self.size / largest
-            columns = rr.Arrows3D.columns(vectors=vectors, origins=self.position(coils[channel.at]))
-            look = rr.Arrows3D.from_fields(colors=[ORANGE], radii=[0.0035 * self.size])
-            send(stream, rr.new_entity_path(["structure", "forces", channel.at]), self.indexes, look, columns)
+        scale = FORCE_SHARE * self.size / max(largest.values(), default=0.0) if any(largest.values()) else 0.0
+        for channel in recording.channels:
+            if channel.name in largest and channel.at in coils and scale:
+                vectors = np.zeros((len(self.y), 3), dtype=np.float32)
+                vectors[:, 1] = recording[channel.name][self.motion.steps] * scale
+                columns = rr.Arrows3D.columns(vectors=vectors, origins=self.position(coils[channel.at]))
+                look = rr.Arrows3D.from_fields(colors=[ORANGE], radii=[0.0035 * self.size])
+                send(stream, self._path("forces", channel.at), self.indexes, look, columns)
 
     def position(self, point: str) -> NDArray[np.float32]:
         """Return where a point is drawn over time, (n_frames, 3)."""
@@ -160,8 +182,8 @@ class StructureScene:
         out[:, 0], out[:, 1], out[:, 2] = self.at[k, 0], self.y[:, k], self.at[k, 1]
         return out
 
-    def view(self) -> Any:
-        """Return the view that shows it."""
+    def view(self, title: str | None = None, origin: str | None = None) -> Any:
+        """Return the view that shows it, or everything under `origin`."""
         heights = [self.structure.position(c.at)[1] + c.height for c in self.structure.cable]
         bottom, top = min([self.low[1], *heights]), max([self.high[1], *heights])
         middle = np.array([(self.low[0] + self.high[0]) / 2, 0.0, (bottom + top) / 2])
@@ -170,4 +192,6 @@ class StructureScene:
         swings = [(x, y, z) for (x, z), reached in zip(self.at, ends, strict=True) for y in reached]
         fixings = [place for cable in self.structure.cable for place in self._fixings(cable)]
         extent = max(top - bottom, extent_in_view(np.array([*rest, *swings, *fixings]), middle))
-        return eye_view(self.title(), "/structure", middle, extent)
+        return eye_view(
+            self.title() if title is None else title, f"/{self.root}" if origin is None else origin, middle, extent
+        )

@@ -1,5 +1,6 @@
 """Traces in a Rerun scene: every sample of every channel, one plot for each kind and unit."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from vlab.signals import Array, Channel, Recording
-from vlab.views.figures import COLOURS, channel_label, pretty_unit
-from vlab.views.rrd import plain, time_columns
+from vlab.views.figures import channel_label, pretty_unit
+from vlab.views.rrd import plain, rgb, time_columns
 
 PEAKS = rr.components.AggregationPolicy.MinMax
 """How the viewer thins a trace; its own default, the average, would hide the peaks."""
@@ -19,10 +20,33 @@ def log_series(
     stream: Any, path: str, time: Array, values: Array, label: str, colour: Any, *, width: float = 1.5
 ) -> None:
     """Log one curve of a plot, its peaks kept however far out the viewer zooms."""
-    stream.log(path, rr.SeriesLines(names=label, colors=[colour], widths=width, aggregation_policy=PEAKS), static=True)
-    stream.send_columns(
-        path, time_columns(time, np.arange(time.size, dtype=np.int64)), rr.Scalars.columns(scalars=values)
-    )
+    log_many(stream, path, time, np.asarray(values)[:, None], [label], [colour], width=width)
+
+
+def log_many(
+    stream: Any,
+    path: str,
+    time: Array,
+    values: Array,
+    labels: Sequence[str],
+    colours: Sequence[Any],
+    *,
+    first: int = 0,
+    width: float = 1.5,
+) -> None:
+    """Log curves that share their times as one entity: several times faster and smaller than one each.
+
+    Parameters
+    ----------
+    values : (n, n_curves) array
+    first : int
+        Number of the first sample.
+    """
+    n, count = values.shape
+    look = rr.SeriesLines(names=labels, colors=colours, widths=[width] * count, aggregation_policy=PEAKS)
+    stream.log(path, look, static=True)
+    columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, dtype=float).ravel()).partition([count] * n)
+    stream.send_columns(path, time_columns(time, np.arange(first, first + n, dtype=np.int64)), columns)
 
 
 def _groups(recording: Recording) -> dict[tuple[str, str], list[Channel]]:
@@ -32,13 +56,14 @@ def _groups(recording: Recording) -> dict[tuple[str, str], list[Channel]]:
     return {key: [c for c in recording.channels if (c.kind, c.unit) == key] for key in keys}
 
 
-def log_traces(stream: Any, recording: Recording) -> None:
-    """Log all channels of a recording."""
+def log_traces(stream: Any, recording: Recording, *, since: int = 0, until: int | None = None) -> None:
+    """Log all channels of a recording from the sample `since` to before `until`."""
+    part = slice(since, until)
     for i, channels in enumerate(_groups(recording).values()):
-        for k, channel in enumerate(channels):
-            label = f"{channel_label(channel)} [{pretty_unit(channel.unit)}]"
-            path = rr.new_entity_path(["traces", str(i), channel.name])
-            log_series(stream, path, recording.time, recording[channel.name], label, _rgb(k))
+        labels = [f"{channel_label(c)} [{pretty_unit(c.unit)}]" for c in channels]
+        values = recording.data[part, [recording.index(c.name) for c in channels]]
+        colours = [rgb(k) for k in range(len(channels))]
+        log_many(stream, f"traces/{i}", recording.time[part], values, labels, colours, first=since)
 
 
 def trace_views(recording: Recording) -> list[Any]:
@@ -58,8 +83,3 @@ def plot_view(name: str, origin: str, *, contents: Any = "$origin/**") -> Any:
         axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
-
-
-def _rgb(index: int) -> tuple[int, ...]:
-    colour = COLOURS[index % len(COLOURS)]
-    return (120, 120, 120) if colour == "#000000" else tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))

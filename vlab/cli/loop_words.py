@@ -1,0 +1,56 @@
+"""What control tests say in tables of text: the effort of the actuators, and the damping that a release shows."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vlab.cli.common import text_table
+from vlab.errors import BadRecording
+from vlab.lab.excitation import Release
+from vlab.lab.ring_down import ring_down
+from vlab.lab.run_folder import DoneRun
+
+
+def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return commands, forces and time at the limit of every actuator in some runs, by name of the run."""
+    keys = ("command_rms", "command_peak", "force_rms", "force_peak")
+    rows = [
+        [run, part["at"], *(f"{part[key]:.4f}" for key in keys), part["unit"], f"{100 * part['saturated_share']:.2g} %"]
+        for run, parts in runs.items()
+        for part in parts
+    ]
+    headers = ["run", "actuator", "command rms", "command peak", "force rms", "force peak", "unit", "at its limit"]
+    return text_table(headers, rows)
+
+
+def ring_down_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Return frequency and damping of every mode after a release, beside the predicted poles, by name of the run."""
+    keys = ("mode", "predicted_hz", "hz", "predicted_zeta", "zeta", "zeta_envelope")
+    rows = [[run, *(mode[key] for key in keys)] for run, modes in runs.items() for mode in modes]
+    headers = ["run", "mode", "pole Hz", "released Hz", "pole zeta", "released zeta", "envelope zeta"]
+    return text_table(headers, rows)
+
+
+def loop_facts(done: DoneRun) -> dict[str, Any]:
+    """Return what a run asked of its actuators, and what its decay shows after a release, as plain data."""
+    document: dict[str, Any] = {"effort": done.effort}
+    if isinstance(done.prepared.experiment.excitation, Release):
+        try:
+            modes, why = ring_down(done.prepared, done.result.recording), ""
+        except BadRecording as error:
+            modes, why = (), str(error)
+        document["ring_down"] = {"modes": [mode.as_dict() for mode in modes], "why_not": why}
+    return document
+
+
+def loop_text(document: Mapping[str, Any]) -> str:
+    """Return those facts as text; nothing of actuators that no law drives and no limit holds."""
+    lines = []
+    effort = [part for part in document["effort"].values() if part["command_peak"] or part["saturated_share"]]
+    if effort:
+        lines += [effort_table({"": effort}), ""]
+    found = document.get("ring_down", {"modes": []})
+    if found["modes"]:
+        lines += [ring_down_table({"": found["modes"]}), ""]
+    elif found.get("why_not"):
+        lines += [f"no damping from the release: {found['why_not']}", ""]
+    return "".join(f"{line}\n" for line in lines)

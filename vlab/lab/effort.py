@@ -1,0 +1,66 @@
+"""What a run asked of its actuators: commands, forces, and how long the amplifiers were at their limit."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vlab.plants.base import ActuatorTap
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorEffort:
+    """The effort of one actuator over a run, in its own unit.
+
+    Parameters
+    ----------
+    command_rms, command_peak : float
+        Of what the law asked for, at the samples.
+    force_rms, force_peak : float
+        Of what the amplifier gave, excitation included: means over the samples.
+    saturated_share : float
+        Share of the time in which command and excitation together were beyond the amplifier's limit.
+    """
+
+    at: str
+    unit: str
+    command_rms: float
+    command_peak: float
+    force_rms: float
+    force_peak: float
+    saturated_share: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
+        return asdict(self)
+
+
+def actuator_efforts(
+    taps: Sequence[ActuatorTap], commands: Array, applied: Array, saturated: Array
+) -> tuple[ActuatorEffort, ...]:
+    """Return the effort of every actuator.
+
+    Parameters
+    ----------
+    commands, applied : (n_samples, n_actuators) array
+    saturated : (n_actuators,) array
+        Share of the time at the limit.
+    """
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    return tuple(
+        ActuatorEffort(
+            at=tap.at,
+            unit=tap.unit,
+            command_rms=rms(commands[:, i]),
+            command_peak=float(np.abs(commands[:, i]).max()),
+            force_rms=rms(applied[:, i]),
+            force_peak=float(np.abs(applied[:, i]).max()),
+            saturated_share=float(saturated[i]),
+        )
+        for i, tap in enumerate(taps)
+    )
