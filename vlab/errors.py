@@ -40,6 +40,10 @@ class BadDesign(VlabError, ValueError):
     """A control design that cannot be made as asked (weights, sizes, what coils and sensors can reach)."""
 
 
+class BadProof(VlabError, ValueError):
+    """Sealed cases, truth or answers that are not what was committed to."""
+
+
 class UnknownName(VlabError, LookupError):
     """A name that matches nothing."""
 

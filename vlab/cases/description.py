@@ -221,11 +221,25 @@ class RecordingTable:
 
 @dataclass(frozen=True, kw_only=True)
 class FrfChannelTable:
-    """``[[frf.channel]]``: a column with the response at one output; `imaginary` names a second column of a pair."""
+    """``[[frf.channel]]``: a column with the response at one output.
+
+    Parameters
+    ----------
+    imaginary : str
+        The column of the imaginary part, where `column` is the real one.
+    coherence, variance : str
+        Columns with the coherence, or with the variance of the response in the square of its unit, where there are any.
+    """
 
     column: str
     at: str
     imaginary: str = ""
+    coherence: str = ""
+    variance: str = ""
+
+    def __post_init__(self) -> None:
+        if self.coherence and self.variance:
+            raise BadCase(f"channel {self.column!r} has both coherence and variance; give one of them")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,6 +254,10 @@ class FrfTable:
         Name of the frequency column.
     unit : str
         Unit of the response; the SI unit of the form by default.
+    level : float
+        How large the excitation was (rms of the input, in a unit that all responses of the case share), where it is known.
+    averages : float
+        Averages behind a coherence.
     """
 
     file: str
@@ -251,6 +269,8 @@ class FrfTable:
     frequency: str = "f"
     frequency_unit: str = "Hz"
     unit: str = ""
+    level: float | None = None
+    averages: float = 10.0
     channel: tuple[FrfChannelTable, ...] = ()
 
     def __post_init__(self) -> None:
@@ -259,6 +279,10 @@ class FrfTable:
             check_unit(self.unit, {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}[self.form])
         if not self.outputs:
             raise BadCase("outputs must name at least one place")
+        if self.level is not None and not self.level > 0:
+            raise BadCase(f"level is {self.level:g}; it must be positive")
+        if not self.averages > 1:
+            raise BadCase(f"averages is {self.averages:g}; a coherence comes of more than one")
         for channel in self.channel:
             if channel.at not in self.outputs:
                 raise unknown_name("output", channel.at, self.outputs, where=f"channel {channel.column!r}")

@@ -4,6 +4,9 @@ The linearised model says how every mode's initial displacement and velocity sho
 by least squares from the first two periods of the slowest mode; how many modes are worth estimating is chosen by the
 Bayesian information criterion. The estimate is then refined on the model itself (Gauss-Newton), which takes up large
 motion. The window is short on purpose: an error of frequency turns the phase by little within it.
+
+Motion so large that the linearised model leads nowhere is started locally: measured joints from a polynomial through their
+first samples, the others as the linear estimate has them, refined on a window that grows from a few samples.
 """
 
 import copy
@@ -29,6 +32,15 @@ REFINEMENTS = 4
 WORTH, ENOUGH = 1.1, 0.02
 """The estimate is refined on the model where it leaves this much more there than on the linearisation, which says that
 the motion is large, or more than this share of the recording."""
+STAGES = (0.06, 0.25, 1.0)
+"""Shares of the window on which a local start is refined, one after the other."""
+LOCAL, HOPELESS = 0.05, 0.2
+"""Where more than the first share is left a local start is tried; a linear estimate that leaves more than the second on the
+model is no start for a refinement at all."""
+LEAST_STAGE = 8
+"""Samples of the first of them."""
+MOST_LOCAL = 12
+"""Degrees of freedom that a local start can have."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
 _STEP = 1e-6
 """Step of the central differences of the sensors [largest joint motion, m or rad]."""
@@ -80,13 +92,15 @@ class _Problem:
     weight: Array  # (channels,)
     shapes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     scale: Array = field(default_factory=lambda: np.zeros(0))
+    origin: State | None = None  # what the coordinates count from; rest without it
 
     def state(self, x: Array) -> State:
         """Return the state of scaled modal coordinates, displacements before velocities."""
         m = self.shapes.shape[1]
-        qpos = self.bench.rest.qpos.copy()
+        origin = self.bench.rest if self.origin is None else self.origin
+        qpos = origin.qpos.copy()
         mujoco.mj_integratePos(self.bench.model, qpos, self.shapes @ (x[:m] * self.scale[:m]), 1.0)
-        return State(qpos, self.shapes @ (x[m:] * self.scale[m:]))
+        return State(qpos, origin.qvel + self.shapes @ (x[m:] * self.scale[m:]))
 
 
 def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> InitialState:
@@ -115,13 +129,17 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     starts_at_rest = bool(run.drives) and bool(np.all(np.abs(deviation[0, slow]) <= AT_REST * largest[slow]))
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
+    linear: SecondOrderModel | None = None
     try:
         linear = plant.linearise()
     except BadStructure as error:
-        raise BadCase(f'{run.name}: the initial state cannot be estimated, say initial = "rest": {error}') from error
-    samples = _window(run, linear.freq)
+        if plant.model.nv > MOST_LOCAL or not all(joint_of(plant, c) for c in compared):
+            raise BadCase(
+                f'{run.name}: the initial state cannot be estimated, say initial = "rest": {error}'
+            ) from error
+    samples = _window(run, np.zeros(0) if linear is None else linear.freq)
     window = replace(_open_loop(run, law, samples, bench), compared=compared)
-    clock = plan_clock(plant.timestep, window)
+    clock = _clock(plant.timestep, window)
     problem = _Problem(
         bench=bench_for(at_timestep(plant, clock.timestep), window),
         clock=clock,
@@ -129,28 +147,123 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         measured=deviation[:samples],
         weight=1.0 / np.where(largest > 0, largest, 1.0),
     )
-    x, chosen, expected = _linear_estimate(problem, linear)
-    left = _residual(problem, x, offset)
     size = float(np.sum((problem.measured * problem.weight) ** 2))
-    if left @ left > min(WORTH**2 * expected + 1e-18 * left.size, ENOUGH**2 * size):
-        x, left = _refine(problem, x, left, offset)
-    state = problem.state(x)
+    state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
+    if linear is not None:
+        x, chosen, expected = _linear_estimate(problem, linear)
+        state, lost = problem.state(x), _lost(problem, x, offset)
+        is_hopeless = lost > HOPELESS**2 * size and plant.model.nv <= MOST_LOCAL
+        if not is_hopeless and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size):
+            x, left = _refine(problem, x, _residual(problem, x, offset), offset)
+            state, lost = problem.state(x), float(left @ left)
+    if lost > LOCAL**2 * size and plant.model.nv <= MOST_LOCAL:
+        nearby, remains = _from_nearby(problem, _local_start(problem, state), offset)
+        if remains < lost:
+            state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)
     span = float(window.measured.time[-1] - window.measured.time[0])
     return InitialState(
         qpos=state.qpos,
         qvel=state.qvel,
         how="estimated",
-        modes_hz=tuple(float(f) for f in linear.freq[chosen]),
+        modes_hz=() if linear is None else tuple(float(f) for f in linear.freq[chosen]),
         window_s=span,
-        nrmse=float(np.sqrt(left @ left / size)) if size > 0 else 0.0,
+        nrmse=float(np.sqrt(lost / size)) if size > 0 else 0.0,
     )
+
+
+def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
+    """Return (degree of freedom, order) of a channel that reads a hinge's or slide's position (0) or velocity (1)."""
+    model = plant.model
+    if channel.sensor is None:
+        kind, _, name = channel.port.partition(":")
+        is_motion = kind == "joint" and channel.order <= 1 and channel.actuator is None
+        return (int(model.joint(name).dofadr[0]), channel.order) if is_motion else None
+    (address, *more) = plant.sensors[channel.sensor].addresses
+    found = np.flatnonzero(model.sensor_adr == address)
+    if more or not found.size:
+        return None
+    orders = {int(mujoco.mjtSensor.mjSENS_JOINTPOS): 0, int(mujoco.mjtSensor.mjSENS_JOINTVEL): 1}
+    order = orders.get(int(model.sensor_type[found[0]]))
+    return None if order is None else (int(model.jnt_dofadr[model.sensor_objid[found[0]]]), order)
+
+
+def _lost(problem: _Problem, x: Array, offset: Array) -> float:
+    """Return the sum of squares that an estimate leaves on the model; infinite where the model runs away."""
+    try:
+        left = _residual(problem, x, offset)
+    except Diverged:
+        return np.inf
+    return float(left @ left)
+
+
+def _clock(timestep: float, run: Run) -> Clock:
+    """Return the clock of a window; where samples are uneven it reads at their mean rate and splines go between."""
+    clock = plan_clock(timestep, run)
+    if run.measured.is_uniform or run.law is not None:
+        return clock
+    time = run.measured.time
+    steps = max(1, int((time[-1] - time[0]) / (len(time) - 1) / clock.timestep))
+    return replace(clock, steps=steps, law_every=1, readings=max(2, -(-(clock.readings - 1) // steps) + 1))
+
+
+def _stage(problem: _Problem, share: float) -> _Problem:
+    """Return the problem of the first part of a window."""
+    whole = problem.run.measured
+    count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
+    part = replace(whole, time=whole.time[:count], data=whole.data[:count])
+    run = replace(problem.run, measured=part)
+    clock = _clock(problem.clock.timestep, run)
+    bench = bench_for(at_timestep(problem.bench.plant, clock.timestep), run)
+    nv = bench.model.nv
+    size = max(float(np.abs(problem.measured[:count]).max()), 1e-9)
+    rate = 2 * np.pi / max(float(whole.time[-1] - whole.time[0]), 1e-9)
+    scale = np.concatenate([np.full(nv, size), np.full(nv, size * rate)])
+    return replace(
+        problem, bench=bench, clock=clock, run=run, measured=problem.measured[:count], shapes=np.eye(nv), scale=scale
+    )
+
+
+def _local_start(problem: _Problem, state: State) -> State:
+    """Return a state with the measured joints as a cubic through their first samples has them."""
+    first = _stage(problem, STAGES[0]).run.measured
+    time = first.time - first.time[0]
+    qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
+    rest = problem.bench.rest_values(problem.run.compared)
+    for i, c in enumerate(problem.run.compared):
+        joint = joint_of(problem.bench.plant, c)
+        if joint is None:
+            continue
+        fitted = np.polynomial.Polynomial.fit(time, first[c.channel] + (rest[i] if c.from_rest else 0.0), 3)
+        dof, order = joint
+        if order == 1:
+            qvel[dof] = fitted(0.0)
+            continue
+        qpos[model.jnt_qposadr[model.dof_jntid[dof]]] = fitted(0.0)
+        if not any(joint_of(problem.bench.plant, other) == (dof, 1) for other in problem.run.compared):
+            qvel[dof] = fitted.deriv()(0.0)
+    return State(qpos, qvel)
+
+
+def _from_nearby(problem: _Problem, state: State, offset: Array) -> tuple[State, float]:
+    """Refine a state on a window that grows from a few samples; return it and the sum of squares that it leaves."""
+    left = np.array([np.inf])
+    for share in STAGES:
+        stage = replace(_stage(problem, share), origin=state)
+        x = np.zeros(len(stage.scale))
+        try:
+            left = _residual(stage, x, offset)
+        except Diverged:
+            return state, np.inf
+        x, left = _refine(stage, x, left, offset)
+        state = stage.state(x)
+    return state, float(left @ left)
 
 
 def _window(run: Run, freq: Array) -> int:
     """Return how many samples the estimate is from."""
     time = run.measured.time - run.measured.time[0]
     slow = freq[freq > 0.5 / time[-1]]  # what turns at least half a time in the recording
-    span = PERIODS / slow[0] if slow.size else 0.0
+    span = PERIODS / slow[0] if slow.size else time[-1] / 10 if freq.size == 0 else 0.0
     count = int(np.searchsorted(time, span, side="right"))
     return min(max(count, LEAST_SAMPLES), MOST_SAMPLES, len(run.measured))
 
@@ -247,7 +360,7 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
     n, p = 2 * m, B.shape[1]
     blocks = np.zeros((steps.size, n + p, n + p))
     blocks[:, :n, :n], blocks[:, :n, n:] = A, B
-    moves = _exponentials(blocks * steps[:, None, None])
+    moves = exponentials(blocks * steps[:, None, None])
     free, forced = np.diag(scale), np.zeros(n)
     matrix, drive = np.zeros((len(time), C.shape[0], n)), np.zeros((len(time), C.shape[0]))
     for k in range(len(time)):
@@ -258,7 +371,7 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
     return matrix.reshape(-1, n), drive
 
 
-def _exponentials(matrices: Array) -> Array:
+def exponentials(matrices: Array) -> Array:
     """Return the exponentials of many small matrices: Taylor's series after scaling, then squaring.
 
     To rounding: with a norm of 1/4 the first term left out is 1/4^13/13! = 2e-18. (scipy takes 7 ms a small matrix here.)
@@ -334,7 +447,7 @@ def _refine(problem: _Problem, x: Array, left: Array, offset: Array) -> tuple[Ar
     """Improve the linear estimate on the model itself (Gauss-Newton); keep it where that does not help."""
     try:
         for _ in range(REFINEMENTS):
-            step = 1e-4 * max(float(np.abs(x).max()), 1e-9)
+            step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
             moved = x + step * np.eye(x.size)
             slopes = np.array([(_residual(problem, point, offset) - left) / step for point in moved])
             better = x - np.linalg.lstsq(slopes.T, left, rcond=1e-9)[0]

@@ -254,6 +254,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
     out = np.zeros((clock.readings, len(run.compared)))
     bench.start(state)
     last_check = 0
+    times = clock.times
     for k in range(clock.readings):
         part = (k % clock.law_every) * clock.steps
         force = present[k] + feedback[part - 1]
@@ -262,11 +263,11 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
         bench.look(controls @ force, physics)
         sensors = bench.sensors()
         if physics is not None:
-            physics.sense(sensors, clock.times[k])
+            physics.sense(sensors, times[k])
         out[k] = bench.values(run.compared, sensors)
         if physics is not None:
             for i, c in enumerate(run.compared):
-                out[k, i] = physics.read(c.channel, float(out[k, i]), clock.times[k])
+                out[k, i] = physics.read(c.channel, float(out[k, i]), times[k])
         if law is not None and push is not None and part == 0:
             command[list(law.actuators)] = law.step(sensors)
             feedback[:, list(law.actuators)] = push(command[list(law.actuators)])
@@ -281,7 +282,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
-    return Played(clock.times, out)
+    return Played(times, out)
 
 
 def _physics(plant: Plant, run: Run, clock: Clock) -> Running | None:

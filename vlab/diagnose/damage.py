@@ -85,7 +85,8 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
             continue
         sizes = np.array([abs(float(run.measured[channel][at][0])) for run, at in tops])
         limit = float(np.median(sizes))
-        if np.ptp(sizes) <= 0.01 * limit:
+        largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
+        if np.ptp(sizes) <= 0.01 * limit and largest <= 1.01 * limit:  # nothing ever goes beyond the end of a range
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             out.append(SensorLimit(channel=channel, limit=limit, share=float(np.mean(np.concatenate(reached)))))
     return tuple(out)

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vlab.diagnose.verify import Checked, gap_closed, total
+from vlab.diagnose.verify import gap_closed, total
 
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
 
@@ -57,7 +57,7 @@ class Diagnosis:
     ----------
     checked : tuple of Checked
         Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
-        hold-out.
+        hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
     calibration : dict
         Log-factors of the uncertain parameters in the amended model, by name.
     """
@@ -66,7 +66,7 @@ class Diagnosis:
     verdict: Verdict
     findings: tuple[Finding, ...]
     alternatives: tuple[dict[str, Any], ...]
-    checked: tuple[Checked, ...]
+    checked: tuple[Any, ...]
     mismatch: dict[str, Any]
     not_excluded: tuple[str, ...]
     next_measurement: str

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,12 @@ from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
-from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms
+from vlab.diagnose.final_fit import final_fit
+from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms, place_of
+from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
-from vlab.diagnose.prepare import Problem, prepare
+from vlab.diagnose.nonlinear.engine import prepared
+from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.search import Found, search
 from vlab.diagnose.signals import noise_level
@@ -107,8 +111,8 @@ class Diagnosed:
 
 def diagnose(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
-) -> Diagnosed:
-    """Diagnose a case.
+) -> Diagnosed | FrequencyDiagnosed:
+    """Diagnose a case; one of frequency responses and modal tables only in frequency.
 
     Parameters
     ----------
@@ -120,29 +124,46 @@ def diagnose(
     BadCase
         No recording to fit, or recordings that do not fit the model.
     """
+    if is_in_frequency(case):
+        return diagnose_frequency(case, effects=effects, progress=progress)
     began = time.monotonic()
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
-    problem = prepare(case, ("fit",))
+    problem, along = prepared(case)
     holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
     seen = look(problem, assess([*problem.runs, *holdouts]))
     sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
-    found = search(problem, sought, lambda share, what: report(0.8 * share, what))
+    find = partial(search, problem) if along is None else along.search
+    found = find(sought, lambda share, what: report(0.8 * share, what))
     choice = choose(found)
     report(0.8, "fitting whole recordings")
     fit_before = found.whole.fit((), found.before.fit)
     fit_after = found.whole.fit(choice.best.terms, choice.best.fit, 6) if choice.best.terms else fit_before
+    if along is None:
+        fit_before, fit_after = _in_mujoco(problem, found, fit_before, fit_after, seen)
     before, after = amended(problem, fit_before), amended(problem, fit_after)
     after = replace(after, limit=seen.limit, stops=seen.stops, hums=seen.hums)
     report(0.9, "checking in MuJoCo")
     runs: list[Run] = list(holdouts) or list(problem.runs)
     is_amended = bool(choice.best.terms) or seen.is_missing
     checked = check(case, runs, before, after if is_amended else None, seen.benign_hums)
-    diagnosis = _say(case, problem, choice, fit_after, checked, seen, time.monotonic() - began)
+    verdict = _verdict(choice, checked, seen)
+    if verdict != "missing-physics":
+        after, fit_after = before, fit_before  # what is not reported is not in the amended model
+        checked = [c.unamended() for c in checked]
+    diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
     )
+
+
+def _in_mujoco(problem: Problem, found: Found, before: Fit, after: Fit, seen: Seen) -> tuple[Fit, Fit]:
+    """Return both fits as MuJoCo confirms them; where the chosen one carries over as it is, so does the other."""
+    final = final_fit(problem, found.whole, after, seen.limit)
+    if not after.terms:
+        return final, final
+    return (before if final is after else final_fit(problem, found.whole, before, seen.limit)), final
 
 
 def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen) -> Verdict:
@@ -151,7 +172,7 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen) -> Verdict:
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = gap_closed(errors["before"], errors["after"], errors["noise"])
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
-    if (choice.best.terms or seen.is_missing) and (gap is None or gap >= LEAST_GAP):
+    if (choice.best.terms or seen.is_missing) and gap is not None and gap >= LEAST_GAP:
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"
@@ -159,7 +180,7 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen) -> Verdict:
 
 
 def _say(
-    case: Case,
+    verdict: Verdict,
     problem: Problem,
     choice: Choice,
     fit: Fit,
@@ -167,18 +188,18 @@ def _say(
     seen: Seen,
     seconds: float,
 ) -> Diagnosis:
-    verdict = _verdict(choice, checked, seen)
+    case = problem.case
     notes = (
         []
         if case.recordings(("holdout",))
         else ["no hold-out recording: nothing could be verified on data that the search did not use"]
     )
-    findings = (*of_terms(choice, fit), *seen.findings(problem)) if verdict == "missing-physics" else ()
+    findings = (*of_terms(choice, fit, problem), *seen.findings(problem)) if verdict == "missing-physics" else ()
     return Diagnosis(
         title=case.table.title,
         verdict=verdict,
         findings=findings,
-        alternatives=tuple(_alternatives(choice)),
+        alternatives=tuple(_alternatives(choice, problem)),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
@@ -195,11 +216,11 @@ def _hum_line(hum: Hum) -> str:
     return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
 
 
-def _alternatives(choice: Choice) -> list[dict[str, Any]]:
+def _alternatives(choice: Choice, problem: Problem) -> list[dict[str, Any]]:
     return [
         {
             "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
-            "place": " + ".join(t.place.name for t in h.terms),
+            "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
             "probability": p,
             "remaining": h.level,
         }

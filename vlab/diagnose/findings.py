@@ -9,10 +9,12 @@ from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.diagnosis import Finding
 from vlab.diagnose.hum import Hum
+from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.search import WORTH, Hypothesis
 from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import Effect
 
 SEEN = 0.99
 """Probability of what recordings show without any model."""
@@ -50,7 +52,7 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     )
 
 
-def of_terms(choice: Choice, fit: Fit) -> list[Finding]:
+def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     """Return the findings of the chosen hypothesis."""
     out = []
     for i, term in enumerate(fit.terms):
@@ -71,8 +73,8 @@ def of_terms(choice: Choice, fit: Fit) -> list[Finding]:
             Finding(
                 effect=term.effect.name,
                 family=term.effect.family,
-                place=term.place.name,
-                places_90=_most(places),
+                place=place_of(term.place.name, term.effect, problem),
+                places_90=tuple(dict.fromkeys(place_of(p, term.effect, problem) for p in _most(places))),
                 probability=choice.probability,
                 alike=tuple(dict.fromkeys(alike)),
                 parameters=parameters,
@@ -81,6 +83,14 @@ def of_terms(choice: Choice, fit: Fit) -> list[Finding]:
             )
         )
     return out
+
+
+def place_of(name: str, effect: Effect, problem: Problem) -> str:
+    """Return a place as a diagnosis reports it."""
+    name = name.partition("/")[0]  # of a pick-up the sensor
+    if problem.case.structure is None:
+        return name
+    return reported_name(name, effect, len([p for p in problem.places if p.kind == "actuator" and not p.also]))
 
 
 def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
@@ -103,6 +113,8 @@ def _unit(unit: str, angular: bool) -> str:
         return unit
     if unit in _ANGULAR:
         return _ANGULAR[unit]
+    if unit == "kg m^2":  # a rotary inertia is one at a rotation only
+        return unit
     return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
 
 

@@ -187,9 +187,21 @@ def start_covariance(system: Discrete, y: Array, lengths: Array) -> Array:
 
 
 def tune(
-    system: Discrete, noise: Array, forces: Array, y: Array, lengths: Array, usable: Array | None = None
+    system: Discrete,
+    noise: Array,
+    forces: Array,
+    y: Array,
+    lengths: Array,
+    usable: Array | None = None,
+    near: float = 0.0,
 ) -> tuple[float, Gains]:
-    """Return the intensity of the unknown forces that makes the runs most likely, and its gains."""
+    """Return the intensity of the unknown forces that makes the runs most likely, and its gains.
+
+    Parameters
+    ----------
+    near : float
+        An intensity near which the best one is looked for; everywhere by default.
+    """
     n = min(len(y), TUNING_SAMPLES)
     short = np.minimum(lengths, n)
     part = None if usable is None else usable[:n]
@@ -203,11 +215,17 @@ def tune(
         gains = filter_gains(system, noise, reference * 10.0**log_q, start)
         return run_filter(system, gains, forces[:n], y[:n], short, usable=part, smooth=False).loglik
 
-    grid = np.arange(-8.0, 9.0, 1.5)
-    values = [value(g) for g in grid]
-    best = float(grid[int(np.argmax(values))])
-    for step in (0.75, 0.375):
-        options = [best - step, best, best + step]
-        best = options[int(np.argmax([value(o) for o in options]))]
+    known: dict[float, float] = {}
+
+    def best_of(options: Sequence[float]) -> float:
+        known.update({o: value(o) for o in options if o not in known})
+        return max(options, key=lambda o: known[o])
+
+    if near > 0:
+        best = best_of([float(np.log10(near / reference)) + step for step in (-0.75, 0.0, 0.75)])
+    else:
+        best = best_of([float(g) for g in np.arange(-8.0, 9.0, 1.5)])
+        best = best_of([best - 0.75, best, best + 0.75])
+    best = best_of([best - 0.375, best, best + 0.375])
     intensity = reference * 10.0**best
     return intensity, filter_gains(system, noise, intensity, start)

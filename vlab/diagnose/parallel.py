@@ -8,18 +8,18 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 S = TypeVar("S")
 
-_work: Callable[[Any], Any] | None = None
+_work: Callable[[int], Any] | None = None
 
 
-def _one(item: Any) -> Any:
+def _one(index: int) -> Any:
     assert _work is not None
-    return _work(item)
+    return _work(index)
 
 
 def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
     """Return ``[work(item) for item in items]``, the items on as many processes as there are cores.
 
-    The processes are forks, so the work and what it refers to need not be pickled; where forks are not to be had (or in a
+    The processes are forks, so neither the work nor the items need be pickled, the results must; where forks are not to be had (or in a
     process that is itself a worker) everything runs here. The results do not depend on the number of processes.
     """
     global _work
@@ -28,9 +28,9 @@ def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
         return [work(item) for item in items]
     if multiprocessing.current_process().daemon:
         return [work(item) for item in items]
-    _work = work
+    _work = lambda index: work(items[index])  # noqa: E731 - forks know the items: only results are sent
     try:
         with multiprocessing.get_context("fork").Pool(count) as pool:
-            return pool.map(_one, items, chunksize=1)
+            return pool.map(_one, range(len(items)), chunksize=1)
     finally:
         _work = None

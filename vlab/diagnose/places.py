@@ -7,6 +7,7 @@ import numpy as np
 
 from vlab.diagnose.twin import Twin
 from vlab.physics.effect import Effect, PickUp
+from vlab.physics.running import tap_index
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
@@ -14,6 +15,10 @@ from vlab.signals import Array
 SAME = 1e-6
 """Two ports are one where their rows differ by less than this share."""
 MOST_PORTS = 80
+MOST_PICKED_UP = 4
+"""Beyond this many sensors none is taken to see what another one sees."""
+SHARED = ("timing", "resolution", "gain")
+"""Families of effects that all actuators can have together: they share delay, filter and converters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +30,7 @@ class Place:
     name : str
         As a diagnosis reports it.
     kind : str
-        ``"port"``, ``"body"``, ``"actuator"`` or ``"sensor"``.
+        ``"port"``, ``"body"``, ``"actuator"``, ``"sensor"``, or ``"pick-up"``: a sensor and a second signal.
     rows : (k, m) array
         Of a port its row per modal coordinate; of a body the three rows of its centre.
     angular : bool
@@ -34,6 +39,10 @@ class Place:
         Of the elastic element at the port; 0 without one.
     index : int
         Of an actuator or a channel.
+    also : tuple of int
+        More actuators, where the place is the chain that all share.
+    other : int
+        Of a pick-up the actuator or channel whose signal is picked up; `tag` is ``"command"`` or ``"sensor"``.
     coil : int or None
         The actuator that acts along the port.
     aliases : tuple of str
@@ -48,15 +57,24 @@ class Place:
     angular: bool = False
     stiffness: float = 0.0
     index: int = -1
+    also: tuple[int, ...] = ()
+    other: int = -1
     coil: int | None = None
     aliases: tuple[str, ...] = ()
     tag: str = ""
 
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """All actuators or channels of the place."""
+        return (self.index, *self.also)
+
 
 def admissible(effect: Effect, place: Place) -> bool:
     """Say whether an effect can act at a place."""
+    if isinstance(effect, PickUp):
+        return place.kind == "pick-up" and place.tag in effect.needs
     if effect.kind in ("actuator", "sensor"):
-        return place.kind == effect.kind and not isinstance(effect, PickUp)  # a second signal makes the place a pair
+        return place.kind == effect.kind and (not place.also or effect.family in SHARED)
     if place.kind == "body":
         return effect.name == "added-mass"
     if place.kind != "port":
@@ -70,6 +88,24 @@ def admissible(effect: Effect, place: Place) -> bool:
         "coil": place.coil is not None,
     }
     return all(has.get(need, True) for need in effect.needs)
+
+
+def reported_name(name: str, effect: Effect, driven: int) -> str:
+    """Return what a place of a structure's hardware is called in a diagnosis: coil, amplifier or the chain of all channels.
+
+    Parameters
+    ----------
+    name : str
+        As `Place` has it.
+    driven : int
+        How many actuators are driven: what one coil alone shows of delay, filter and converters is the chain's.
+    """
+    if not name.startswith("actuator:"):
+        return name
+    bare = name.removeprefix("actuator:")
+    if effect.family in ("timing", "resolution"):
+        return "chain" if driven == 1 else f"coil:{bare}"
+    return f"coil:{bare}" if effect.family == "gain" else f"amplifier:{bare}"
 
 
 def places_of(plant: Plant, twin: Twin, channels: list[str], driven: list[int]) -> list[Place]:
@@ -114,10 +150,29 @@ def places_of(plant: Plant, twin: Twin, channels: list[str], driven: list[int]) 
         Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
         for i in driven
     ]
-    out += [
-        Place(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", index=i) for i, name in enumerate(channels)
+    if len(driven) > 1:
+        out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:])))
+    sensors = [f"sensor:{name.removeprefix('sensor:')}" for name in channels]
+    out += [Place(name=name, kind="sensor", index=i) for i, name in enumerate(sensors)]
+    return out + _pick_ups(plant, channels, sensors, driven)
+
+
+def _pick_ups(plant: Plant, channels: list[str], sensors: list[str], driven: list[int]) -> list[Place]:
+    """Return sensors with what they may pick up: the command of a coil, or what another sensor sees."""
+    own = [i for i, name in enumerate(channels) if tap_index(plant.sensors, name) is not None]
+    out = [
+        Place(name=f"{sensors[i]}/{plant.actuators[k].name}", kind="pick-up", index=i, other=k, tag="command")
+        for i in own
+        for k in driven
     ]
-    return out
+    if len(channels) > MOST_PICKED_UP:
+        return out
+    return out + [
+        Place(name=f"{sensors[i]}/{sensors[k].partition(':')[2]}", kind="pick-up", index=i, other=k, tag="sensor")
+        for i in own
+        for k in own
+        if i != k
+    ]
 
 
 def _coil(twin: Twin, row: Array, driven: list[int]) -> int | None:

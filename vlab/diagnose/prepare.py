@@ -45,6 +45,8 @@ class Problem:
         The same runs on the search's clock, in the same order, hum taken off.
     hums : tuple of Hum
         The hum that was found on their channels.
+    highest_hz : float
+        Frequency below which nearly all power of the recorded velocities lies.
     """
 
     case: Case
@@ -57,6 +59,7 @@ class Problem:
     signals: tuple[Signals, ...]
     places: tuple[Place, ...]
     hums: tuple[Hum, ...] = ()
+    highest_hz: float = np.inf
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""
@@ -82,7 +85,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     runs = case.runs(roles)
     if not runs:
         only = (
-            " (frequency responses and modal tables alone cannot be diagnosed yet)"
+            ", or one of the [[frf]] and [[modal]] as fit"
             if case.table.frf or case.table.modal
             else ""
         )
@@ -115,7 +118,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     parameters: tuple[Uncertain, ...]
     if structure is None:
         parameters = tuple(uncertain_parameters(plant, given, names, driven))
-        changes = tuple(_change(plant, parameter, basis) for parameter in parameters)
+        changes = tuple(change_of(plant, parameter, basis) for parameter in parameters)
     else:
         parameters = tuple(structure_parameters(structure, given, names, driven))
         points = [p.name for p in structure.point if p.name in plant.ports]
@@ -158,6 +161,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         signals=signals,
         places=places,
         hums=hums,
+        highest_hz=highest,
     )
 
 
@@ -213,7 +217,8 @@ def _commands(plant: Plant, run: Run) -> Array | None:
     return out
 
 
-def _change(plant: Plant, parameter: Uncertain, basis: Array) -> Change:
+def change_of(plant: Plant, parameter: Uncertain, basis: Array) -> Change:
+    """Return what one uncertain parameter of an MJCF plant changes, in modal coordinates."""
     if parameter.actuator is not None or parameter.sensor is not None:
         return Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor)
 

@@ -15,10 +15,22 @@ from vlab.diagnose.places import Place
 from vlab.diagnose.screen import Candidate, Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.twin import discretise
-from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, Parameter, PortEffect, SensorEffect, Step
+from vlab.physics.effect import (
+    ActuatorEffect,
+    Effect,
+    LinearPortEffect,
+    Parameter,
+    PickUp,
+    PortEffect,
+    SensorEffect,
+    Step,
+)
 from vlab.signals import Array
 
 ITERATIONS = 12
+REUSED = 3
+"""Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
+1965) while they keep half of their promise."""
 CHUNK = 400
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
@@ -119,7 +131,7 @@ class Refiner:
         self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
-        self.highest = max(float(np.abs(self.twin.omega).max()) / (2 * np.pi), 5e-4)
+        self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
         self.active = self._active()
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
         self.directions = self._informed()
@@ -253,7 +265,9 @@ class Refiner:
             y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
         y *= sensor_gain[:, None, :]
         for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, SensorEffect):
+            if isinstance(term.effect, PickUp):
+                _mix(y, term, own, runs)
+            elif isinstance(term.effect, SensorEffect):
                 _each_set(y, term, own, runs)
         return y
 
@@ -270,7 +284,8 @@ class Refiner:
                 out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
                 for s in range(n_sets):
                     p = {k: float(v[s]) for k, v in own.items()}
-                    out[:, s, :, term.place.index] = term.effect.actuate(out[:, s, :, term.place.index], p, runs[0].h)
+                    for i in term.place.indices:
+                        out[:, s, :, i] = term.effect.actuate(out[:, s, :, i], p, runs[0].h)
         return out
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
@@ -292,13 +307,16 @@ class Refiner:
 
     def _descend(self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int) -> Fit:
         damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
-        jacobian = np.zeros((raw.size, x.size))
+        slopes, age = np.zeros((raw.size, x.size)), REUSED
+        jacobian = slopes
         small = 0
         for _ in range(iterations):
             weight = self._weight(layout, raw)
             best = raw * weight
             cost = float(best @ best)
-            jacobian = self._jacobian(layout, terms, x, raw) * weight[:, None]
+            if age >= REUSED:
+                slopes, age = self._jacobian(layout, terms, x, raw), 0
+            jacobian = slopes * weight[:, None]
             normal, gradient = jacobian.T @ jacobian, jacobian.T @ best
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
@@ -308,11 +326,18 @@ class Refiner:
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
             pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
             if not costs[pick] < cost:
+                if age:  # the slopes are old: new ones before smaller steps
+                    age = REUSED
+                    continue
                 damping *= 1e4
                 if damping > 1e6:
                     break
                 continue
             small = small + 1 if costs[pick] > cost * (1 - 5e-3) else 0
+            step, change = trials[pick] - x, residuals[pick] - raw
+            promised = cost - float(np.sum((best + jacobian @ step) ** 2))
+            slopes = slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300))
+            age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             damping = max(lams[pick] * 0.1, 1e-8)
             if small >= 2 or spread_is_noise(raw, layout.r + layout.n_channels):
@@ -384,7 +409,7 @@ class Refiner:
             free=free,
         )
         layout.effects = [(i, p) for i, term in enumerate(terms) for p in term.effect.parameters]
-        layout.centre = [_inward(p, terms[i].values[p.name]) for i, p in layout.effects]
+        layout.centre = [inward(p, terms[i].values[p.name]) for i, p in layout.effects]
         return layout
 
     def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
@@ -395,7 +420,7 @@ class Refiner:
             run = self.runs[i]
             state = self.first_state(run) if start is None or run.name not in start.starts else start.starts[run.name]
             parts.append(self._pack(state))
-        parts.append(np.array([_inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
+        parts.append(np.array([inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
         return np.concatenate(parts)
 
     def _pack(self, state: Array) -> Array:
@@ -455,7 +480,7 @@ class Refiner:
     def _values(self, layout: _Layout, terms: Sequence[Term], entries: Array) -> list[dict[str, Array]]:
         out: list[dict[str, Array]] = [{} for _ in terms]
         for k, (i, parameter) in enumerate(layout.effects):
-            out[i][parameter.name] = _outward(parameter, entries[:, k])
+            out[i][parameter.name] = outward(parameter, entries[:, k])
         return out
 
     def _residual(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
@@ -521,11 +546,13 @@ def spread_is_noise(raw: Array, priors: int) -> bool:
     return bool(np.mean(raw[priors:] ** 2) < 0.95)
 
 
-def _inward(parameter: Parameter, value: float) -> float:
+def inward(parameter: Parameter, value: float) -> float:
+    """Return the entry that is fitted for a parameter's value: itself where it has a sign, else its logarithm."""
     return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
 
 
-def _outward(parameter: Parameter, x: Array) -> Array:
+def outward(parameter: Parameter, x: Array) -> Array:
+    """Return the values of fitted entries."""
     return x if parameter.signed else np.exp(np.clip(x, -80, 80))
 
 
@@ -538,6 +565,19 @@ def _each_set(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Sig
         p = {k: float(v[s]) for k, v in own.items()}
         for j, run in enumerate(runs):
             y[:, s, j, term.place.index] = effect.sense(y[:, s, j, term.place.index], p, run.h, run.t0 + t)
+
+
+def _mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
+    """Let a channel pick up a command or another channel."""
+    assert isinstance(term.effect, PickUp)
+    i, k = term.place.index, term.place.other
+    other = y[..., k]
+    if term.place.tag == "command":
+        other = np.zeros((len(y), 1, len(runs)))
+        for j, run in enumerate(runs):  # a sample is read while the command before it still stands
+            other[1 : len(run), 0, j] = run.u[:-1, k]
+    p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+    y[..., i] = term.effect.mix(y[..., i], other, p)
 
 
 def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:

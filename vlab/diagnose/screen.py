@@ -8,7 +8,7 @@ beside it under their priors. What remains is a table of likelihood gains, one f
 """
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -20,7 +20,7 @@ from vlab.diagnose.places import Place, admissible
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete, Twin, discretise
-from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
 
 REFITS = 4
@@ -82,6 +82,7 @@ class Group:
     e: Array = field(default_factory=lambda: np.zeros(0))
     white: Array = field(default_factory=lambda: np.zeros(0))
     first: int = 0
+    at_places: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
     def h(self) -> float:
@@ -105,19 +106,33 @@ class Screen:
     ----------
     problem : Problem
         The case.
+    trust : float
+        Factor on the unknown forces' intensity: below 1 the filter trusts the model more and forgets more slowly.
+    like : Screen or None
+        Another screening of the same runs, whose uncertain parameters and intensities are taken over.
     """
 
+    theta: Array
+    """The uncertain parameters as the filters have them."""
     estimate: tuple[Array, list[dict[str, float]]]
     """Of `given`: the uncertain parameters and the candidates' values that explain the innovations together."""
 
-    def __init__(self, problem: Problem, signals: Sequence[Signals] | None = None, *, trust: float = 1.0) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        signals: Sequence[Signals] | None = None,
+        *,
+        trust: float = 1.0,
+        like: "Screen | None" = None,
+    ) -> None:
         self.problem, self.twin, self.trust = problem, problem.twin, trust
+        self._intensity: dict[float, float] = {} if like is None else dict(like._intensity)
         self.runs = list(signals if signals is not None else problem.in_role("fit"))
         self.runs = self._shortened(self.runs)
         self._cache: dict[str, _Plan] = {}
         self._marched: dict[tuple[Any, ...], Array] = {}
-        self.theta = np.zeros(len(self.twin.changes))
-        for _ in range(REFITS):
+        self.theta = np.zeros(len(self.twin.changes)) if like is None else like.theta
+        for _ in range(REFITS if like is None else 1):
             self._linearise()
             step = self._step
             if np.all(np.abs(step) <= 0.02 * self.twin.prior + 1e-4):
@@ -230,8 +245,11 @@ class Screen:
             usable, _ = stack_runs(runs, [run.usable for run in runs])
         forces = u @ twin.forces.T + load @ twin.loads.T
         noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0)) / self.sensor_gain
-        intensity, gains = tune(system, noise, forces, y, lengths, usable)
-        if self.trust != 1.0:
+        near = self._intensity.get(runs[0].h, 0.0)
+        if self.trust == 1.0:
+            self._intensity[runs[0].h], gains = tune(system, noise, forces, y, lengths, usable, near)
+        else:
+            intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
             gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y, lengths))
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
@@ -307,12 +325,27 @@ class Screen:
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 
-    def candidates(self, effects: Sequence[Effect], progress: Callable[[float], None] | None = None) -> list[Candidate]:
-        """Return every effect at every place that admits it, best first."""
+    def candidates(
+        self,
+        effects: Sequence[Effect],
+        progress: Callable[[float], None] | None = None,
+        among: Collection[str] | None = None,
+    ) -> list[Candidate]:
+        """Return every effect at every place that admits it, best first.
+
+        Parameters
+        ----------
+        among : collection of str or None
+            Labels of the candidates to look at; all by default.
+        """
         out: list[Candidate] = []
         places = self.problem.places
         for done, place in enumerate(places):
-            mine = [effect for effect in effects if admissible(effect, place)]
+            mine = [
+                effect
+                for effect in effects
+                if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
+            ]
             if mine:
                 out += self._at(place, mine)
             if progress is not None:
@@ -404,8 +437,10 @@ class Screen:
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
         """Return displacement and velocity of a port at the middles of the steps, (n, n_runs)."""
-        row = place.rows[0]
-        return group.motion[0] @ row, group.motion[1] @ row
+        if place.name not in group.at_places:
+            row = place.rows[0]
+            group.at_places[place.name] = (group.motion[0] @ row, group.motion[1] @ row)
+        return group.at_places[place.name]
 
     def reference(self, name: str, place: Place) -> float:
         """Return what a parameter's values are multiples of at a place."""
@@ -419,7 +454,7 @@ class Screen:
                     sizes.append(float(np.abs(part).max(initial=0.0)))
             return max(max(sizes), 1e-300)
         if name == "input":
-            return max(max(float(np.abs(g.u[..., place.index]).max()) for g in self.groups), 1e-300)
+            return max(max(float(np.abs(g.u[..., list(place.indices)]).max()) for g in self.groups), 1e-300)
         if name == "output":
             return max(max(float(np.abs(g.y[..., place.index]).max()) for g in self.groups), 1e-300)
         if name == "duration":
@@ -437,13 +472,21 @@ class Screen:
     def _reference_of(self, effect: Effect, name: str, place: Place) -> float:
         value = self.reference(effect.parameter(name).reference, place)
         if effect.name == "slew-limit":
-            value = max(float(np.abs(np.diff(g.u[..., place.index], axis=0)).max() / g.h) for g in self.groups)
+            own = list(place.indices)
+            value = max(float(np.abs(np.diff(g.u[..., own], axis=0)).max() / g.h) for g in self.groups)
         return value
 
     def _columns(
         self, group: Group, place: Place, effect: Effect, shape: dict[str, float]
     ) -> tuple[Array | None, Array | None]:
         """Return modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) of an effect's amplitudes."""
+        if isinstance(effect, PickUp):
+            reading = np.zeros((*group.y.shape, 1))
+            other = _before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
+            recorded = group.y[..., place.index]
+            (values,) = _unit_amplitudes(effect, shape)
+            reading[..., place.index, 0] = effect.mix(recorded, other, values) - recorded
+            return None, reading
         if isinstance(effect, SensorEffect):
             recorded = group.y[..., place.index]
             t = np.arange(len(recorded)) * group.h
@@ -452,10 +495,12 @@ class Screen:
             reading[..., place.index, :] = np.stack(parts, axis=-1)
             return None, reading
         if isinstance(effect, ActuatorEffect):
-            command = group.u[..., place.index]
-            parts = [effect.actuate(command, v, group.h) - command for v in _unit_amplitudes(effect, shape)]
-            series = np.stack(parts, axis=-1)
-            return self.now.forces[:, place.index][:, None] * series[..., None, :], None
+            modal = np.zeros(())
+            for i in place.indices:
+                command = group.u[..., i]
+                parts = [effect.actuate(command, v, group.h) - command for v in _unit_amplitudes(effect, shape)]
+                modal = modal + self.now.forces[:, i][:, None] * np.stack(parts, axis=-1)[..., None, :]
+            return modal, None
         if isinstance(effect, LinearPortEffect):
             return self._linear_columns(group, place, effect), None
         assert isinstance(effect, PortEffect)
@@ -510,6 +555,11 @@ def _middles(twin: Twin, group: Group) -> tuple[Array, Array, Array]:
     a = (forces - p @ twin.K.T - v @ twin.C.T) @ np.linalg.inv(twin.M).T
     p_mid, v_mid = p + 0.5 * h * v + 0.125 * h * h * a, v + 0.5 * h * a
     return p_mid, v_mid, (forces - p_mid @ twin.K.T - v_mid @ twin.C.T) @ np.linalg.inv(twin.M).T
+
+
+def _before(u: Array) -> Array:
+    """Return the command that stands while a sample is read: the one before it."""
+    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
 
 
 def _unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:

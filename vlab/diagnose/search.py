@@ -20,7 +20,7 @@ LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
 WHOLE = 3000
 """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
-WHOLE_ITERATIONS = 5
+WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
 SLOW, SLOW_SHORTLIST = 1e-3, 5
 """Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
 well: it forgets slowly and sees what only adds up over many cycles."""
@@ -119,9 +119,10 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
     shortlist = _shortlist(candidates)
     if before.level > ENOUGH:
         report(0.2, "screening with a slower observer")
-        slow = Screen(problem, trust=SLOW)
-        known = {c.label for c in shortlist}
-        shortlist += [c for c in _shortlist(slow.candidates(effects))[:SLOW_SHORTLIST] if c.label not in known]
+        slow = Screen(problem, screen.runs, trust=SLOW, like=screen)
+        known, among = {c.label for c in shortlist}, _best_places(candidates, PLACES)
+        slowly = _shortlist(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+        shortlist += [c for c in slowly if c.label not in known]
     screen.forget()
     report(0.25, "fitting single effects")
     rough = in_windows(screen, every=2)
@@ -181,7 +182,7 @@ def _on_whole_runs(
     """
     if narrow.runs == whole.runs:
         return fitted, before
-    chosen = [h for count in (1, 2) for h in [x for x in fitted if len(x.terms) == count][:FINISHED]]
+    chosen = [h for count in (1, 2) for h in [x for x in fitted if len(x.terms) == count][:WHOLE_FINISHED]]
     fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), [before, *chosen])
     scored = [_scored(whole, fit, 0.0) for fit in fits]
     both = [replace(h, score=0.5 * (h.score + w.score)) for h, w in zip([before, *chosen], scored, strict=True)]
@@ -231,6 +232,17 @@ def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
         if candidate.effect.family not in families and candidate.gain > LEAST_GAIN * share:
             families.add(candidate.effect.family)
             out.append(candidate)
+    return out
+
+
+def _best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
+    """Return the labels of every effect at the places where it gained most."""
+    count: dict[str, int] = {}
+    out = set()
+    for candidate in candidates:
+        count[candidate.effect.name] = count.get(candidate.effect.name, 0) + 1
+        if count[candidate.effect.name] <= most:
+            out.add(candidate.label)
     return out
 
 

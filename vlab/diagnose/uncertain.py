@@ -16,9 +16,9 @@ from vlab.signals import Array
 DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.05, "sensor": 0.01}
 """Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
 known to a third, sensors are calibrated."""
-OWN_SHARE = {"stiffness": 0.4, "mass": 0.4, "damping": 1.0}
-"""Every element may deviate from its kind's common factor by this share of the kind's standard deviation; dampers differ
-from each other as much as all of them from the model."""
+OWN_SHARE = {"stiffness": 1.0, "mass": 1.0, "damping": 1.0}
+"""Every element may deviate from its kind's common factor by this share of the kind's standard deviation: parts of one
+drawing differ from each other as much as all of them from it."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
+from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.signals import noise_level
@@ -103,6 +105,14 @@ class Checked:
     measured: Recording
     simulated: tuple[Recording | None, Recording | None, Recording | None]
 
+    def unamended(self) -> "Checked":
+        """Return the same with nothing added to the refitted model."""
+        channels = {
+            name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
+        }
+        nominal, before, _ = self.simulated
+        return replace(self, after=self.before, channels=channels, simulated=(nominal, before, before))
+
     @property
     def gap_closed(self) -> float | None:
         """(before - after)/(before - noise); None where before is within the noise."""
@@ -129,10 +139,20 @@ def check(
         Counted as noise.
     """
     models = [Amended(plant=case.plant), before, after]
-    return [_checked(run, models, hums) for run in runs]
+    work = [(model, run) for run in runs for model in models]
+    data = side_by_side(lambda item: _try(*item), work)
+    simulated = [
+        None if part is None else replace(run.measured, data=part, meta={"simulated": run.name})
+        for (_, run), part in zip(work, data, strict=True)
+    ]
+    return [
+        _checked(run, models, simulated[len(models) * i : len(models) * (i + 1)], hums) for i, run in enumerate(runs)
+    ]
 
 
-def _checked(run: Run, models: Sequence[Amended | None], hums: Sequence[Hum]) -> Checked:
+def _checked(
+    run: Run, models: Sequence[Amended | None], simulated: Sequence[Recording | None], hums: Sequence[Hum]
+) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
     scale = np.array([np.std(run.measured[n]) for n in names])
@@ -142,8 +162,7 @@ def _checked(run: Run, models: Sequence[Amended | None], hums: Sequence[Hum]) ->
             i = names.index(hum.channel)
             noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
     errors, recordings = [], []
-    for model in models:
-        recording = None if model is None else _try(model, run)
+    for model, recording in zip(models, simulated, strict=True):
         recordings.append(recording)
         if recording is None:
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
@@ -169,14 +188,14 @@ def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _try(model: Amended, run: Run) -> Recording | None:
+def _try(model: Amended | None, run: Run) -> Array | None:
     try:
-        return model.simulated(run)
+        return None if model is None else model.simulated(run).data
     except VlabError:  # diverged, or no start found: it cannot follow this recording at all
         return None
 
 
-def total(checked: Sequence[Checked], which: str) -> float:
+def total(checked: Sequence[Any], which: str) -> float:
     """Return the root mean square over recordings of one of their errors."""
     values = np.array([getattr(c, which) for c in checked])
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -117,7 +117,10 @@ def _modes(c: CheckedFrequency, data: Modes, models: tuple[str, ...]) -> Figure:
 def _mismatch(done: FrequencyDiagnosed) -> Section:
     found = done.diagnosis.mismatch
     rows = [
-        [f"{b['low_hz']:.4g}" if b["low_hz"] == b["high_hz"] else f"{b['low_hz']:.4g} to {b['high_hz']:.4g}", 100 * b["share"]]
+        [
+            f"{b['low_hz']:.4g}" if b["low_hz"] == b["high_hz"] else f"{b['low_hz']:.4g} to {b['high_hz']:.4g}",
+            100 * b["share"],
+        ]
         for b in found["where_frequency_hz"]
     ]
     channels = [[c["channel"], c["nrmse"]] for c in found["where_channel"]]

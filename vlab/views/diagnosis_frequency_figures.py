@@ -92,9 +92,9 @@ def modes_figure(
         offsets = np.linspace(-0.2, 0.2, len(models)) if len(models) > 1 else np.zeros(1)
         for k, ((name, values), offset) in enumerate(zip(models, offsets, strict=True)):
             known = np.isfinite(values)
-            handles[name] = one.plot(
-                values[known], (rows + offset)[known], MARKERS[k], color=colours[name], zorder=2
-            )[0]
+            handles[name] = one.plot(values[known], (rows + offset)[known], MARKERS[k], color=colours[name], zorder=2)[
+                0
+            ]
         one.set(xlabel=as_text(label), ylim=(len(freq) + 0.6, 0.4))
     axes[0].set_yticks(rows, [f"{k}: {f:.4g} Hz" for k, f in zip(rows, freq, strict=True)])
     axes[0].set_title(as_text(title), loc="left")

@@ -1,0 +1,77 @@
+"""Damage to recordings: what is lost, what stands at a limit, what is dead or a copy."""
+
+import numpy as np
+import pytest
+from synthetic import run_of
+
+from vlab.diagnose.damage import assess, on_clock, says_something, sensor_limits
+
+TIME = np.arange(4000) / 500.0
+
+
+def motion(seed=0):
+    rng = np.random.default_rng(seed)
+    return np.sin(2 * np.pi * 1.3 * TIME) + 0.3 * np.sin(2 * np.pi * 4.1 * TIME) + 1e-3 * rng.standard_normal(TIME.size)
+
+
+def test_sound_recordings_have_no_damage():
+    run = run_of(TIME, {"a": motion(), "b": motion(1)})
+    assert assess([run]).lines == ()
+    assert says_something(run, run.compared).all()
+    assert sensor_limits([run]) == ()
+
+
+def test_samples_at_a_sensors_limit_say_nothing_of_the_structure():
+    a = np.clip(motion(), -1.0, 1.0)
+    run = run_of(TIME, {"a": a, "b": motion(1)})
+    valid = says_something(run, run.compared)
+    np.testing.assert_array_equal(valid[:, 0], np.abs(a) < 1.0)
+    assert valid[:, 1].all()
+    (stop,) = sensor_limits([run])
+    assert stop.channel == "a"
+    assert stop.limit == 1.0
+    assert stop.share == pytest.approx(np.mean(np.abs(a) == 1.0))
+    assert assess([run]).fatal == ()
+
+
+def test_two_limits_that_differ_are_no_range():
+    runs = [run_of(TIME, {"a": np.clip(motion(), -limit, limit)}, name=str(limit)) for limit in (0.8, 1.0)]
+    assert sensor_limits(runs) == ()
+
+
+def test_blocks_that_repeat_a_value_are_left_out():
+    a = motion()
+    a[1050:1170] = a[1049]
+    run = run_of(TIME, {"a": a})
+    valid = says_something(run, run.compared)[:, 0]
+    assert not valid[1050:1170].any()
+    assert valid[:1050].all()
+    assert valid[1170:].all()
+    assert any("repeat the last value" in line for line in assess([run]).warnings)
+
+
+def test_a_recording_that_is_mostly_lost_says_nothing():
+    a = motion()
+    for first in range(100, 3900, 100):
+        a[first : first + 40] = a[first]
+    damage = assess([run_of(TIME, {"a": a})])
+    assert any("lost" in line for line in damage.fatal)
+
+
+def test_a_clock_has_no_samples_in_a_gap():
+    keep = (TIME < 3.0) | (TIME > 3.5)
+    run = run_of(TIME[keep], {"a": motion()[keep]})
+    grid = np.arange(1000) / 125.0
+    valid = on_clock(run, says_something(run, run.compared), grid)[:, 0]
+    inside = (grid > 3.0) & (grid < 3.5)
+    assert not valid[inside].any()
+    assert valid[(grid < 2.98) | (grid > 3.52)].all()
+
+
+def test_dead_and_copied_sensors_are_fatal():
+    still = run_of(TIME, {"a": motion(), "b": np.full(TIME.size, 0.2)})
+    assert [line for line in assess([still]).fatal if "b stands still" in line]
+    twice = run_of(TIME, {"a": motion(), "b": motion()})
+    assert [line for line in assess([twice]).fatal if "same samples" in line]
+    both = [still, run_of(TIME, {"a": motion(2), "b": motion(3)}, name="other")]
+    assert not assess(both).fatal  # it moves elsewhere

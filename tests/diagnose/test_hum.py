@@ -1,0 +1,76 @@
+"""Hum: found where it is, at its size, and not where something else looks like it."""
+
+import numpy as np
+import pytest
+from scipy import signal
+from synthetic import run_of
+
+from vlab.diagnose.hum import find_hum, without_hum
+
+RATE, SECONDS = 1000.0, 20.0
+TIME = np.arange(round(RATE * SECONDS)) / RATE
+
+
+def response(rng, frequency=7.0, zeta=0.01):
+    """Return white noise through a resonator, rms 1."""
+    w = 2 * np.pi * frequency
+    system = signal.cont2discrete(([w**2], [1, 2 * zeta * w, w**2]), 1 / RATE)
+    x = signal.lfilter(np.ravel(system[0]), system[1], rng.standard_normal(TIME.size))
+    return x / x.std()
+
+
+def hum(amplitude, frequency, phase):
+    return amplitude * np.sin(2 * np.pi * frequency * TIME + phase)
+
+
+def test_hum_is_found_at_its_frequency_and_size_whatever_its_phase():
+    rng = np.random.default_rng(1)
+    clean = [response(rng) for _ in range(3)]
+    runs = [
+        run_of(TIME, {"a": x + hum(0.05, 49.93, 6 * rng.random()) + hum(0.01, 149.79, 6 * rng.random())}) for x in clean
+    ]
+    (found,) = find_hum(runs)
+    assert found.frequency == pytest.approx(49.93, abs=0.01)  # the window resolves 0.1 Hz in 20 s, its peak a tenth of it
+    assert found.harmonics == (1, 3)
+    # the response itself has a little power there: some per cent of so small a line
+    assert found.rms == pytest.approx(np.hypot(0.05, 0.01) / np.sqrt(2), rel=0.03)
+    for run, x in zip(runs, clean, strict=True):
+        left = without_hum(run, [found]).measured["a"] - x
+        assert left.std() < 0.1 * found.rms  # what the response itself has in the bins of the window
+
+
+def test_the_hum_expected_elsewhere_has_the_size_found_and_the_phase_that_is_there():
+    rng = np.random.default_rng(2)
+    (found,) = find_hum([run_of(TIME, {"a": response(rng) + hum(0.1, 60.0, 1.0)})])
+    other = run_of(TIME, {"a": response(rng) + hum(0.2, 60.0, 2.0)})
+    expected = found.expected(other)
+    assert np.sqrt(np.mean(expected**2)) == pytest.approx(found.rms)
+    assert np.corrcoef(expected, hum(1.0, 60.0, 2.0))[0, 1] > 0.999
+
+
+def test_what_is_driven_at_the_mains_is_no_hum():
+    rng = np.random.default_rng(3)
+    force = hum(1.0, 50.0, 0.3) + hum(1.0, 20.0, 0.3)
+    assert find_hum([run_of(TIME, {"a": response(rng) + 0.1 * force}, {"f": force})]) == ()
+
+
+def test_a_mode_that_rings_at_the_mains_is_no_hum():
+    rng = np.random.default_rng(4)
+    decay = np.exp(-0.3 * TIME) * np.sin(2 * np.pi * 50.0 * TIME)
+    noise = 1e-3 * rng.standard_normal((4, TIME.size))
+    assert find_hum([run_of(TIME, {"a": decay + n}) for n in noise[:2]]) == ()
+    random = [run_of(TIME, {"a": response(rng, 50.0, 0.001) + n}) for n in noise]
+    assert find_hum(random) == ()
+
+
+def test_noise_alone_has_no_hum():
+    rng = np.random.default_rng(5)
+    assert find_hum([run_of(TIME, {"a": rng.standard_normal(TIME.size)}) for _ in range(5)]) == ()
+
+
+def test_irregular_time_stamps_are_taken_as_they_are():
+    rng = np.random.default_rng(6)
+    time = np.cumsum(rng.uniform(0.5, 1.5, TIME.size)) / RATE
+    values = np.sin(2 * np.pi * 3 * time) + 0.05 * np.sin(2 * np.pi * 50.0 * time) + 0.01 * rng.standard_normal(time.size)
+    (found,) = find_hum([run_of(time, {"a": values})])
+    assert found.rms == pytest.approx(0.05 / np.sqrt(2), rel=0.02)

@@ -1,0 +1,286 @@
+"""Every measure of the score on answers and truths made by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from vlab.proof.equivalence import TABLE, right_class
+from vlab.proof.judge import judge, same_place
+from vlab.proof.score import baseline_rows, confusion, measures, score
+from vlab.proof.sparse import sparse_terms
+from vlab.proof.statistics import Rate, brier, calibration, detection_limit
+
+
+def hidden(effect="coulomb-friction", place="joint:carriage", **more):
+    return {
+        "effect": effect,
+        "family": "",
+        "form": "",
+        "accepted": [effect],
+        "place": place,
+        "places_alike": ["body:carriage"],
+        "places_near": ["tendon:belt", "joint:payload"],
+        "at_actuator": False,
+        "parameters": {"force": 2.0},
+        "same_parameters": True,
+        "size": 0.1,
+        **more,
+    }
+
+
+def truth(case="c", suite="in-library", things=None, left=5.0, **more):
+    things = [hidden()] if things is None else things
+    return {
+        "case": case,
+        "suite": suite,
+        "bench": "slider",
+        "noise": "low",
+        "one_level": False,
+        "hidden": things,
+        "size": {"left": left} if things else None,
+        **more,
+    }
+
+
+def finding(
+    effect="coulomb-friction", place="joint:carriage", probability=0.9, alike=(), value=2.2, ci=(1.9, 2.5), places=None
+):
+    return {
+        "effect": effect,
+        "place": place,
+        "places_90": list(places or [place]),
+        "probability": probability,
+        "class": [effect, *alike],
+        "parameters": {"force": {"value": value, "unit": "N", "ci90": list(ci)}},
+    }
+
+
+def answer(*findings, verdict=None, gap=0.9, **more):
+    verdict = verdict or ("missing-physics" if findings else "nothing-missing")
+    return {"verdict": verdict, "findings": list(findings), "heldout": {"gap_closed": gap}, "seconds": 2.0, **more}
+
+
+def measure(judged, name):
+    return next(m for m in measures(judged) if m["measure"].startswith(name))
+
+
+# ---- one case -------------------------------------------------------------------------------------------------------
+
+
+def test_a_right_answer_is_right_in_everything():
+    j = judge(truth(), answer(finding()))
+    assert (j.right_effect, j.right_class, j.all_right, j.is_wrong) == (True, True, True, False)
+    assert (j.place_exact, j.place_near, j.place_covered, j.places) == (True, True, True, 1)
+    assert j.errors == {"force": pytest.approx(0.1)}
+    assert j.covered == {"force": True}
+    assert (j.gap, j.size, j.probability) == (0.9, 5.0, 0.9)
+
+
+def test_a_class_counts_when_the_table_or_the_tool_says_so():
+    lag = truth(things=[hidden("actuator-lag", "actuator:motor")])
+    j = judge(lag, answer(finding("actuator-delay", "actuator:motor")))
+    assert (j.right_effect, j.right_class) == (False, True)  # the table
+    j = judge(truth(), answer(finding("jenkins-slip", alike=["coulomb-friction"])))
+    assert (j.right_effect, j.right_class) == (False, True)  # the tool's own class
+    j = judge(truth(), answer(finding("jenkins-slip")))
+    assert (j.right_effect, j.right_class) == (False, False)
+    assert j.errors == {}
+
+
+def test_the_table_holds_under_its_conditions_only():
+    drag = hidden("viscous-damping")
+    assert right_class(truth(things=[drag]), drag) == {"viscous-damping"}
+    assert right_class(truth(things=[drag], one_level=True), drag) == {"viscous-damping", "quadratic-drag"}
+    mass = hidden("added-mass")
+    assert "lost-stiffness" not in right_class(truth(things=[mass]), mass)
+    assert "lost-stiffness" in right_class(truth(things=[mass], bench="beam"), mass)
+    offset = hidden("force-offset", at_actuator=True)
+    assert "actuator-offset" in right_class(truth(things=[offset]), offset)
+    assert all(row.why for row in TABLE)
+
+
+def test_any_accepted_name_of_another_form_is_right():
+    form = hidden(form="tanh", accepted=["coulomb-friction", "lugre-friction"], same_parameters=False)
+    j = judge(truth(suite="other-form", things=[form]), answer(finding("lugre-friction")))
+    assert (j.right_effect, j.right_class, j.errors) == (True, True, {})
+
+
+def test_places_have_several_names_and_neighbours():
+    assert same_place("body:carriage", hidden())
+    assert same_place("sensor:probe:30in", hidden(place="sensor:30in"))
+    assert same_place("coil:base", hidden(place="actuator:base"))
+    assert not same_place("sensor:base", hidden(place="actuator:base"))
+    j = judge(truth(), answer(finding(place="tendon:belt", places=["tendon:belt", "joint:carriage"])))
+    assert (j.place_exact, j.place_near, j.place_covered, j.places) == (False, True, True, 2)
+    j = judge(truth(), answer(finding(place="joint:drive")))
+    assert (j.place_exact, j.place_near, j.place_covered) == (False, False, False)
+
+
+def test_parameters_outside_their_interval_are_not_covered():
+    j = judge(truth(), answer(finding(value=1.0, ci=(0.9, 1.1))))
+    assert j.errors == {"force": pytest.approx(0.5)}
+    assert j.covered == {"force": False}
+
+
+def test_of_two_hidden_things_either_may_come_first():
+    second = hidden("cubic-stiffness", "tendon:belt", parameters={"k3": 1.0})
+    both = truth(suite="two-effects", things=[hidden(), second])
+    one = judge(both, answer(finding("cubic-stiffness", "tendon:belt")))
+    assert (one.right_effect, one.place_exact, one.all_right) == (True, True, False)
+    two = judge(both, answer(finding("cubic-stiffness", "tendon:belt"), finding()))
+    assert two.all_right
+    three = judge(both, answer(finding("cubic-stiffness", "tendon:belt"), finding(), finding("added-mass")))
+    assert not three.all_right
+
+
+def test_nothing_and_the_unknown_have_their_own_right_answers():
+    null = truth(suite="null", things=[])
+    assert not judge(null, answer()).is_wrong
+    assert judge(null, answer(finding())).is_wrong
+    assert judge(null, answer(verdict="none-of-these")).is_wrong
+    strange = truth(suite="out-of-library", things=[hidden("parametric-stiffness", accepted=[])])
+    assert not judge(strange, answer(verdict="none-of-these")).is_wrong
+    assert judge(strange, answer(finding("drifting-stiffness"))).is_wrong
+    assert judge(strange, answer()).is_wrong
+    assert judge(truth(), answer(verdict="none-of-these")).is_wrong  # it was in the library
+
+
+def test_findings_count_only_where_physics_is_said_to_be_missing():
+    j = judge(truth(), answer(finding(), verdict="none-of-these", gap=0.9))
+    assert (j.right_effect, j.answered, j.gap) == (False, "none-of-these", 0.0)
+
+
+def test_a_refusal_is_a_wrong_answer():
+    j = judge(truth(), {"verdict": "crashed", "findings": [], "error": "ValueError: x", "seconds": 0.1})
+    assert j.is_wrong
+    assert j.answered == "crashed"
+    assert score([j])["failed"][0]["error"] == "ValueError: x"
+
+
+# ---- statistics -----------------------------------------------------------------------------------------------------
+
+
+def test_intervals_are_exact():
+    """Clopper and Pearson: for 0 of n the upper limit is 1 - (alpha/2)^(1/n), for n of n its mirror."""
+    for n in (5, 40):
+        low, high = Rate(0, n).interval
+        assert (low, high) == (0.0, pytest.approx(1 - 0.025 ** (1 / n)))
+        assert Rate(n, n).interval == (pytest.approx(0.025 ** (1 / n)), 1.0)
+    assert Rate(0, 0).interval == (0.0, 1.0)
+    assert Rate(0, 0).value is None
+
+
+def test_brier_and_calibration_of_counted_cases():
+    assert brier([1.0, 0.0, 0.5], [True, False, True]) == pytest.approx(0.25 / 3)
+    error, curve = calibration([0.95] * 10 + [0.55] * 10, [True] * 8 + [False] * 2 + [True] * 5 + [False] * 5)
+    # ten at .95 of which .8 hold, ten at .55 of which .5 hold: (.15 + .05)/2
+    assert error == pytest.approx(0.1)
+    assert [c["cases"] for c in curve] == [10, 10]
+    assert calibration([], [])[0] is None
+
+
+def test_the_detection_limit_is_where_detection_turns_over():
+    rng = np.random.default_rng(1)
+    size = np.exp(rng.uniform(np.log(0.1), np.log(30), 4000))
+    chance = 1 / (1 + np.exp(-2.0 * (np.log(size) - np.log(1.5))))
+    found = detection_limit(size, rng.random(4000) < chance)
+    # 4000 draws fix the middle to some per cent; 90 % is at 1.5 exp(ln 9/2) = 4.5
+    assert found["size_50"] == pytest.approx(1.5, rel=0.1)
+    assert found["size_90"] == pytest.approx(4.5, rel=0.15)
+
+
+def test_a_detection_limit_is_not_made_up():
+    assert detection_limit([1.0, 2.0], [True, False])["size_50"] is None  # too few
+    every = detection_limit(np.arange(1.0, 11.0), [True] * 10)
+    assert (every["size_50"], every["beyond"]) == (pytest.approx(1.0), "<")
+    none = detection_limit(np.arange(1.0, 11.0), [False] * 10)
+    assert (none["size_90"], none["beyond"]) == (pytest.approx(10.0), ">")
+    falls = detection_limit(np.arange(1.0, 11.0), [True] * 5 + [False] * 5)
+    assert falls["size_50"] is None
+
+
+# ---- the table ------------------------------------------------------------------------------------------------------
+
+
+def campaign():
+    """Ten cases whose measures can be counted by hand."""
+    rows = [(truth(f"r{i}"), answer(finding(probability=1.0), gap=0.8)) for i in range(4)]  # right
+    rows.append(
+        (truth("w1"), answer(finding("stop", "joint:drive", probability=0.6), gap=0.5))
+    )  # wrong effect and place
+    rows.append((truth("w2"), answer(gap=None)))  # missed
+    rows.append((truth("n1", "null", []), answer()))
+    rows.append((truth("n2", "null", []), answer(finding(probability=0.5))))  # false alarm
+    strange = [hidden("flow-damping", accepted=[])]
+    rows.append((truth("s1", "out-of-library", strange), answer(verdict="none-of-these")))
+    rows.append((truth("t1", "near-threshold", left=0.3), answer()))
+    return rows
+
+
+def test_the_table_counts_what_a_hand_counts():
+    judged = [judge(t, a) for t, a in campaign()]
+    right = measure(judged, "right effect")
+    assert (right["count"], right["of"], right["target"], right["met"]) == (4, 6, ">= 0.85", False)
+    assert right["ci95"] == list(Rate(4, 6).interval)
+    assert (measure(judged, "right place, exact")["count"], measure(judged, "right place, exact")["of"]) == (4, 5)
+    alarms = measure(judged, "null: physics named")
+    assert (alarms["count"], alarms["of"], alarms["met"]) == (1, 2, False)
+    assert measure(judged, "out of library: abstains")["value"] == 1.0
+    assert measure(judged, "held-out gap closed, median")["value"] == pytest.approx(0.8)  # .8 x 4, .5, 0
+    assert measure(judged, "held-out gap closed, worst tenth")["value"] == pytest.approx(0.25)
+    assert measure(judged, "parameter error")["value"] == pytest.approx(0.1)
+    # named: four at 1.0 right, one at .6 and one at .5 wrong
+    assert measure(judged, "Brier")["value"] == pytest.approx((0.36 + 0.25) / 6)
+    assert (measure(judged, "near threshold")["count"], measure(judged, "near threshold")["of"]) == (0, 1)
+
+
+def test_the_confusion_matrix_has_every_case_once():
+    judged = [judge(t, a) for t, a in campaign()]
+    table = confusion(judged)
+    assert table["coulomb-friction"] == {"coulomb-friction": 4, "stop": 1, "nothing-missing": 2}
+    assert table["nothing"] == {"nothing-missing": 1, "coulomb-friction": 1}
+    assert table["(flow-damping)"] == {"none-of-these": 1}
+    assert sum(sum(row.values()) for row in table.values()) == len(judged)
+
+
+def test_the_score_is_a_json_document_with_the_worst_first():
+    found = score([judge(t, a) for t, a in campaign()])
+    json.dumps(found, allow_nan=False)
+    assert [w["case"] for w in found["worst"]][:2] == ["w1", "n2"]
+    assert found["suites"]["null"]["right"]["count"] == 1
+    assert found["detection"]["all"]["cases"] == 7
+
+
+def test_simple_methods_stand_beside():
+    rows = campaign()
+    rows[0][1]["heldout"] |= {"nrmse_before": 0.2, "nrmse_noise": 0.1}
+    rows[0][1]["baselines"] = {"mujoco.sysid": {"nrmse": 0.15, "note": ""}}
+    rows[1][1]["baselines"] = {"mujoco.sysid": {"note": "not run: no MJCF"}}
+    judged = [judge(t, a) for t, a in rows]
+    table = baseline_rows(judged, {t["case"]: a for t, a in rows}, {t["case"]: t for t, _ in rows})
+    assert [r["method"] for r in table] == ["vlab diagnose", "linear refit only", "mujoco.sysid"]
+    assert table[2]["gap_closed"] == pytest.approx(0.5)
+    assert "no MJCF" in table[2]["note"]
+    assert "0 of 1" in table[1]["note"]
+
+
+# ---- sparse regression ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", ["cubic-stiffness", "quadratic-drag", None])
+def test_sparse_regression_finds_what_clean_states_show(effect):
+    rng = np.random.default_rng(4)
+    q, v, u = rng.standard_normal((3, 4000, 2))
+    a = -5 * q - 0.5 * v + u
+    if effect == "cubic-stiffness":
+        a[:, 1] -= 0.3 * q[:, 1] ** 3
+    if effect == "quadratic-drag":
+        a[:, 0] -= 0.4 * v[:, 0] * np.abs(v[:, 0])
+    a += 1e-3 * rng.standard_normal(a.shape)
+    found = sparse_terms(q, v, a, u, {"joint:a": np.array([1.0, 0.0]), "joint:b": np.array([0.0, 1.0])})
+    if effect is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert (found.effect, found.place) == (effect, "joint:b" if effect == "cubic-stiffness" else "joint:a")

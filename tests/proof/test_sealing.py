@@ -1,0 +1,225 @@
+"""Sealing: what was committed to cannot change unnoticed, and truth is not touched before the answers are frozen."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from command import run
+
+import vlab.proof.prove as proving
+from vlab.errors import BadProof
+from vlab.proof.campaign import run_all
+from vlab.proof.concealing import conceal_cases, truth_folder
+from vlab.proof.prove import ANSWERS, FROZEN, answers_folder, frozen_answers, open_truth, prove, read_commitments
+from vlab.proof.sealing import canonical, opened, sealed
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """Two null cases on the slider: quick to make."""
+    cases = tmp_path_factory.mktemp("sealed") / "cases"
+    conceal_cases(cases, suites=["null"], count=2, seed=3, benches=["slider"], jobs=1)
+    return cases
+
+
+@pytest.fixture
+def cases(made, tmp_path) -> Path:
+    shutil.copytree(made, tmp_path / "cases")
+    shutil.copytree(truth_folder(made), tmp_path / "cases-truth")
+    return tmp_path / "cases"
+
+
+ANSWER = {"verdict": "nothing-missing", "findings": [], "heldout": {"gap_closed": None}, "seconds": 1.0}
+
+
+@pytest.fixture
+def answered(monkeypatch):
+    """Replace the diagnosis by a constant answer; count the calls."""
+    calls = []
+
+    def answer(item, *, baselines=False):
+        calls.append(item[0])
+        return item[0], {"case": item[0], **ANSWER}
+
+    monkeypatch.setattr(proving, "answer_case", answer)
+    return calls
+
+
+def edit(path: Path, change) -> None:
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def test_a_seal_opens_for_its_truth_only():
+    kept, commitment = sealed({"effect": "stop", "size": 0.1})
+    assert opened(kept, commitment, where="here") == {"effect": "stop", "size": 0.1}
+    with pytest.raises(BadProof, match="does not match its commitment"):
+        opened({**kept, "truth": {"effect": "stop", "size": 0.2}}, commitment, where="here")
+    with pytest.raises(BadProof, match="does not match its commitment"):
+        opened({**kept, "salt": "0" * 32}, commitment, where="here")
+    assert (
+        sealed({"effect": "stop"})[1] != sealed({"effect": "stop"})[1]
+    )  # the same truth cannot be guessed from its hash
+    assert canonical({"b": 1, "a": 2}) == canonical({"a": 2, "b": 1})
+
+
+def test_the_recordings_say_nothing_of_the_truth(cases):
+    names = {p.name for p in (cases / "case-001").iterdir()}
+    assert names == {"case.toml", "rig.xml", *(f"run{i + 1}.parquet" for i in range(len(names) - 2))}
+    text = "".join(p.read_text() for p in cases.rglob("*") if p.suffix in (".toml", ".json", ".xml"))
+    assert not [w for w in ("suite", "null", "seed", "effect", "benign", "hidden", "sigma") if w in text]
+    assert len({p.stat().st_mtime for p in (cases / "case-001").iterdir()}) == 1
+
+
+def test_the_same_seed_gives_the_same_recordings_and_another_commitment(made, tmp_path):
+    conceal_cases(tmp_path / "again", suites=["null"], count=2, seed=3, benches=["slider"], jobs=1)
+    first, again = (json.loads((folder / "commitments.json").read_text()) for folder in (made, tmp_path / "again"))
+    for name, kept in first["cases"].items():
+        assert kept["recordings"] == again["cases"][name]["recordings"]
+        assert kept["truth"] != again["cases"][name]["truth"]  # salted afresh
+
+
+def test_truth_is_not_touched_before_the_answers_are_frozen(cases, answered, monkeypatch):
+    away = cases.with_name("elsewhere")
+    truth_folder(cases).rename(away)
+    with pytest.raises(BadProof, match="there is no such file"):
+        prove(cases, answers_folder(cases), jobs=1)
+    assert (answers_folder(cases) / FROZEN).exists()  # everything was answered without it
+    found = prove(cases, answers_folder(cases), truth=away, jobs=1)
+    assert found["cases"] == 2
+    assert len(answered) == 2  # and not answered again
+
+
+def test_a_changed_truth_is_refused(cases, answered):
+    edit(
+        truth_folder(cases) / "case-002.json",
+        lambda d: d["truth"].update(noise="low" if d["truth"]["noise"] != "low" else "high"),
+    )
+    with pytest.raises(BadProof, match=r"case-002\.json: the truth does not match"):
+        prove(cases, answers_folder(cases), jobs=1)
+
+
+def test_a_changed_answer_is_refused(cases, answered):
+    out = answers_folder(cases)
+    prove(cases, out, jobs=1)
+    edit(out / ANSWERS / "case-001.json", lambda d: d.update(verdict="missing-physics"))
+    with pytest.raises(BadProof, match="changed after it was frozen"):
+        prove(cases, out, jobs=1)
+
+
+def test_a_changed_manifest_is_refused(cases, answered):
+    out = answers_folder(cases)
+    prove(cases, out, jobs=1)
+    edit(out / "manifest.json", lambda d: d.update(code="0"))
+    with pytest.raises(BadProof, match="manifest was changed"):
+        frozen_answers(out, read_commitments(cases))
+
+
+def test_changed_recordings_are_refused(cases):
+    path = cases / "case-001" / "run1.parquet"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    with pytest.raises(BadProof, match="not those that were committed to"):
+        read_commitments(cases)
+
+
+def test_answers_of_other_cases_are_refused(cases, answered):
+    prove(cases, answers_folder(cases), jobs=1)
+    edit(cases / "commitments.json", lambda d: d.update(plan="0" * 64))
+    with pytest.raises(BadProof, match="given to other cases"):
+        prove(cases, answers_folder(cases), jobs=1)
+    with pytest.raises(BadProof, match=r"plan\.json"):
+        open_truth(truth_folder(cases), read_commitments(cases))
+
+
+def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
+    calls = []
+
+    def stops(item, *, baselines=False):
+        calls.append(item[0])
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return item[0], {"case": item[0], **ANSWER}
+
+    out = answers_folder(cases)
+    monkeypatch.setattr(proving, "answer_case", stops)
+    with pytest.raises(KeyboardInterrupt):
+        prove(cases, out, jobs=1)
+    assert [p.name for p in (out / ANSWERS).iterdir()] == ["case-001.json"]
+    assert not (out / FROZEN).exists()
+    prove(cases, out, jobs=1)
+    assert calls == ["case-001", "case-002", "case-002"]
+
+
+def test_a_campaign_does_not_go_on_with_other_code(cases, monkeypatch):
+    out = answers_folder(cases)
+    monkeypatch.setattr(proving, "answer_case", lambda item, *, baselines=False: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        prove(cases, out, jobs=1)
+    edit(out / "manifest.json", lambda d: d["thresholds"].update({"choose.EXPLAINED": 0.1}))
+    with pytest.raises(BadProof, match="begun with another thresholds"):
+        prove(cases, out, jobs=1)
+
+
+def test_the_manifest_binds_what_answers_depend_on(cases, answered):
+    prove(cases, answers_folder(cases), jobs=1)
+    kept = json.loads((answers_folder(cases) / "manifest.json").read_text())
+    assert {"code", "catalogue", "structures", "thresholds", "thresholds_sha256", "commitments", "versions"} <= set(
+        kept
+    )
+    assert "engine.LEAST_GAP" in kept["thresholds"]
+
+
+def square(x: int) -> tuple[int, int]:
+    return x, x * x
+
+
+def test_work_on_several_cores_is_complete():
+    assert dict(run_all(square, range(5), jobs=2)) == {i: i * i for i in range(5)}
+
+
+def test_work_on_dask_is_complete():
+    pytest.importorskip("dask.distributed")
+    assert dict(run_all(square, range(3), engine="dask", jobs=1)) == {i: i * i for i in range(3)}
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["conceal", "--suite", "nul", "--out", "x"], "unknown suite 'nul'; did you mean 'null'?"),
+        (["conceal", "--n", "0", "--out", "x"], "0 cases cannot be made"),
+        (["conceal", "--seed", "-1", "--out", "x"], "the seed is -1"),
+        (["conceal", "--benches", "boat", "--out", "x"], "unknown bench 'boat'"),
+        (["conceal", "--jobs", "-2", "--out", "x"], "jobs is -2"),
+        (["prove", "nowhere"], "there is no such file"),
+        (["prove"], "name a folder of concealed cases, or say --quick"),
+        (["prove", "x", "--quick"], "one of the two"),
+        (["prove", "x", "--seed", "1"], "--seed belongs to --quick"),
+    ],
+)
+def test_bad_input_is_one_line(capsys, tmp_path, monkeypatch, words, text):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *words)
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert text in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_few_cases_are_proved_from_end_to_end(capsys, tmp_path):
+    """Concealed, diagnosed and scored; what is asserted is that it holds together, not how good the answers are."""
+    out = tmp_path / "proof"
+    status, text, _ = run(
+        capsys, "prove", "--quick", "--n", "3", "--seed", "4", "--json", "--baselines", "--out", str(out)
+    )
+    document = json.loads(text)
+    assert status == 0
+    assert document["cases"] == 3
+    assert document["seed"] == 4
+    assert not document["failed"]
+    assert {m["measure"] for m in document["measures"]} >= {"right effect, first answer", "Brier score"}
+    assert all(j["verdict"] in ("missing-physics", "nothing-missing", "none-of-these") for j in document["judged"])
+    assert (out / "cases-answers" / FROZEN).exists()

@@ -1,0 +1,62 @@
+"""``vlab conceal``."""
+
+import argparse
+import secrets
+from pathlib import Path
+
+from vlab.cli.common import Outcome, count_bar, text_table
+from vlab.proof.campaign import ENGINES
+from vlab.proof.concealing import conceal_cases, truth_folder
+from vlab.proof.suites import BENCHES, MIXTURES, SUITES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    known = ", ".join([*SUITES, *MIXTURES])
+    parser.add_argument("--suite", default="all", help=f"suites, separated by commas: {known}")
+    parser.add_argument("--n", type=int, default=12, help="number of cases")
+    parser.add_argument("--seed", type=int, help="of everything drawn; fresh and printed by default")
+    parser.add_argument("--out", required=True, help="folder of the cases; their truth goes to OUT-truth")
+    parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
+    add_engine(parser)
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say where many cases are worked on."""
+    parser.add_argument("--engine", default="joblib", choices=ENGINES, help="this machine, or a cluster")
+    parser.add_argument("--jobs", type=int, default=0, help="processes; all cores by default")
+    parser.add_argument("--scheduler", default="", help="address of a running dask scheduler")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Conceal cases."""
+    seed = fresh_seed() if arguments.seed is None else arguments.seed
+    out = Path(arguments.out)
+    with count_bar("conceal", arguments.n) as report:
+        commitments = conceal_cases(
+            out,
+            suites=arguments.suite.split(","),
+            count=arguments.n,
+            seed=seed,
+            benches=arguments.benches.split(","),
+            engine=arguments.engine,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            progress=report,
+        )
+    document = {
+        "out": str(out),
+        "truth": str(truth_folder(out)),
+        "seed": seed,
+        "cases": list(commitments),
+        "commitments": commitments,
+    }
+    table = text_table(["case", "commitment"], list(commitments.items()))
+    return Outcome(
+        document=document, text=f"{table}\n\nseed {seed}; cases in {out}, their truth in {truth_folder(out)}"
+    )
+
+
+def fresh_seed() -> int:
+    """Draw a seed."""
+    return secrets.randbelow(2**31)

@@ -1,0 +1,121 @@
+"""``vlab prove``."""
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from vlab.cli.common import Outcome, count_bar, text_table
+from vlab.cli.conceal import add_engine, fresh_seed
+from vlab.errors import BadExperiment
+from vlab.proof.concealing import conceal_cases
+from vlab.proof.prove import answers_folder, prove, table_rows
+
+QUICK_CASES = 12
+QUICK_BENCHES = ("slider", "shaft")
+MOST_SHOWN = 60
+"""Cases up to which the text lists every one."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("cases", nargs="?", help="a folder that conceal wrote; not with --quick")
+    parser.add_argument(
+        "--quick", action="store_true", help="conceal a dozen fresh cases first, seed drawn and printed"
+    )
+    parser.add_argument("--seed", type=int, help="of --quick")
+    parser.add_argument("--n", type=int, default=QUICK_CASES, help="number of cases of --quick")
+    parser.add_argument("--truth", help="folder of the truth; CASES-truth by default")
+    parser.add_argument("--out", help="folder of the answers and the score; CASES-answers by default")
+    parser.add_argument("--baselines", action="store_true", help="let simple methods answer beside it")
+    parser.add_argument("--reports", type=int, default=0, help="how many of the worst cases get a report")
+    add_engine(parser)
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Diagnose concealed cases and score the answers."""
+    if bool(arguments.cases) == arguments.quick:
+        raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
+    if not arguments.quick and arguments.seed is not None:
+        raise BadExperiment("--seed belongs to --quick; the cases of a folder have theirs already")
+    if not arguments.quick:
+        return _outcome(_proved(Path(arguments.cases), arguments), None)
+    seed = fresh_seed() if arguments.seed is None else arguments.seed
+    with tempfile.TemporaryDirectory(prefix="vlab-prove-") as scratch:
+        cases = Path(arguments.out or scratch) / "cases"
+        with count_bar("conceal", arguments.n) as report:
+            conceal_cases(
+                cases,
+                suites=["quick"],
+                count=arguments.n,
+                seed=seed,
+                benches=QUICK_BENCHES,
+                engine=arguments.engine,
+                jobs=arguments.jobs,
+                scheduler=arguments.scheduler,
+                progress=report,
+            )
+        found = _proved(cases, arguments, quick=True)
+        return _outcome({**found, "out": found["out"] if arguments.out else None}, seed)
+
+
+def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> dict[str, Any]:
+    out = answers_folder(cases) if quick or not arguments.out else Path(arguments.out)
+    with count_bar("prove", 1) as report:
+        found = prove(
+            cases,
+            out,
+            truth=Path(arguments.truth) if arguments.truth else None,
+            baselines=arguments.baselines,
+            reports=arguments.reports,
+            report=_write_report,
+            engine=arguments.engine,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            progress=report,
+        )
+    return {**found, "out": str(out)}
+
+
+def _write_report(done: Any, folder: Path) -> None:
+    from vlab.views.diagnosis_report import write_diagnosis
+
+    write_diagnosis(done, folder)
+
+
+def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
+    parts = [
+        text_table(*table_rows(found)),
+        text_table(["suite", "cases", "right", "95 % interval", "verdicts"], _suites(found)),
+    ]
+    if len(found["judged"]) <= MOST_SHOWN:
+        heads = ["case", "suite", "bench", "hidden", "at", "answered", "at", "right class"]
+        parts.append(text_table(heads, [_case(j) for j in found["judged"]]))
+    if found["worst"]:
+        rows = [[w["case"], w["suite"], _names(w), w["answered"], w["report"]] for w in found["worst"]]
+        parts.append("worst:\n" + text_table(["case", "suite", "hidden", "answered", "report"], rows))
+    rows = [[b["method"], b["cases"], b["right_class"], b["gap_closed"], b["note"]] for b in found["baselines"]]
+    parts.append(text_table(["beside it", "cases", "right class", "gap closed, median", ""], rows))
+    kept = f"score in {found['out']}" if found["out"] else "nothing is kept; name a folder with --out to keep it"
+    drawn = "" if seed is None else f"seed {seed}; "
+    parts.append(f"{found['cases']} cases; {drawn}{kept}")
+    return Outcome(document={**found, "seed": seed}, text="\n\n".join(parts))
+
+
+def _suites(found: dict[str, Any]) -> list[list[Any]]:
+    rows = []
+    for name, s in found["suites"].items():
+        right = s["right"]
+        verdicts = ", ".join(f"{v} {n}" for v, n in s["verdicts"].items())
+        interval = f"{right['ci95'][0]:.3f} to {right['ci95'][1]:.3f}"
+        rows.append([name, s["cases"], f"{right['count']}/{right['of']}", interval, verdicts])
+    return rows
+
+
+def _case(j: dict[str, Any]) -> list[Any]:
+    known = [j["case"], j["suite"], j["bench"], _names(j), j["truth_place"]]
+    return [*known, j["answered"], j["place"], j["right_class"]]
+
+
+def _names(row: dict[str, Any]) -> str:
+    return " + ".join(row["hidden"]) or "nothing"

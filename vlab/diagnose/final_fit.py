@@ -1,0 +1,161 @@
+"""The last fit, in MuJoCo itself: where the twin's answer does not carry over, the chosen law is fitted again there.
+
+The search works on a few linear modes. Where a strong local law bends a structure in ways that these modes do not have, or
+a model is not quite linear, MuJoCo with the same numbers leaves more than the twin did; a few steps of Gauss and Newton on
+MuJoCo's own simulation of the recordings to fit then move the law's parameters and what is uncertain in the model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.wiring import Run
+from vlab.diagnose.commands import CommandLimit
+from vlab.diagnose.damage import says_something
+from vlab.diagnose.hum import without_hum
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.refine import LEAST_ERROR, Fit, Refiner, inward, outward
+from vlab.diagnose.search import WORTH
+from vlab.diagnose.signals import noise_level
+from vlab.diagnose.verify import amended
+from vlab.errors import VlabError
+from vlab.signals import Array
+
+WORSE = 1.5
+"""The fit is done again where MuJoCo leaves this multiple of what the twin left."""
+LEAST_EXCESS = 0.02
+"""...and at least this share of a channel's rms."""
+MOST_RUNS = 2
+MOST_DIRECTIONS = 5
+STEPS, STEP = 5, 0.02
+DAMPINGS = (1e-3, 0.3, 10.0)
+LONGEST = 10_000
+"""Samples of a recording that are simulated in every trial."""
+FAR = 1e4
+"""Residual of a trial that MuJoCo cannot follow, in standard deviations."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Target:
+    """A recording to fit: what was measured, what of it counts, and its weights."""
+
+    run: Run
+    columns: tuple[int, ...]
+    measured: Array
+    counts: Array
+    sigma: Array
+
+    @property
+    def shares(self) -> Array:
+        """Standard deviations over the rms of the channel, of the samples that count, flat."""
+        scale = np.maximum(np.std(self.measured, axis=0), 1e-300)
+        return np.broadcast_to(self.sigma / scale, self.measured.shape)[self.counts]
+
+
+def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit | None = None) -> Fit:
+    """Return a fit whose law MuJoCo confirms as well as it can; the same one where MuJoCo and the twin agree.
+
+    Parameters
+    ----------
+    refiner : Refiner
+        Made the fit, over whole runs; its informed directions of the uncertain parameters are used.
+    limit : CommandLimit or None
+        Of the commands of a law in the loop.
+    """
+    targets = _targets(problem, limit)
+    base = _residuals(problem, targets[:1], [fit])[0]
+    left = float(np.sqrt(np.mean((base * targets[0].shares) ** 2)))
+    if left <= max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS):
+        return fit
+    moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
+    x = np.zeros(moves.count)
+    prior = np.zeros(moves.count)
+    prior[: moves.r] = np.linalg.lstsq(moves.directions, fit.theta, rcond=None)[0]
+    is_prior = np.arange(moves.count) < moves.r
+    base = _residuals(problem, targets, [fit])[0]
+    for _ in range(STEPS):
+        scale = min(refiner.worth, WORTH * len(targets)) / max(float(base @ base), base.size)
+        moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
+        slopes = np.stack([(m - base) / STEP for m in moved], axis=1)
+        normal = scale * slopes.T @ slopes + np.diag(is_prior.astype(float))
+        gradient = scale * slopes.T @ base + np.where(is_prior, prior + x, 0.0)
+        size = np.diag(np.diag(normal) + 1e-12)
+        trials = [x - np.clip(np.linalg.solve(normal + lam * size, gradient), -1.0, 1.0) for lam in DAMPINGS]
+        tried = _residuals(problem, targets, [moves.at(t) for t in trials])
+        costs = [
+            scale * float(r @ r) + float(np.sum((prior + t)[is_prior] ** 2)) for r, t in zip(tried, trials, strict=True)
+        ]
+        before = scale * float(base @ base) + float(np.sum((prior + x)[is_prior] ** 2))
+        pick = int(np.argmin(costs))
+        if not costs[pick] < before:
+            break
+        x, base = trials[pick], tried[pick]
+        if costs[pick] > 0.97 * before:
+            break
+    return moves.at(x)
+
+
+class _Moves:
+    """A fit moved: first along directions of the uncertain parameters, then in the logarithms or shares of its laws' values."""
+
+    def __init__(self, fit: Fit, directions: Array) -> None:
+        self.fit, self.directions, self.r = fit, directions, directions.shape[1]
+        self.count = self.r + sum(len(t.effect.parameters) for t in fit.terms)
+
+    def at(self, x: Array) -> Fit:
+        entries, terms = iter(x[self.r :]), []
+        for term in self.fit.terms:
+            values = {}
+            for parameter in term.effect.parameters:
+                centre = inward(parameter, term.values[parameter.name])
+                size = max(abs(centre), 1e-12) if parameter.signed else 1.0
+                values[parameter.name] = float(outward(parameter, np.asarray(centre + size * next(entries))))
+            terms.append(replace(term, values=values))
+        return replace(self.fit, theta=self.fit.theta + self.directions @ x[: self.r], terms=tuple(terms))
+
+
+def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
+    """Return the recordings that are fitted: the largest and the smallest in motion."""
+    fit = [run for run in problem.runs if run.role == "fit"]
+    size = [max(float(np.std(run.measured[name])) for name in problem.names) for run in fit]
+    order = np.argsort(size)
+    chosen = [fit[order[-1]], fit[order[0]]][: min(MOST_RUNS, len(fit))]
+    return [_target(problem, _shortened(run if limit is None else limit.on(run))) for run in chosen]
+
+
+def _shortened(run: Run) -> Run:
+    measured = run.measured
+    if len(measured) <= LONGEST:
+        return run
+    return replace(run, measured=replace(measured, time=measured.time[:LONGEST], data=measured.data[:LONGEST]))
+
+
+def _target(problem: Problem, run: Run) -> _Target:
+    clean = without_hum(run, problem.hums).measured
+    measured = np.column_stack([clean[name] for name in problem.names])
+    noise = np.array([noise_level(column) for column in measured.T])
+    return _Target(
+        run=run,
+        columns=tuple(run.measured.index(name) for name in problem.names),
+        measured=measured,
+        counts=says_something(run, problem.channels),
+        sigma=np.hypot(noise, LEAST_ERROR * np.std(measured, axis=0)),
+    )
+
+
+def _residuals(problem: Problem, targets: Sequence[_Target], fits: Sequence[Fit]) -> list[Array]:
+    """Return the weighted differences of MuJoCo's simulations with some fits, all targets in one row."""
+    work = [(fit, target) for fit in fits for target in targets]
+    parts = side_by_side(lambda item: _difference(problem, *item), work)
+    return [np.concatenate(parts[i * len(targets) : (i + 1) * len(targets)]) for i in range(len(fits))]
+
+
+def _difference(problem: Problem, fit: Fit, target: _Target) -> Array:
+    try:
+        simulated = amended(problem, fit).simulated(target.run).data[:, list(target.columns)]
+    except VlabError:  # it ran away, or no start was found
+        return np.full(int(target.counts.sum()), FAR)
+    out = ((simulated - target.measured) / target.sigma)[target.counts]
+    return np.asarray(np.clip(np.where(np.isfinite(out), out, FAR), -FAR, FAR))

@@ -1,0 +1,282 @@
+"""The whole way of a diagnosis in frequency, from a case's responses and modal tables to what is said of its model."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
+from vlab.diagnose.findings import of_terms
+from vlab.diagnose.frequency.levels import level_notes
+from vlab.diagnose.frequency.measured import MODEL_ERROR, Modes, Response
+from vlab.diagnose.frequency.problem import FrequencyProblem, prepare_frequency
+from vlab.diagnose.frequency.search import FrequencyFound, search_frequency
+from vlab.diagnose.frequency.verify import (
+    CheckedFrequency,
+    FrequencyAmended,
+    LeftOut,
+    amended_by,
+    apart,
+    as_given,
+    check_frequency,
+    leave_out,
+    modal_errors,
+)
+from vlab.diagnose.refine import Fit
+from vlab.diagnose.verify import gap_closed, total
+from vlab.diagnose.words import next_measurement, not_excluded
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import Effect, PickUp
+
+ABOVE_NOISE = 1.5
+LEAST_GAP = 0.4
+"""An effect is reported as found where it closes at least this share of the gap on held-out data, or on parts left out."""
+LEAST_MISFIT = 2 * MODEL_ERROR
+"""Responses within this relative difference are explained."""
+LEAST_SCORE = 2.0
+"""An effect must gain this much in score, the number of effects and places that were tried counted."""
+LEAST_PARTS = 6
+"""Where so many parts of the data were left out one after the other, their prediction decides in the place of held-out data."""
+EDGE = 2.9
+BANDS = 12
+FORMS = ("m/N", "m/s/N", "m/s^2/N")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyDiagnosed:
+    """A diagnosis in frequency with what it was made of; it reads as `vlab.diagnose.engine.Diagnosed`.
+
+    Parameters
+    ----------
+    before, after : FrequencyAmended
+        The refitted and the amended model; the same where nothing was found.
+    left_out : LeftOut or None
+        The prediction of parts that were left out, where nothing was held out.
+    """
+
+    diagnosis: Diagnosis
+    problem: FrequencyProblem
+    found: FrequencyFound
+    choice: Choice
+    before: FrequencyAmended
+    after: FrequencyAmended
+    fit: Fit
+    left_out: LeftOut | None = None
+
+
+def is_in_frequency(case: Case) -> bool:
+    """Say whether a case has nothing to fit but frequency responses and modal tables."""
+    roles = [*(frf.role for frf in case.table.frf), *(modal.role for modal in case.table.modal)]
+    return "fit" in roles and not case.recordings(("fit",))
+
+
+def diagnose_frequency(
+    case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
+) -> FrequencyDiagnosed:
+    """Diagnose a case of frequency responses and modal tables.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing; the whole catalogue by default. Those that are not linear leave no trace of their own here.
+
+    Raises
+    ------
+    BadCase
+        Nothing to fit, an unstable model, or data that do not fit the model.
+    """
+    began = time.monotonic()
+    report = progress or (lambda share, what: None)
+    report(0.0, "reading")
+    problem = prepare_frequency(case)
+    found = search_frequency(problem, list(effects) or list(EFFECTS.values()), lambda s, what: report(0.85 * s, what))
+    choice = _chosen(found)
+    fit_before = found.before.fit
+    fit = choice.best.fit
+    report(0.85, "checking in MuJoCo")
+    before = amended_by(problem, fit_before)
+    after = amended_by(problem, fit) if choice.best.terms else before
+    data = problem.held_out or _whole(problem)
+    checked = check_frequency([as_given(problem.plant, problem.wires), before, after], data)
+    left_out = None
+    if not problem.held_out:
+        report(0.9, "predicting parts left out")
+        left_out = leave_out(problem, found.fitter, fit_before, fit)
+    diagnosis = _say(problem, found, choice, checked, left_out, time.monotonic() - began)
+    report(1.0, "done")
+    return FrequencyDiagnosed(
+        diagnosis=diagnosis,
+        problem=problem,
+        found=found,
+        choice=choice,
+        before=before,
+        after=after,
+        fit=fit,
+        left_out=left_out,
+    )
+
+
+def _whole(problem: FrequencyProblem) -> Sequence[Any]:
+    return problem.measured
+
+
+def _chosen(found: FrequencyFound) -> Choice:
+    """Choose, and take back what did not gain enough for the number of effects and places that were tried."""
+    choice = choose(found)
+    if not choice.best.terms or choice.best.score - found.before.score >= LEAST_SCORE:
+        return choice
+    best = found.before
+    return replace(choice, best=best, alike=(), probability=_of_nothing(found), places={}, is_supported=False)
+
+
+def _of_nothing(found: FrequencyFound) -> float:
+    scores = np.array([found.before.score, *(h.score for h in found.hypotheses)])
+    weights = np.exp(scores - scores.max())
+    return float(weights[0] / weights.sum())
+
+
+def _verdict(choice: Choice, checked: Sequence[CheckedFrequency], left_out: LeftOut | None) -> Verdict:
+    errors = {key: total(checked, key) for key in ("before", "after", "noise")}
+    gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+    if left_out is not None and left_out.parts >= LEAST_PARTS:
+        gap = left_out.gap_closed
+    floor = LEAST_MISFIT if any(isinstance(c.measured, Response) for c in checked) else 0.0
+    unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
+    if choice.best.terms and (gap is None or gap >= LEAST_GAP):
+        return "missing-physics"
+    return "none-of-these" if unexplained else "nothing-missing"
+
+
+def _say(
+    problem: FrequencyProblem,
+    found: FrequencyFound,
+    choice: Choice,
+    checked: Sequence[CheckedFrequency],
+    left_out: LeftOut | None,
+    seconds: float,
+) -> Diagnosis:
+    verdict = _verdict(choice, checked, left_out)
+    fit = choice.best.fit
+    findings = (
+        tuple(_in_form(problem, f) for f in of_terms(choice, fit, cast(Any, problem)))
+        if verdict == "missing-physics"
+        else ()
+    )
+    return Diagnosis(
+        title=problem.case.table.title,
+        verdict=verdict,
+        findings=findings,
+        alternatives=tuple(
+            {
+                "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
+                "place": " + ".join(t.place.name for t in h.terms),
+                "probability": p,
+                "remaining": h.level,
+            }
+            for h, p in choice.ranking[:8]
+        ),
+        checked=tuple(checked),
+        mismatch=_mismatch(checked),
+        not_excluded=not_excluded(choice, verdict),
+        next_measurement=_next(choice, verdict, problem),
+        quality=(),
+        notes=tuple(_notes(problem, found, choice, left_out)),
+        calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
+        seconds=seconds,
+    )
+
+
+def _in_form(problem: FrequencyProblem, finding: Finding) -> Finding:
+    """Return a finding with what a channel picks up in the unit of the responses."""
+    effect = EFFECTS.get(finding.effect)
+    orders = {d.order for d in problem.measured if isinstance(d, Response)}
+    if not isinstance(effect, PickUp) or "command" not in effect.needs or len(orders) != 1:
+        return finding
+    unit = FORMS[orders.pop()]
+    return replace(finding, parameters={k: {**p, "unit": unit} for k, p in finding.parameters.items()})
+
+
+def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
+    """Return the measurement that would decide, in the terms of responses and tables."""
+    has_shapes = any(isinstance(d, Response) or d.shapes.shape[1] > 2 for d in problem.measured)
+    if verdict == "nothing-missing":
+        return "responses at a level several times higher, which bring out what goes with the amplitude"
+    if not has_shapes:
+        return (
+            "mode shapes, or responses at as many points as there are places left, with the force at two of them: "
+            "frequencies and damping ratios alone do not say where"
+        )
+    return next_measurement(choice, verdict)
+
+
+def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
+    out = list(problem.view.left_out)
+    if not problem.held_out:
+        out.append("no hold-out data: nothing can be verified on data that the search did not use")
+    if left_out is not None:
+        text = (
+            f"left out one after the other, {left_out.parts} parts of the data are predicted within {100 * left_out.before:.2g} % by the "
+            "refitted model"
+        )
+        if choice.best.terms:
+            text += f" and within {100 * left_out.after:.2g} % with {choice.best.label}"
+        out.append(f"{text} (noise {100 * left_out.noise:.2g} %)")
+    out.append(
+        f"{found.tried} effects at places were tried; an effect pays for that in its score, which gains "
+        f"{choice.best.score - found.before.score:.3g} here"
+        if choice.best.terms
+        else f"{found.tried} effects at places were tried"
+    )
+    far = [p.name for p, v in zip(problem.parameters, choice.best.fit.theta, strict=True) if abs(v) > EDGE * p.sd]
+    if far:
+        out.append(f"at the edge of what [model.uncertain] allows: {', '.join(far)}")
+    out += level_notes(problem.measured)
+    return out
+
+
+def _mismatch(checked: Sequence[CheckedFrequency]) -> dict[str, Any]:
+    """Return where the refitted model is off, without any hypothesis: bands or modes, channels, the worst first."""
+    bands: list[dict[str, Any]] = []
+    channels: dict[str, float] = {}
+    for c in checked:
+        for name, errors in c.channels.items():
+            channels[name] = max(channels.get(name, 0.0), errors[1])
+        if isinstance(c.measured, Response):
+            bands += _bands(c.measured, c)
+        else:
+            bands += _modes(c.measured, c)
+    bands.sort(key=lambda b: -b["share"] * b["nrmse"] ** 2)
+    return {
+        "where_frequency_hz": bands[:4],
+        "where_channel": [{"channel": n, "nrmse": channels[n]} for n in sorted(channels, key=lambda c: -channels[c])],
+        "where_time_s": [],
+    }
+
+
+def _bands(data: Response, c: CheckedFrequency) -> list[dict[str, Any]]:
+    own = c.answers[1]
+    assert isinstance(own, np.ndarray)
+    error = np.nan_to_num(apart(data, own)).mean(axis=1)
+    edges = np.geomspace(data.freq[0], data.freq[-1] * (1 + 1e-9), BANDS + 1)
+    out = []
+    for low, high in pairwise(edges):
+        inside = (data.freq >= low) & (data.freq < high)
+        if inside.any():
+            share = float(error[inside].sum() / max(error.sum(), 1e-300))
+            out.append({"low_hz": float(low), "high_hz": float(high), "share": share, "nrmse": c.before})
+    return out
+
+
+def _modes(data: Modes, c: CheckedFrequency) -> list[dict[str, Any]]:
+    own = c.answers[1]
+    assert not isinstance(own, np.ndarray)
+    error = (modal_errors(data, own)["frequency"] / data.freq_sd) ** 2
+    return [
+        {"low_hz": float(f), "high_hz": float(f), "share": float(e / max(error.sum(), 1e-300)), "nrmse": c.before}
+        for f, e in zip(data.freq, error, strict=True)
+    ]

@@ -1,0 +1,303 @@
+"""What was measured, in frequency: responses and tables of modes of a case, with what their noise and a model's own error are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from vlab.cases.case import Case
+from vlab.cases.description import FrfTable, ModalTable
+from vlab.errors import BadCase
+from vlab.recordings import open_table
+from vlab.recordings.responses import to_frequency_response
+from vlab.recordings.table import Table
+from vlab.signals import Array, ComplexArray
+
+Role = Literal["fit", "holdout"]
+ORDERS = {"receptance": 0, "mobility": 1, "accelerance": 2}
+"""How often a form's motion is the derivative of a displacement."""
+
+MODEL_ERROR = 0.02
+"""Relative error of a model's response that is no missing physics: modes cut off, joints idealised, transducers."""
+SLOPE = 0.2
+"""Share of the change to the neighbouring line that a response may be off by: resonances sharper than the lines."""
+AROUND = 25
+"""Lines around one from which its noise is estimated."""
+MOST_LINES = 250
+"""Lines of a response that the search uses; where a file has more, those that change little are thinned out."""
+
+FREQUENCY_SD, ZETA_SD, SHAPE_SD = 0.01, 0.25, 0.05
+"""Relative standard deviations of natural frequencies and damping ratios, and that of shapes of unit maximum, where a table
+says nothing: what the repetition of a modal test by others leaves."""
+FREQUENCY_ERROR, ZETA_ERROR, SHAPE_ERROR = 0.001, 0.05, 0.01
+"""What a model may be off by besides, which is no missing physics."""
+SMALLEST_ZETA = 1e-5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Response:
+    """Measured responses to one input.
+
+    Parameters
+    ----------
+    input : str
+        Where the force acts.
+    outputs : tuple of str
+        Where the motion is measured.
+    order : int
+        0 receptance, 1 mobility, 2 accelerance.
+    freq : (n,) array
+        Lines [Hz], without zero.
+    H : (n, n_outputs) complex array
+        SI; magnitudes where `is_magnitude`.
+    noise : (n, n_outputs) array
+        Standard deviation of the measurement's noise.
+    spread : (n, n_outputs) array
+        The same with the error from the spacing of the lines.
+    level : float or None
+        Of the excitation.
+    """
+
+    name: str
+    role: Role
+    input: str
+    outputs: tuple[str, ...]
+    order: int
+    freq: Array
+    H: ComplexArray
+    noise: Array
+    spread: Array
+    is_magnitude: bool
+    level: float | None = None
+
+    @property
+    def omega(self) -> Array:
+        """Circular frequencies of the lines [rad/s]."""
+        return 2 * np.pi * self.freq
+
+    def on(self, keep: Array) -> "Response":
+        """Return the response on some of its lines."""
+        return replace(self, freq=self.freq[keep], H=self.H[keep], noise=self.noise[keep], spread=self.spread[keep])
+
+    def of_output(self, index: int) -> "Response":
+        """Return the response of one output."""
+        one = slice(index, index + 1)
+        return replace(
+            self,
+            name=f"{self.name}:{self.outputs[index]}",
+            outputs=self.outputs[one],
+            H=self.H[:, one],
+            noise=self.noise[:, one],
+            spread=self.spread[:, one],
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """A measured table of modes.
+
+    Parameters
+    ----------
+    freq, zeta : (n,) array
+        Natural frequencies [Hz] and damping ratios; NaN where the table has none.
+    at : tuple of str
+        Places of the shapes.
+    shapes : (n, n_places) array
+        Unit maximum; without columns where the table has none.
+    freq_sd, zeta_sd, shape_sd : (n,) array
+        Standard deviations: relative, relative, of shapes of unit maximum; model error included.
+    freq_noise, zeta_noise, shape_noise : (n,) array
+        The same without it.
+    """
+
+    name: str
+    role: Role
+    freq: Array
+    zeta: Array
+    at: tuple[str, ...]
+    shapes: Array
+    freq_sd: Array
+    zeta_sd: Array
+    shape_sd: Array
+
+    @property
+    def n(self) -> int:
+        """Number of modes."""
+        return len(self.freq)
+
+    @property
+    def entries(self) -> int:
+        """How many numbers the table holds, a shape's scale aside."""
+        return int(self.n + np.isfinite(self.zeta).sum() + self.n * max(self.shapes.shape[1] - 1, 0))
+
+    def without(self, mode: int) -> "Modes":
+        """Return the table with the numbers of one mode left open; the mode is still known to be there."""
+        sds = {name: getattr(self, name).copy() for name in ("freq_sd", "zeta_sd", "shape_sd")}
+        for sd in sds.values():
+            sd[mode] = 1e6
+        return replace(self, **sds)
+
+
+Measured = Response | Modes
+
+
+def read_measured(case: Case, roles: Sequence[str]) -> list[Measured]:
+    """Read the frequency responses and modal tables of a case in some roles.
+
+    Raises
+    ------
+    BadRecording
+        A file is damaged or not what the case says.
+    """
+    out: list[Measured] = []
+    for i, frf in enumerate(case.table.frf):
+        if frf.role in roles:
+            out.append(_response(case, frf, f"frf{i + 1}"))
+    for i, modal in enumerate(case.table.modal):
+        if modal.role in roles:
+            out.append(_modes(modal, f"modal{i + 1}"))
+    return out
+
+
+def thinned(measured: Sequence[Measured]) -> list[Measured]:
+    """Return data with at most `MOST_LINES` lines a response, the rest left out where responses change least.
+
+    Responses on the same lines keep the same ones, in one array.
+    """
+    groups: dict[bytes, list[Response]] = {}
+    for data in measured:
+        if isinstance(data, Response):
+            groups.setdefault(data.freq.tobytes(), []).append(data)
+    chosen = {key: _telling(group) for key, group in groups.items()}
+    lines = {key: group[0].freq[chosen[key]] for key, group in groups.items()}
+    out: list[Measured] = []
+    for data in measured:
+        if isinstance(data, Response):
+            key = data.freq.tobytes()
+            out.append(replace(data.on(chosen[key]), freq=lines[key]))
+        else:
+            out.append(data)
+    return out
+
+
+def _telling(group: Sequence[Response]) -> Array:
+    """Return which lines of responses are kept: many where some response changes much from line to line."""
+    n = len(group[0].freq)
+    if n <= MOST_LINES:
+        return np.arange(n)
+    weight = np.zeros(n)
+    for data in group:
+        power = np.log(np.maximum(np.sum(np.abs(data.H) ** 2, axis=1), 1e-300))
+        change = median_filter(np.abs(np.gradient(power)), 3)
+        weight += change / max(float(change.mean()), 1e-300) + 2.0
+    covered = np.cumsum(weight) / weight.sum() * MOST_LINES
+    return np.unique(np.searchsorted(covered, np.arange(0.5, MOST_LINES)))
+
+
+def _response(case: Case, table: FrfTable, name: str) -> Response:
+    file = open_table(table.file, folder=case.folder)
+    read = to_frequency_response(file, table)
+    used = read.freq > 0
+    freq, H = read.freq[used], read.H[used, :, 0]
+    if len(freq) < 8:
+        raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz; at least 8 are needed")
+    if not np.all(np.any(H != 0, axis=0)):
+        raise BadCase(f"{case.path}: {table.file}: an output is zero on all lines; leave it out")
+    guessed = np.sqrt(_roughness(freq, H))
+    noise = np.column_stack(
+        [
+            guessed[:, k] if given is None else given
+            for k, given in enumerate(_given_noise(file, table, H, used, len(read.freq)))
+        ]
+    )
+    steps = np.abs(np.diff(H, axis=0))
+    change = np.maximum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))
+    return Response(
+        name=name,
+        role=table.role,
+        input=table.input,
+        outputs=table.outputs,
+        order=ORDERS[table.form],
+        freq=freq,
+        H=H,
+        noise=noise,
+        spread=np.hypot(noise, SLOPE * change),
+        is_magnitude=read.is_magnitude,
+        level=table.level,
+    )
+
+
+def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lines: int) -> list[Array | None]:
+    """Return the standard deviation of every output where the file states coherence or variance; None where it does not."""
+    by_output = {channel.at: channel for channel in table.channel}
+    out: list[Array | None] = []
+    for k, output in enumerate(table.outputs):
+        channel = by_output.get(output)
+        column = "" if channel is None else channel.coherence or channel.variance
+        if channel is None or not column:
+            out.append(None)
+            continue
+        values = file.real(column)
+        if len(values) != lines:
+            raise BadCase(f"{table.file}: column {column!r} has {len(values)} lines, the frequencies {lines}")
+        values = values[used]
+        if channel.variance:
+            if np.any(values < 0):
+                raise BadCase(f"{table.file}: column {column!r} holds a negative variance")
+            size = np.abs(H[:, k])
+            out.append(np.sqrt(values) + 1e-6 * np.sqrt(np.mean(size**2)))
+            continue
+        if np.any((values < 0) | (values > 1)):
+            raise BadCase(f"{table.file}: column {column!r} is no coherence; one lies between 0 and 1")
+        # Bendat and Piersol, Random Data, 4th ed., (9.81): the relative error of a response
+        known = np.clip(values, 1e-3, 1 - 1e-6)
+        out.append(np.abs(H[:, k]) * np.sqrt((1 - known) / (known * table.averages)))
+    return out
+
+
+def _roughness(freq: Array, H: ComplexArray) -> Array:
+    """Return the variance of noise from how far each line is from the curve through its four neighbours.
+
+    It is looked at by the median of some lines around, since noise goes with frequency: a hammer pushes little at high
+    frequencies, and what divides by a small force is loud. A resonance sharper than the lines does not count as noise.
+    """
+    weights = np.stack([_lagrange(freq, k) for k in range(2, len(freq) - 2)])  # (n, 4)
+    around = np.stack([H[:-4], H[1:-3], H[3:-1], H[4:]], axis=1)
+    apart = np.abs(H[2:-2] - np.einsum("nk,nko->no", weights, around)) ** 2 / (1 + np.sum(weights**2, axis=1))[:, None]
+    apart = np.concatenate([apart[:1], apart[:1], apart, apart[-1:], apart[-1:]])
+    middle = median_filter(apart, size=(min(AROUND, len(freq) // 2), 1), mode="nearest") / np.log(2)
+    return np.asarray(middle + 1e-12 * np.mean(np.abs(H) ** 2, axis=0))
+
+
+def _lagrange(freq: Array, k: int) -> Array:
+    """Return the weights of the two lines below and above line k in the cubic through them, at line k."""
+    nodes = freq[[k - 2, k - 1, k + 1, k + 2]] - freq[k]
+    return np.array([np.prod(np.delete(nodes, i) / (np.delete(nodes, i) - nodes[i])) for i in range(4)])
+
+
+def _modes(table: ModalTable, name: str) -> Modes:
+    n = len(table.frequency_hz)
+    freq = np.array(table.frequency_hz)
+    order = np.argsort(freq)
+    zeta = np.array(table.zeta) if table.zeta else np.full(n, np.nan)
+    zeta = np.where(zeta > 0, zeta, np.nan)
+    shapes = np.array(table.shape).reshape(n, -1) if table.shape else np.zeros((n, 0))
+    largest = np.abs(shapes).max(axis=1, keepdims=True) if shapes.size else np.ones((n, 1))
+    if np.any(largest == 0):
+        raise BadCase("a modal table has a shape of zeros; leave out that mode or its shape")
+    freq_sd = np.array(table.frequency_sd_hz) / freq if table.frequency_sd_hz else np.full(n, FREQUENCY_SD)
+    zeta_sd = np.array(table.zeta_sd) / zeta if table.zeta_sd else np.full(n, ZETA_SD)
+    shape_sd = np.array(table.shape_sd) / largest[:, 0] if table.shape_sd else np.full(n, SHAPE_SD)
+    return Modes(
+        name=name,
+        role=table.role,
+        freq=freq[order],
+        zeta=zeta[order],
+        at=table.at if table.shape else (),
+        shapes=(shapes / largest)[order],
+        freq_sd=np.hypot(freq_sd, FREQUENCY_ERROR)[order],
+        zeta_sd=np.hypot(zeta_sd, ZETA_ERROR)[order],
+        shape_sd=np.hypot(shape_sd, SHAPE_ERROR)[order],
+    )

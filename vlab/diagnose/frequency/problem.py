@@ -1,0 +1,173 @@
+"""From a case of frequency responses and modal tables to what the search works on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.frequency.evaluate import State
+from vlab.diagnose.frequency.measured import Measured, Modes, Response, read_measured, thinned
+from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
+from vlab.diagnose.places import Place, places_of
+from vlab.diagnose.prepare import change_of
+from vlab.diagnose.twin import Twin
+from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, uncertain_parameters
+from vlab.diagnose.uncertain_structure import adjusted_structure, structure_changes, structure_parameters
+from vlab.errors import BadCase
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyProblem:
+    """A case as the search in frequency sees it.
+
+    Parameters
+    ----------
+    measured : tuple of Response or Modes
+        To fit.
+    wires : Wires
+        Of all responses of the case, held-out ones too.
+    parameters : tuple of Uncertain
+        An `actuator` at or beyond the plant's actuators is a force measured at a port.
+    """
+
+    case: Case
+    plant: Plant
+    measured: tuple[Measured, ...]
+    held_out: tuple[Measured, ...]
+    wires: Wires
+    view: View
+    twin: Twin
+    parameters: tuple[Uncertain, ...]
+    places: tuple[Place, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.wires.names
+
+    @property
+    def prior(self) -> Array:
+        """Prior standard deviations of the uncertain parameters."""
+        return np.array([p.sd for p in self.parameters])
+
+    @property
+    def gains(self) -> list[tuple[int | None, int | None]]:
+        """Input column or output whose gain each uncertain parameter is."""
+        return [(p.actuator, p.sensor) for p in self.parameters]
+
+    @property
+    def measured_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that was measured [Hz]."""
+        return band(self.measured)
+
+    def adjusted(self, theta: Array) -> Plant:
+        """Return the plant with its uncertain parameters at given log-factors; gains of outputs and ports are not the plant's."""
+        own = [
+            (p, v)
+            for p, v in zip(self.parameters, theta, strict=True)
+            if p.actuator is None or p.actuator < len(self.plant.actuators)
+        ]
+        parameters, values = [p for p, _ in own], np.array([v for _, v in own])
+        if self.case.structure is None:
+            return adjusted(self.plant, parameters, values)
+        variant = self.case.table.model.variant
+        out = adjusted_structure(self.case.structure, self.plant, variant, parameters, values)
+        return replace(out, physics=self.plant.physics, impedance=self.plant.impedance)
+
+    def state(self, theta: Array) -> State:
+        """Return the matrices at given log-factors, with their derivatives."""
+        M, C, K, inputs, outputs = self.twin.matrices(theta[None])
+        factor = np.exp(np.clip(theta, -3, 3))
+
+        def scaled(part: Array | None, by: float) -> Array | None:
+            return None if part is None else by * part
+
+        changes = tuple(
+            (scaled(c.M, f), scaled(c.C, f), scaled(c.K, f)) for c, f in zip(self.twin.changes, factor, strict=True)
+        )
+        return State(M=M[0], C=C[0], K=K[0], changes=changes, input_gain=inputs[0], output_gain=outputs[0])
+
+
+def band(measured: Sequence[Measured]) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of some data [Hz]."""
+    return min(float(d.freq[0]) for d in measured), max(float(d.freq[-1]) for d in measured)
+
+
+def prepare_frequency(case: Case) -> FrequencyProblem:
+    """Prepare a case's frequency responses and modal tables.
+
+    Raises
+    ------
+    BadCase
+        Nothing to fit, or data that do not fit the model.
+    BadRecording
+        A file is damaged or not what the case says.
+    """
+    measured = read_measured(case, ("fit",))
+    if not measured:
+        raise BadCase(f"{case.path}: no [[frf]] and no [[modal]] has the role fit; mark at least one")
+    held_out = read_measured(case, ("holdout",))
+    plant = case.plant
+    wires = wires_of(case, [*measured, *held_out])
+    view = view_of(plant, wires)
+    for data in (*measured, *held_out):
+        if isinstance(data, Modes) and data.n > int(np.sum(view.omega > 0)):
+            raise BadCase(f"{case.path}: {data.name} lists {data.n} modes, the model has {int(np.sum(view.omega > 0))}")
+    parameters, twin = _uncertain(case, plant, wires, view, measured)
+    driven = sorted({a for a in wires.actuators if a is not None})
+    places = places_of(plant, replace(twin, forces=twin.forces[:, : len(plant.actuators)]), list(wires.names), driven)
+    return FrequencyProblem(
+        case=case,
+        plant=plant,
+        measured=tuple(thinned(measured)),
+        held_out=tuple(held_out),
+        wires=wires,
+        view=view,
+        twin=twin,
+        parameters=parameters,
+        places=tuple(places),
+    )
+
+
+def _uncertain(
+    case: Case, plant: Plant, wires: Wires, view: View, measured: Sequence[Measured]
+) -> tuple[tuple[Uncertain, ...], Twin]:
+    given, structure = case.table.model.uncertain, case.structure
+    responses = [d for d in measured if isinstance(d, Response)]
+    inputs = {r.input for r in responses}
+    driven = sorted(
+        {a for name, a in zip(wires.inputs, wires.actuators, strict=True) if a is not None and name in inputs}
+    )
+    parameters: list[Uncertain]
+    if structure is None:
+        parameters = list(uncertain_parameters(plant, given, wires.names, driven))
+        changes = [change_of(plant, parameter, view.shapes) for parameter in parameters]
+    else:
+        parameters = list(structure_parameters(structure, given, wires.names, driven))
+        points = [p.name for p in structure.point if p.name in plant.ports]
+        at_points = plant.port_rows(points) @ view.shapes
+        changes = structure_changes(structure, case.table.model.variant, parameters, at_points, view.omega, points)
+    for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
+        if actuator is None and name in inputs:
+            gain = Uncertain(
+                name=f"gain:{name}", kind="gain", sd=given.get("gain", DEFAULT_SD["gain"]), actuator=column
+            )
+            parameters.append(gain)
+            changes.append(change_of(plant, gain, view.shapes))
+    measures_damping = responses or any(np.isfinite(d.zeta).any() for d in measured if isinstance(d, Modes))
+    used = [i for i, p in enumerate(parameters) if measures_damping or p.kind != "damping"]
+    twin = Twin(
+        omega=view.omega,
+        shapes=view.shapes,
+        M=view.M,
+        C=view.C,
+        K=view.K,
+        forces=view.forces,
+        loads=np.zeros((view.m, 0)),
+        rows=view.rows,
+        changes=tuple(changes[i] for i in used),
+    )
+    return tuple(parameters[i] for i in used), twin

@@ -1,0 +1,291 @@
+"""The course of one run: its samples at their own times, and the motion that an extended Kalman filter makes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from scipy.interpolate import make_smoothing_spline
+
+from vlab.cases.initial import exponentials, joint_of
+from vlab.cases.wiring import Run
+from vlab.diagnose.damage import on_clock, says_something
+from vlab.diagnose.nonlinear.stepper import Stepper
+from vlab.diagnose.signals import LEAST_NOISE, noise_level, on_grid, thinning, uniform
+from vlab.signals import Array
+
+MOST_SAMPLES = 2500
+"""The search looks at the first part of longer runs; the verdict at all of them."""
+WIDE = 0.5
+"""Spread of an unknown first state, as a share of the largest motion of its kind."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """One run at its samples.
+
+    Parameters
+    ----------
+    time : (n,) array
+        From the start of the recording; not necessarily even.
+    h : (n,) array
+        Interval from each sample to the next; the last one is repeated.
+    u, load : (n, n_actuators), (n, n_ports) array
+        Means of the inputs over the intervals.
+    act : (n, na) array or None
+        States of actuators with dynamics of their own.
+    y : (n, p) array
+        The channels, in the model's own zeros.
+    noise, scale : (p,) array
+        Standard deviation of the noise, and rms about the mean.
+    valid : (n, p) array of bool or None
+        Which samples say something; all of them by default.
+    """
+
+    name: str
+    role: str
+    time: Array
+    h: Array
+    u: Array
+    load: Array
+    act: Array | None
+    y: Array
+    noise: Array
+    scale: Array
+    at_rest: bool
+    valid: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def inputs(self, k: int) -> tuple[Array, Array]:
+        """Return commands and direct forces of an interval."""
+        return self.u[k], self.load[k]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """States at a course's samples: configurations (n, nq) and velocities (n, nv)."""
+
+    q: Array
+    v: Array
+
+
+def course_of(
+    run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], highest_hz: float,
+    commands: Array | None = None,
+) -> Course:  # fmt: skip
+    """Put one run on its samples: its own time stamps, every n-th of an even record that is sampled very finely.
+
+    Parameters
+    ----------
+    rest : (p,) array
+        What the channels read at rest, for channels that count from there.
+    commands : (n_samples, n_actuators) array or None
+        What a law in the loop commanded, added to the inputs.
+    """
+    time = run.measured.time - run.measured.time[0]
+    h = uniform(time)
+    is_even = bool(np.ptp(np.diff(time)) < 1e-3 * h)
+    columns = [
+        run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)
+    ]
+    thin = thinning(len(time), h, highest_hz) if is_even else 1
+    if thin > 1:
+        grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
+        columns = [on_grid(time, column, grid, thin) for column in columns]
+    else:
+        grid = time
+    grid = grid[:MOST_SAMPLES]
+    y = np.column_stack([column[: len(grid)] for column in columns])
+    edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
+    u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
+    for drive in run.drives:
+        mean = _means(time, run.measured[drive.channel], drive.is_held, edges)
+        if drive.actuator is not None:
+            u[:, drive.actuator] += mean
+        else:
+            load[:, list(load_ports).index(drive.port)] += mean
+    if commands is not None:
+        u += np.column_stack([_means(time, column, True, edges) for column in commands.T])
+    deviation = y - np.where([c.from_rest for c in stepper.channels], 0.0, rest) - np.where(
+        [c.from_rest for c in stepper.channels], rest, 0.0
+    )  # fmt: skip
+    orders = [_order(stepper, i, run) for i in range(y.shape[1])]
+    slow = np.array([order < 2 for order in orders])
+    quiet = bool(np.all(np.abs(deviation[0, slow]) <= 0.02 * np.abs(deviation).max(axis=0)[slow]))
+    starts = quiet and (bool(run.drives) or commands is not None)
+    valid = says_something(run, stepper.channels)
+    usable = on_clock(run, valid, grid) if is_even else valid[: len(grid)]
+    scale = np.std(y, axis=0)
+    return Course(
+        name=run.name,
+        role=run.role,
+        time=grid,
+        h=np.diff(edges),
+        u=u,
+        load=load,
+        act=_actuator_states(stepper, u, np.diff(edges)) if stepper.model.na else None,
+        y=y,
+        noise=np.array([_noise(grid, column, is_even) for column in y.T]),
+        scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
+        at_rest=run.initial == "rest" or (run.initial == "auto" and starts),
+        valid=None if usable.all() else usable,
+    )
+
+
+def _noise(time: Array, column: Array, is_even: bool) -> float:
+    """Return the standard deviation of a channel's noise.
+
+    Of even records it is read off the spectrum, whose median is low by up to a fifth where few segments are averaged;
+    what the neighbours do not explain makes up for that, and for no more.
+    """
+    local = uneven_noise(time, column)
+    if not is_even:
+        return local
+    floor = noise_level(column)
+    return float(np.clip(local, floor, 1.25 * floor))
+
+
+def uneven_noise(time: Array, column: Array) -> float:
+    """Return the standard deviation of the noise of a smooth channel at uneven times.
+
+    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
+    """
+    if len(column) < 16:
+        return LEAST_NOISE * float(np.std(column) or 1.0)
+    index = np.arange(2, len(column) - 2)
+    near = index[:, None] + np.array([-2, -1, 1, 2])
+    t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
+    weights = np.ones_like(t)  # Lagrange's polynomials at zero
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
+    left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
+    return max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+
+
+def _order(stepper: Stepper, i: int, run: Run) -> int:
+    kind = run.measured.channels[run.measured.index(stepper.channels[i].channel)].kind
+    return 2 if kind in ("acceleration", "angular-acceleration", "force", "moment") else 0
+
+
+def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
+    """Return the means of an input between edges, from its integral."""
+    stamps = np.append(time, max(edges[-1], time[-1]) + 1.0)
+    if is_held:
+        integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])
+        return np.asarray(np.diff(np.interp(edges, stamps, integral)) / np.diff(edges))
+    fine = np.unique(np.concatenate([time, edges]))
+    at = np.interp(fine, time, values)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(fine))])
+    return np.asarray(np.diff(np.interp(edges, fine, integral)) / np.diff(edges))
+
+
+def _actuator_states(stepper: Stepper, u: Array, h: Array) -> Array:
+    """Return the states of actuators with dynamics along a run; they depend on the commands alone."""
+    model, plant = stepper.model, stepper.plant
+    data = mujoco.MjData(model)
+    start = plant.new_data()
+    out = np.zeros((len(u), model.na))
+    data.act[:] = start.act
+    for k in range(len(u)):
+        out[k] = data.act
+        count = max(1, int(np.ceil(h[k] / plant.timestep - 1e-9)))
+        model.opt.timestep = h[k] / count
+        for _ in range(count):
+            data.qpos[:], data.qvel[:] = start.qpos, 0.0
+            data.ctrl[:] = plant.control_matrix @ u[k]
+            mujoco.mj_step(model, data)
+    return out
+
+
+# ---- the first motion ------------------------------------------------------------------------------------------------
+
+
+def first_motion(course: Course, stepper: Stepper, rest: Array) -> Motion:
+    """Return a motion to linearise about: measured joints smoothed by splines, the others by an extended Kalman filter.
+
+    Parameters
+    ----------
+    rest : (nq,) array
+        The configuration at rest.
+    """
+    joints = [joint_of(stepper.plant, c) for c in stepper.channels]
+    positions = {j[0]: i for i, j in enumerate(joints) if j is not None and j[1] == 0}
+    splines = {}
+    for dof, i in positions.items():
+        splines[dof] = _spline(course, i)
+    q, v = np.repeat(rest[None], len(course), axis=0), np.zeros((len(course), stepper.nv))
+    for dof, (position, rate) in splines.items():
+        q[:, _address(stepper, dof)], v[:, dof] = position, rate
+    if len(splines) == stepper.nv:
+        return Motion(q=q, v=v)
+    return _filtered(course, stepper, q[0], v[0], list(splines))
+
+
+def _address(stepper: Stepper, dof: int) -> int:
+    return int(stepper.model.jnt_qposadr[stepper.model.dof_jntid[dof]])
+
+
+def _spline(course: Course, i: int) -> tuple[Array, Array]:
+    """Return a smoothed position and its rate; the penalty is the one whose remainder is the channel's noise."""
+    y, t = course.y[:, i], course.time
+    noise = float(course.noise[i])
+    low, high = -8.0, 4.0
+    size = float(np.mean(np.diff(t))) ** 3
+    best = make_smoothing_spline(t, y, lam=size * 10.0**low)
+    for _ in range(4):
+        middle = 0.5 * (low + high)
+        tried = make_smoothing_spline(t, y, lam=size * 10.0**middle)
+        if float(np.std(tried(t) - y)) < noise:
+            low, best = middle, tried
+        else:
+            high = middle
+    return best(t), best.derivative()(t)
+
+
+def _filtered(course: Course, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
+    """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
+    nv = stepper.nv
+    spread = np.concatenate([np.full(nv, WIDE), np.full(nv, 5 * WIDE)])
+    for dof in known:
+        spread[dof] *= 0.1
+    P = np.diag(spread**2) if not course.at_rest else 1e-8 * np.eye(2 * nv)
+    R = np.diag((course.noise + 0.01 * course.scale) ** 2)
+    out_q, out_v = np.zeros((len(course), len(q))), np.zeros((len(course), nv))
+    for k in range(len(course)):
+        (u, load), h = course.inputs(k), float(course.h[k])
+        act = None if course.act is None else course.act[k]
+        for _ in range(3 if k == 0 else 1):  # the first sample may be far from where it was thought to be
+            L, M, _, sensors = stepper.slopes(q, v, u, load, act)
+            here, C, _ = stepper.reading(q, v, u, load, act, M, sensors)
+            gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+            change = gain @ (course.y[k] - here)
+            q, v = stepper.moved(q, change[:nv]), v + change[nv:]
+        P = P - gain @ C @ P
+        out_q[k], out_v[k] = q, v
+        A, G = sampled(L, M, h)
+        q, v = stepper.advance(q, v, u, load, h, act)
+        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + 1e-3
+        intensity = (5.0 * rate) ** 2  # unknown accelerations of some rates a second
+        P = A @ P @ A.T + intensity * G @ M @ G.T
+        P = 0.5 * (P + P.T)
+    return Motion(q=out_q, v=out_v)
+
+
+def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
+    """Return what states and held forces become over intervals, A and G, of rates x' = L x + [0, M^-1] f; for many at once."""
+    n, s = L.shape[:-2], L.shape[-1]
+    nv = s // 2
+    block = np.zeros((*n, s + nv, s + nv))
+    block[..., :s, :s] = L
+    block[..., nv:s, s:] = np.linalg.inv(M)
+    whole = exponentials(block * np.asarray(h)[..., None, None])
+    return whole[..., :s, :s], whole[..., :s, s:]
+
+
+def with_signals(course: Course, y: Array) -> Course:
+    """Return a course with other channels: recordings that a sensor's effect is taken off."""
+    return replace(course, y=y)

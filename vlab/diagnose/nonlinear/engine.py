@@ -1,0 +1,41 @@
+"""The road of a case whose recorded motion leaves the range in which its model is linear."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from vlab.cases.case import Case
+from vlab.diagnose.nonlinear.prepare import Moving, prepare_moving
+from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
+from vlab.diagnose.nonlinear.search import search_moving
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.search import Found
+from vlab.physics.effect import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AlongMotion:
+    """A case whose recorded motion is far from linear, prepared for a search along that motion."""
+
+    problem: Problem
+    moving: Moving
+
+    def search(self, effects: Sequence[Effect], report: Callable[[float, str], None]) -> Found:
+        """Search what is missing; see `vlab.diagnose.search.search`."""
+        return search_moving(self.problem, self.moving, effects, report)
+
+
+def prepared(case: Case) -> tuple[Problem, AlongMotion | None]:
+    """Prepare a case, for a search along its recorded motion where that is far from linear.
+
+    Raises
+    ------
+    BadCase
+        No recording to fit, recordings that do not fit the model, or motion far from linear of a kind that cannot be handled.
+    """
+    problem = linear_problem(case)
+    if problem is not None:
+        return problem, None
+    check_scope(case)
+    problem, moving = prepare_moving(case)
+    check_contacts(case, moving.courses, moving.motions)
+    return problem, AlongMotion(problem=problem, moving=moving)

@@ -1,0 +1,197 @@
+"""From a case to what the search along the motion works on: runs at their own samples, uncertain parameters, places."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.playback import Bench
+from vlab.cases.wiring import Compared, Run
+from vlab.diagnose.hum import find_hum, without_hum
+from vlab.diagnose.linear_view import ChannelRows, actuator_forces
+from vlab.diagnose.nonlinear.course import Course, Motion, course_of, first_motion
+from vlab.diagnose.nonlinear.stepper import Stepper
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.places import places_of
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.prepare import _commands as recorded_commands
+from vlab.diagnose.signals import Signals, fastest, uniform
+from vlab.diagnose.twin import Change, Twin
+from vlab.diagnose.uncertain import MOST_ELEMENTS, OWN_SHARE, Uncertain, uncertain_parameters
+from vlab.errors import BadCase
+from vlab.plants.base import Plant
+
+GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
+"""Relative standard deviations of moments of inertia and of lengths where a case says nothing: drawings are good to that.
+Near rest they act like masses and stiffnesses; far from it they do not."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moving:
+    """What a `Problem` has besides where the motion is large.
+
+    Parameters
+    ----------
+    courses : tuple of Course
+        The runs at their samples.
+    motions : tuple of Motion
+        Their motion, first estimates.
+    load_ports : tuple of str
+        Ports that recordings drive directly.
+    driven : tuple of int
+        Actuators that recordings or laws drive.
+    substeps : int
+        Of a sample interval.
+    """
+
+    courses: tuple[Course, ...]
+    motions: tuple[Motion, ...]
+    load_ports: tuple[str, ...]
+    driven: tuple[int, ...]
+    substeps: int
+
+    def stepper(self, plant: Plant, channels: Sequence[Compared]) -> Stepper:
+        """Return the stepper of a plant on these runs."""
+        out = Stepper(plant, channels, self.load_ports)
+        out.substeps = self.substeps
+        return out
+
+
+def moving_parameters(
+    plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
+) -> list[Uncertain]:
+    """Return what is uncertain: as near rest, and moments of inertia and lengths as well."""
+    out = uncertain_parameters(plant, given, channels, driven)
+    model = plant.model
+    bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
+    for kind, share in (("inertia", OWN_SHARE["mass"]), ("length", OWN_SHARE["stiffness"])):
+        sd, each = given.get(kind, GEOMETRY_SD[kind]), {}
+        for i in bodies:
+            name = f"body:{model.body(i).name or f'body{i}'}"
+            each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
+        every = tuple(field for fields in each.values() for field in fields)
+        if every:
+            out.append(Uncertain(name=kind, kind=kind, sd=sd, fields=every))
+        if 1 < len(each) <= MOST_ELEMENTS:
+            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=share * sd, fields=f) for n, f in each.items()]
+    return out
+
+
+def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
+    """Return what grows with a body's length: its centre of mass, its sites, and where the next bodies hang on it."""
+    out = [("body_ipos", body)]
+    out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]  # type: ignore[attr-defined]
+    out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]  # type: ignore[attr-defined]
+    return tuple(out)
+
+
+def prepare_moving(case: Case) -> tuple[Problem, Moving]:
+    """Prepare a case's fit recordings for a search along their motion.
+
+    Raises
+    ------
+    BadCase
+        No recording, or runs that compare different channels.
+    """
+    runs = case.runs(("fit",))
+    if not runs:
+        raise BadCase(f"{case.path}: no [[recording]] has the role fit; mark at least one")
+    channels = tuple(c for c in runs[0].compared if c.actuator is None)
+    for run in runs[1:]:
+        if tuple(c for c in run.compared if c.actuator is None) != channels:
+            raise BadCase(
+                f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
+            )
+    plant, names = case.plant, tuple(c.channel for c in channels)
+    load_ports = tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port))
+    driven = sorted(
+        {d.actuator for run in runs for d in run.drives if d.actuator is not None}
+        | {i for run in runs if run.law is not None for i in run.law.actuators}
+    )
+    stepper = Stepper(plant, channels, load_ports)
+    rest = Bench(plant).rest_values(channels)
+    hums = find_hum([run for run in runs if run.measured.is_uniform])
+    highest = max(_fastest(run, names) for run in runs)
+    courses = [
+        course_of(
+            without_hum(run, hums),
+            stepper,
+            rest,
+            len(plant.actuators),
+            load_ports,
+            highest,
+            recorded_commands(plant, run),
+        )
+        for run in runs
+    ]
+    at_rest = plant.new_data().qpos.copy()
+    motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), courses)
+    substeps = stepper.find_substeps(
+        [
+            (m.q[k], m.v[k], c.u[k], c.load[k], float(c.h[k]))
+            for c, m in zip(courses, motions, strict=True)
+            for k in range(0, len(c), max(1, len(c) // 12))
+        ]
+    )
+    parameters = tuple(moving_parameters(plant, case.table.model.uncertain, names, driven))
+    twin = _twin(plant, len(channels), rest, parameters, load_ports)
+    h = float(np.median([np.median(c.h) for c in courses]))
+    problem = Problem(
+        case=case,
+        plant=plant,
+        twin=twin,
+        parameters=parameters,
+        channels=channels,
+        names=names,
+        runs=tuple(runs),
+        signals=tuple(_signals(course, h) for course in courses),
+        places=tuple(places_of(plant, twin, list(names), driven)),
+        hums=hums,
+        highest_hz=highest,
+    )
+    return problem, Moving(
+        courses=tuple(courses),
+        motions=tuple(motions),
+        load_ports=load_ports,
+        driven=tuple(driven),
+        substeps=substeps,
+    )
+
+
+def _fastest(run: Run, names: Sequence[str]) -> float:
+    data = np.column_stack([run.measured[name] for name in names])
+    return fastest(data, uniform(run.measured.time), [0] * len(names))
+
+
+def _signals(course: Course, h: float) -> Signals:
+    """Return a course as the search has runs: deviations from its motion start at nothing."""
+    return Signals(
+        name=course.name,
+        role=course.role,
+        h=h,
+        u=course.u,
+        load=course.load,
+        y=course.y,
+        noise=course.noise,
+        scale=course.scale,
+        at_rest=course.at_rest,
+        valid=course.valid,
+    )
+
+
+def _twin(plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain], load_ports: Sequence[str]) -> Twin:
+    """Return the frame of the search in the plant's own coordinates; what varies along the motion is kept elsewhere."""
+    nv = plant.model.nv
+    zero = np.zeros((p, nv))
+    return Twin(
+        omega=np.zeros(nv),
+        shapes=np.eye(nv),
+        M=np.eye(nv),
+        C=np.zeros((nv, nv)),
+        K=np.zeros((nv, nv)),
+        forces=actuator_forces(plant),
+        loads=plant.port_rows(load_ports).T if load_ports else np.zeros((nv, 0)),
+        rows=ChannelRows(at_q=zero, at_v=zero, at_a=zero, rest=rest),
+        changes=tuple(Change(name=q.name, sd=q.sd, actuator=q.actuator, sensor=q.sensor) for q in parameters),
+    )

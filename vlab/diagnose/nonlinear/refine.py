@@ -1,0 +1,331 @@
+"""Fits far from rest: the linear system along the motion with nonlinear effects inside the loop, for many parameter sets.
+
+The motion that the system is linear about is the recorded one, smoothed; what a hypothesis does is a deviation from it,
+and small where the hypothesis is right. So the fit is that of `vlab.diagnose.refine`, with matrices of every sample.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from vlab.diagnose.nonlinear.laws import Law, Path, path_of
+from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
+from vlab.diagnose.nonlinear.tangent import FINE, stacked
+from vlab.diagnose.places import Place
+from vlab.diagnose.refine import Fit, Refiner, Term
+from vlab.diagnose.refine import _mix as mix
+from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
+from vlab.physics.effect import ActuatorEffect, PickUp, PortEffect, SensorEffect, Step, Values
+from vlab.signals import Array
+
+WINDOWS, LEAST_WINDOW = 12, 60
+"""A run is cut into this many windows, of this many samples at least."""
+PREROLL = 120
+"""Samples of smoothed motion that a law with memory sees before a window."""
+LOOSE = 6.0
+"""Windows start within this multiple of the predictions' standard deviation: what the nominal model lacks may act there."""
+SETTLED = 20
+"""Samples after which the predictions' standard deviation is that of a known motion."""
+PROBE = 0.02
+"""Share of it by which starts are moved to see what they can explain."""
+PAD = 400
+"""Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
+LEAST_ERROR = 0.0005
+"""Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+SETTLINGS, MOST_MOVE = 2, 3.0
+"""Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""
+CHECK_EVERY = 8
+"""Steps between two looks for trials that run away."""
+FAR = 1e6
+"""Deviations stop growing here: such a trial is worth its large residual, and no more."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Which samples of which run a window is."""
+
+    run: int
+    first: int
+    end: int
+
+    def of(self, series: Array) -> Array:
+        """Return the window of a series (n, n_runs, ...)."""
+        return np.asarray(series[self.first : self.end, self.run])
+
+
+class MovingRefiner(Refiner):
+    """Fits hypotheses to runs along their motion.
+
+    Parameters
+    ----------
+    whole : bool
+        Whole runs instead of windows.
+    without : sequence
+        Sensor effects (effect, place, values) that are taken off the recordings before the windows' starts are smoothed.
+    """
+
+    def __init__(
+        self,
+        screen: MovingScreen,
+        *,
+        whole: bool = False,
+        without: Sequence[tuple[SensorEffect, Place, dict[str, float]]] = (),
+        every: int = 1,
+    ) -> None:
+        self.moving = screen
+        smooth = screen.states_without(without) if without else screen.smooth
+        self.parts: list[Part] = []
+        runs: list[Signals] = []
+        for i, run in enumerate(screen.runs):
+            count = 1 if whole else max(1, min(WINDOWS, len(run) // LEAST_WINDOW))
+            edges = np.linspace(0, len(run), count + 1).astype(int)
+            for j, (a, b) in enumerate(pairwise(edges)):
+                if every > 1 and (len(runs) * 0.6180339887 + 0.1 * j) % 1.0 >= 1.0 / every:
+                    continue
+                self.parts.append(Part(i, int(a), int(b)))
+                cut = {name: getattr(run, name)[a:b] for name in ("u", "load", "y")}
+                valid = None if run.valid is None else run.valid[a:b]
+                name = run.name if whole else f"{run.name}[{j}]"
+                runs.append(replace(run, name=name, **cut, valid=valid, t0=float(a), start=smooth[a, i], at_rest=False))
+        self.length = max(len(run) for run in runs)
+        self.whole = whole
+        self.screen, self.problem, self.twin, self.runs = screen, screen.problem, screen.twin, runs
+        self._gather()
+        self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in runs])
+        samples = sum(run.y.size for run in runs)
+        self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        self.active = np.zeros(0, dtype=int)
+        self.start_scale = self._spreads()
+        self.first_starts = [run.start for run in runs]
+        self.loose = {}
+        self.directions = self._informed()
+        self.loose = self._loose_starts()
+
+    def _gather(self) -> None:
+        """Cut the system into windows, (n, n_windows, ...)."""
+        s, screen = self.moving.stack, self.moving
+        self.A, self.G, self.C, self.D = (self._cut(x) for x in (s.A, s.G, s.C, s.D))
+        self.fine_A, self.fine_G = self._cut(s.fine_A), self._cut(s.fine_G)
+        self.defect, self.h = self._cut(s.defect), self._cut(s.h)
+        self.h[self.h <= 0] = 1.0
+        self.t = self._cut(stacked([c.time for c in screen.moving.courses]))
+        self.read = self._cut(stacked([a.read for a in screen.alongs]))
+        self.changes = self._cut(screen.changes)
+        self.v = self._cut(stacked([a.motion.v for a in screen.alongs]))
+        self._lines: dict[str, tuple[Array, Array, Array, Array]] = {}
+        self._paths: dict[tuple[str, int], Path] = {}
+
+    def _cut(self, series: Array) -> Array:
+        out = np.zeros((self.length, len(self.parts), *series.shape[2:]))
+        for w, part in enumerate(self.parts):
+            out[: part.end - part.first, w] = part.of(series)
+        return out
+
+    def _spreads(self) -> list[Array]:
+        """Return what turns unit numbers into likely deviations of every window's start, (2 nv, 2 nv) each."""
+        out = []
+        for part in self.parts:
+            at_rest = part.first == 0 and self.moving.moving.courses[part.run].at_rest
+            sample = part.first if at_rest else max(part.first, min(SETTLED, part.end - 1))
+            size, vectors = np.linalg.eigh(self.moving.gains.P[sample, part.run])
+            out.append((1.0 if at_rest else LOOSE) * vectors * np.sqrt(np.maximum(size, 0.0)))
+        return out
+
+    def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
+        """See `Refiner`; the spread of starts is that of the filter's predictions."""
+        return self._loose((), self.moving.theta, [])[1]
+
+    def _loose(
+        self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]]
+    ) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
+        """Return what a hypothesis gives, (n, n_windows, p), and for every window what its start can explain, see `Refiner`."""
+        m2 = 2 * self.twin.m
+        middle = np.array([run.start for run in self.runs])
+        starts = np.repeat(middle[None], m2 + 1, axis=0)
+        for w, spread in enumerate(self.start_scale):
+            starts[1:, w] += PROBE * spread.T
+        own = [{k: np.full(m2 + 1, v) for k, v in p.items()} for p in values]
+        y = self.simulate(self.runs, terms, np.repeat(theta[None], m2 + 1, axis=0), own, starts)
+        moved = np.clip(np.nan_to_num((y[:, 1:] - y[:, :1]) / PROBE), -FAR, FAR)
+        out = {}
+        for w, run in enumerate(self.runs):
+            seen = moved[: len(run), :, w] * run.usable[:, None, :] / self.sigma[w]
+            response = seen.transpose(0, 2, 1).reshape(-1, m2)
+            out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
+        return y[:, 0], out
+
+    def _descend(self, layout: Any, terms: Sequence[Term], x: Array, iterations: int) -> Fit:
+        theta, offsets, _, entries = self._unpack(layout, x[None])
+        values = [{k: float(v[0]) for k, v in p.items()} for p in self._values(layout, terms, entries)]
+        self.settle(terms, theta[0], values, offsets[0])
+        return super()._descend(layout, terms, x, iterations)
+
+    def settle(
+        self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array
+    ) -> Array:
+        """Move the starts of whole runs to where a hypothesis fits best, and return what it then gives, (n, n_windows, p).
+
+        Windows are so short that what their starts explain is as good as linear in them.
+        """
+        self.runs = [replace(run, start=start) for run, start in zip(self.runs, self.first_starts, strict=True)]
+        y, self.loose = self._loose(terms, theta, values)
+        for _ in range(SETTLINGS if self.whole else 0):
+            starts = []
+            for w, run in enumerate(self.runs):
+                missed = ((y[: len(run), w] + offsets - run.y) * run.usable / self.sigma[w]).ravel()
+                move = self.loose[w][1] @ np.clip(missed, -FAR, FAR)
+                starts.append(run.start - self.start_scale[w] @ np.clip(move, -MOST_MOVE, MOST_MOVE))
+            self.runs = [replace(run, start=start) for run, start in zip(self.runs, starts, strict=True)]
+            y, self.loose = self._loose(terms, theta, values)
+        return y
+
+    # ---- simulation -------------------------------------------------------------------------------------------------
+
+    def simulate(
+        self,
+        runs: list[Signals],
+        terms: Sequence[Term],
+        theta: Array,
+        values: Sequence[Mapping[str, Array]],
+        starts: Array,
+    ) -> Array:
+        """See `Refiner`; `starts` are deviations from the motion."""
+        assert len(runs) == len(self.parts)
+        drive, forces = self._drive(terms, theta, values, len(theta))
+        acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
+        steps = FINE if any(term.effect.family == "friction" for term, _ in acting) else 1
+        A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
+        laws = [self._law(term, own, G, steps) for term, own in acting]
+        laws.sort(key=lambda law: (not law.is_linear, law.is_last))
+        drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
+        x, seen = starts.copy(), bool(np.any(self.D))
+        states = np.zeros((self.length, *x.shape))
+        for k in range(self.length):
+            states[k] = x
+            for j in range(steps):
+                free = np.einsum("wab,swb->swa", A[k], x) + drive[k]
+                for law in laws:
+                    push = law.push(k, j, x, free)
+                    if seen and j == 0:
+                        forces[k] += push
+                x = free
+            x = x - self.defect[k]
+            if k % CHECK_EVERY == 0:
+                x = np.clip(np.nan_to_num(x, nan=FAR), -FAR, FAR)
+        y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
+        if seen:
+            y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
+        for i, change in enumerate(self.twin.changes):
+            if change.sensor is not None:
+                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, PickUp):
+                mix(y, term, own, runs)
+            elif isinstance(term.effect, SensorEffect):
+                self._sense(y, term.effect, term.place.index, own)
+        return y
+
+    def _drive(
+        self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
+    ) -> tuple[Array, Array]:
+        """Return the generalised forces that drive the deviations, (n, n_sets, n_windows, nv), and those that sensors see."""
+        own = np.expm1(np.clip(theta - self.moving.theta, -3.0, 3.0))
+        own[:, [c.sensor is not None for c in self.twin.changes]] = 0.0
+        forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
+        for term, given in zip(terms, values, strict=True):
+            if isinstance(term.effect, ActuatorEffect):
+                for i in term.place.indices:
+                    forces += self._actuated(term.effect, i, given, n_sets)
+        return forces, forces.copy()
+
+    def _law(self, term: Term, own: Mapping[str, Array], G: Array, steps: int) -> Law:
+        rows, z, v, weight = self.lines(term.place)
+        path = self._paths.get((term.place.name, steps))
+        if path is None:
+            path = path_of(rows, z, v, self.defect, self.h, G, weight, steps)
+            self._paths[term.place.name, steps] = path
+        command = None if term.place.coil is None else self._cut(self.moving.commands(term.place.coil))
+        memory = self._remembered(term, own) if isinstance(term.effect, PortEffect) else None
+        return Law(term, own, path, self.t, command, memory)
+
+    def _remembered(self, term: Term, own: Mapping[str, Array]) -> Any:
+        """Return a law's memory after the smoothed motion that stands before every window."""
+        effect, s = term.effect, self.moving
+        assert isinstance(effect, PortEffect)
+        p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+        memory = effect.memory((len(next(iter(own.values()))), len(self.parts)))
+        longest = min(PREROLL, max(part.first for part in self.parts))
+        if memory is None or longest == 0:
+            return memory
+        lines, nv = s.lines_of(term.place), self.twin.m
+        z, v = np.zeros((longest, len(self.parts))), np.zeros((longest, len(self.parts)))
+        h = np.full((longest, len(self.parts)), s.runs[0].h)
+        for w, part in enumerate(self.parts):
+            count = min(longest, part.first)
+            if count:
+                cut = slice(part.first - count, part.first)
+                row, deviation = lines.rows[0][cut, part.run], s.smooth[cut, part.run]
+                z[-count:, w] = lines.z[0][cut, part.run] + np.einsum("kn,kn->k", row, deviation[:, :nv])
+                speed = s.alongs[part.run].motion.v[cut] + deviation[:, nv:]
+                v[-count:, w] = np.einsum("kn,kn->k", row, speed)
+                h[-count:, w] = s.stack.h[cut, part.run]
+        for k in range(longest):
+            memory = effect.force(z[k][None], v[k][None], p, Step(h=h[k][None]), memory)[1]
+        return memory
+
+    def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
+        courses, h = self.moving.moving.courses, self.moving.runs[0].h
+        changed = np.zeros((self.length, n_sets, len(self.parts)))
+        for s in range(n_sets):
+            p = {k: float(v[s]) for k, v in given.items()}
+            series = stacked([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in courses])
+            changed[:, s] = self._cut(series)
+        return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
+
+    def _sense(self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array]) -> None:
+        """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
+        h = self.moving.runs[0].h
+        for r, course in enumerate(self.moving.moving.courses):
+            mine = [(w, part) for w, part in enumerate(self.parts) if part.run == r]
+            if not mine:
+                continue
+            first, end = min(p.first for _, p in mine), max(p.end for _, p in mine)
+            t = course.time[first:end]
+            is_even = bool(np.ptp(np.diff(t)) < 1e-6 * h)
+            for s in range(y.shape[1]):
+                p = {k: float(v[s]) for k, v in given.items()}
+                whole = self.read_of(r, index)[first:end].copy()
+                for w, part in mine:
+                    whole[part.first - first : part.end - first] = y[: part.end - part.first, s, w, index]
+                changed = _sensed(effect, whole, p, h, t, is_even)
+                for w, part in mine:
+                    y[: part.end - part.first, s, w, index] = changed[part.first - first : part.end - first]
+
+    def read_of(self, run: int, channel: int) -> Array:
+        """Return what a channel reads along a run's motion."""
+        return self.moving.alongs[run].read[:, channel]
+
+    def lines(self, place: Place) -> tuple[Array, Array, Array, Array]:
+        """Return rows (k, n, n_windows, nv), coordinates and rates along the motion (k, n, n_windows), and weights (k,)."""
+        if place.name not in self._lines:
+            whole: Lines = self.moving.lines_of(place)
+            rows = np.stack([self._cut(r) for r in whole.rows])
+            z = np.stack([self._cut(r) for r in whole.z])
+            self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
+        return self._lines[place.name]
+
+
+def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:
+    """Return what a sensor makes of a record; of an uneven one the change is found on even samples."""
+    grid = t if is_even else np.linspace(t[0], t[-1], len(t))
+    step = h if is_even else float(grid[1] - grid[0])
+    even = x if is_even else CubicSpline(t, x)(grid)
+    pad = min(PAD, len(even) - 1)
+    longer = np.concatenate([2 * even[0] - even[pad:0:-1], even])
+    times = grid[0] + step * (np.arange(len(longer)) - pad)
+    out = np.asarray(effect.sense(longer, p, step, times))[pad:]
+    return out if is_even else x + np.interp(t, grid, out - even)

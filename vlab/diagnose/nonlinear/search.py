@@ -1,0 +1,140 @@
+"""The search far from rest: that of `vlab.diagnose.search`, on the system along the motion."""
+
+from collections.abc import Callable, Sequence
+
+from vlab.diagnose.nonlinear.polish import SimulatedRefiner
+from vlab.diagnose.nonlinear.prepare import Moving
+from vlab.diagnose.nonlinear.refine import MovingRefiner
+from vlab.diagnose.nonlinear.screen import MovingScreen
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.refine import ITERATIONS, Fit, Term
+from vlab.diagnose.screen import Candidate
+from vlab.diagnose.search import (
+    ENOUGH,
+    FINISHED,
+    LEAST_GAIN,
+    PLACES,
+    QUICK,
+    SECONDS,
+    SEEDS,
+    SLOW,
+    SLOW_SHORTLIST,
+    Found,
+    Hypothesis,
+    _on_whole_runs,
+    _scored,
+    _shortlist,
+    _shows,
+)
+from vlab.physics.effect import Effect, SensorEffect
+
+
+def search_moving(
+    problem: Problem, moving: Moving, effects: Sequence[Effect], report: Callable[[float, str], None]
+) -> Found:
+    """Search what is missing on a problem's fit runs, along their motion; see `vlab.diagnose.search.search`."""
+    effects = [effect for effect in effects if _shows(problem, effect)]
+    report(0.05, "finding the motion")
+    screen = MovingScreen(problem, moving)
+    candidates = screen.candidates(effects, lambda share: report(0.3 + 0.15 * share, "screening"))
+    narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+    before = _scored(narrow, narrow.fit(), 0.0)
+    shortlist = _shortlist(candidates)
+    if before.level > ENOUGH:
+        report(0.45, "screening with a slower observer")
+        known = {c.label for c in shortlist}
+        slow = _shortlist(screen.slower(SLOW).candidates(effects))[:SLOW_SHORTLIST]
+        shortlist += [c for c in slow if c.label not in known]
+    screen.forget()
+    report(0.5, "fitting single effects")
+    fitted = side_by_side(lambda c: _fitted(narrow, [c], before.fit), shortlist)
+    fitted = _finished(narrow, fitted)
+    if fitted and min(h.level for h in fitted) > ENOUGH:
+        report(0.65, "fitting pairs of effects")
+        fitted += _finished(narrow, _pairs(screen, narrow, shortlist, fitted, before.fit, effects))
+        fitted.sort(key=lambda h: -h.score)
+    report(0.85, "fitting whole recordings")
+    if fitted:  # once more about the refitted plant of the best hypothesis: what is uncertain then changes by little
+        screen = screen.at(fitted[0].fit.theta)
+        narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+        fitted = _finished(narrow, fitted)
+        before = _scored(narrow, narrow.fit((), before.fit), 0.0)
+    fitted, before = _on_whole_runs(whole, narrow, fitted, before)
+    places = _other_places(narrow, fitted[0], candidates, before.fit) if fitted else {}
+    return Found(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=SimulatedRefiner(screen),
+        before=before,
+        hypotheses=tuple(fitted),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _for(refiner: MovingRefiner, terms: Sequence[Term]) -> MovingRefiner:
+    """Return the refiner of a hypothesis: windows of its own where it says that a sensor is wrong."""
+    wrong = [(t.effect, t.place, dict(t.values)) for t in terms if isinstance(t.effect, SensorEffect)]
+    return MovingRefiner(refiner.moving, without=wrong) if wrong else refiner
+
+
+def _fitted(refiner: MovingRefiner, candidates: Sequence[Candidate], start: Fit) -> Hypothesis:
+    terms = [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
+    own = _for(refiner, terms)
+    return _scored(own, own.fit(terms, start, QUICK), sum(c.gain for c in candidates))
+
+
+def _finished(refiner: MovingRefiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses by score, the best of them fitted to the end."""
+    order = sorted(hypotheses, key=lambda h: -h.score)
+
+    def finished(h: Hypothesis) -> Hypothesis:
+        own = _for(refiner, h.terms)
+        return _scored(own, own.fit(h.terms, h.fit, ITERATIONS), h.gain)
+
+    done = side_by_side(finished, order[:FINISHED])
+    return sorted([*done, *order[FINISHED:]], key=lambda h: -h.score)
+
+
+def _pairs(
+    screen: MovingScreen,
+    refiner: MovingRefiner,
+    shortlist: Sequence[Candidate],
+    fitted: Sequence[Hypothesis],
+    start: Fit,
+    effects: Sequence[Effect],
+) -> list[Hypothesis]:
+    """Return fits of a second effect on top of the best single ones: by score, and by what they gained in the screening."""
+    by_label = {c.label: c for c in shortlist}
+    seeds = [by_label[fitted[0].label]]
+    seeds += [c for c in shortlist if c not in seeds]
+    pairs: dict[frozenset[str], list[Candidate]] = {}
+    for seed in seeds[:SEEDS]:
+        best: dict[str, Candidate] = {}
+        for candidate in screen.given([seed]).candidates(effects):
+            if candidate.effect.name != seed.effect.name:
+                best.setdefault(candidate.effect.name, candidate)
+        for second in list(best.values())[:SECONDS]:
+            if second.gain > LEAST_GAIN:
+                pairs.setdefault(frozenset((seed.label, second.label)), [seed, second])
+    return side_by_side(lambda pair: _fitted(refiner, pair, start), list(pairs.values()))
+
+
+def _other_places(
+    refiner: MovingRefiner, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
+) -> dict[str, Hypothesis]:
+    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    first, others = best.terms[0], best.terms[1:]
+    elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+
+    def fitted(c: Candidate) -> Hypothesis:
+        terms = [Term(effect=c.effect, place=c.place, values=c.values), *others]
+        own = _for(refiner, terms)
+        return _scored(own, own.fit(terms, start, QUICK + 2), c.gain)
+
+    chosen = elsewhere[: PLACES - 1]
+    found = side_by_side(fitted, chosen)
+    here = _scored(_for(refiner, best.terms), best.fit, best.gain)  # as the others: in windows only
+    return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

@@ -1,0 +1,167 @@
+"""Effects in frequency: what a linear law does to small motion, taken from the law itself as it runs in time.
+
+A law is written once, as something that happens from step to step. Whether it is linear is found by trying; a linear force
+with memory is measured state by state and put into continuous time, and a linear change of a command or a sample is given
+by its response to an impulse. So a user's own effect has a frequency response without saying one.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from vlab.physics.effect import (
+    ActuatorEffect,
+    Effect,
+    LinearPortEffect,
+    PickUp,
+    PortEffect,
+    SensorEffect,
+    Step,
+    Values,
+)
+from vlab.signals import Array, ComplexArray
+
+TRIED = 48
+"""Steps of the motion that a law is tried on."""
+SCALES = (1e-3, 1.0, 1e3)
+SAME = 1e-9
+FINE = 1e-4
+"""Step in which a law with memory is measured, in radians of the fastest motion of interest."""
+PER_CYCLE, IMPULSE = 64, 1 << 15
+"""Samples per cycle of the highest frequency in which a filter is measured, and length of its response to an impulse."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmallSignal:
+    """A linear force at a port: F = -(mass z'' + damping z' + stiffness z) - C x, x' = A x + B [z, z'].
+
+    Parameters
+    ----------
+    A, B, C : (n, n), (n, 2), (n,) array
+        Of the law's own states; empty without memory.
+    """
+
+    mass: float
+    damping: float
+    stiffness: float
+    A: Array
+    B: Array
+    C: Array
+
+    def impedance(self, s: ComplexArray) -> ComplexArray:
+        """Return the force that it resists with per unit displacement, at complex frequencies s [rad/s], any shape."""
+        s = np.asarray(s, dtype=complex)
+        out = (self.mass * s + self.damping) * s + self.stiffness
+        if len(self.A):
+            moved = self.B[:, 0] + s[..., None] * self.B[:, 1]
+            states = np.linalg.solve(s[..., None, None] * np.eye(len(self.A)) - self.A, moved[..., None])[..., 0]
+            out = out + states @ self.C
+        return np.asarray(out)
+
+
+def small_signal(
+    effect: PortEffect | LinearPortEffect, values: Values, own_stiffness: float, fastest: float
+) -> SmallSignal:
+    """Return the linear force of an effect at a port.
+
+    Parameters
+    ----------
+    own_stiffness : float
+        Stiffness of the elastic element at the port, where there is one.
+    fastest : float
+        Circular frequency of the fastest motion of interest [rad/s].
+    """
+    none = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros(0)
+    if isinstance(effect, LinearPortEffect):
+        mass, damping, stiffness = (float(v) for v in effect.impedance(values, own_stiffness))
+        return SmallSignal(mass=mass, damping=damping, stiffness=stiffness, A=none[0], B=none[1], C=none[2])
+    h, p = FINE / fastest, {k: float(v) for k, v in values.items()}
+    start = effect.memory(())
+    n = 0 if start is None else len(start)
+
+    def response(z: float, v: float, state: list[float]) -> tuple[float, list[float]]:
+        force, after = effect.force(z, v, p, Step(h), state if n else None)
+        return float(force), [float(x) for x in after] if n else []
+
+    at_z, at_v = response(1.0, 0.0, [0.0] * n), response(0.0, 1.0, [0.0] * n)
+    D = np.array([at_z[0], at_v[0]])
+    if n == 0:
+        return SmallSignal(mass=0.0, damping=-D[1], stiffness=-D[0], A=none[0], B=none[1], C=none[2])
+    units = [response(0.0, 0.0, list(row)) for row in np.eye(n)]
+    stepped, read = np.array([after for _, after in units]).T, np.array([force for force, _ in units])
+    A = _logarithm(stepped) / h
+    B = np.array([at_z[1], at_v[1]]).T / h
+    # the force belongs to the middle of the step, the states to its start: half a step back, and half a step of the input
+    C = read @ linalg.expm(-A * h)
+    D = D - 0.5 * h * read @ B
+    return SmallSignal(mass=0.0, damping=-float(D[1]), stiffness=-float(D[0]), A=A, B=B, C=-C)
+
+
+def _logarithm(stepped: Array) -> Array:
+    """Return the logarithm of a matrix that is close to the identity, as of a short step."""
+    x = stepped - np.eye(len(stepped))
+    if np.abs(x).sum(axis=0).max() > 0.02:  # a law much faster than the motion of interest
+        return np.real(linalg.logm(stepped))
+    out, power = x.copy(), x
+    for k in range(2, 8):
+        power = -power @ x
+        out += power / k
+    return np.asarray(out)
+
+
+def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq: Array) -> ComplexArray:
+    """Return what a linear actuator or sensor effect does to a command or a motion, (n,), at frequencies [Hz].
+
+    Of a `PickUp` it is the part that does not come from the other signal.
+    """
+    p = {k: float(v) for k, v in values.items()}
+    if isinstance(effect, PickUp):
+        return np.full(len(freq), complex(effect.mix(1.0, 0.0, p)))
+    top = max(float(np.max(freq)), 1e-9)
+    h = 1.0 / (PER_CYCLE * top)
+    impulse = np.zeros(IMPULSE)
+    impulse[0] = 1.0
+    if isinstance(effect, ActuatorEffect):
+        out = effect.actuate(impulse, p, h)
+    else:
+        out = effect.sense(impulse, p, h, np.arange(IMPULSE) * h)
+    lines, response = np.fft.rfftfreq(IMPULSE, h), np.fft.rfft(out)
+    return np.asarray(np.interp(freq, lines, response.real) + 1j * np.interp(freq, lines, response.imag))
+
+
+def is_linear(effect: Effect) -> bool:
+    """Say whether an effect's law is linear, does not change with time and does anything at all to small motion."""
+    if isinstance(effect, (LinearPortEffect, PickUp)):
+        return True
+    return _tried(effect)
+
+
+@cache
+def _tried(effect: Effect) -> bool:
+    values = {p.name: p.grid[0] if p.grid else 1.0 for p in effect.parameters}
+    signal = np.random.default_rng(0).standard_normal(TRIED)
+    with np.errstate(all="ignore"):
+        runs = [_run(effect, values, scale * signal) / scale for scale in SCALES]
+        late = _run(effect, values, np.concatenate([np.zeros(7), signal]))[7:]
+    size = np.abs(runs[1]).max()
+    return bool(
+        np.isfinite(size) and size > 0 and all(np.abs(run - runs[1]).max() <= SAME * size for run in (*runs, late))
+    )
+
+
+def _run(effect: Effect, values: Values, signal: Array) -> Array:
+    h = 0.01
+    if isinstance(effect, ActuatorEffect):
+        return effect.actuate(signal, values, h)
+    if isinstance(effect, SensorEffect):
+        return effect.sense(signal, values, h, np.arange(len(signal)) * h)
+    assert isinstance(effect, PortEffect)
+    memory: Any = effect.memory(())
+    out = np.zeros(len(signal))
+    rate = np.diff(signal, prepend=0.0) / h
+    for k, (z, v) in enumerate(zip(signal.tolist(), rate.tolist(), strict=True)):
+        out[k], memory = effect.force(z, v, values, Step(h, k * h), memory)
+    return out

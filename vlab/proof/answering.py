@@ -1,0 +1,70 @@
+"""The answer to one concealed case: what the diagnosis says, without the truth."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vlab.cases import load_case
+from vlab.diagnose.engine import Diagnosed, FrequencyDiagnosed, diagnose
+from vlab.errors import VlabError
+from vlab.proof.baselines import baselines_of
+
+Report = Callable[[Diagnosed | FrequencyDiagnosed, Path], None]
+"""Writes the report of a diagnosis into a folder."""
+
+
+def answer_case(item: tuple[str, Path], *, baselines: bool = False) -> tuple[str, dict[str, Any]]:
+    """Return a case's name and the answer to it; whatever goes wrong is an answer too, and a wrong one.
+
+    Parameters
+    ----------
+    item : (name, folder)
+    baselines : bool
+        Whether the simple methods answer as well.
+    """
+    name, folder = item
+    began = time.monotonic()
+    try:
+        case = load_case(folder)
+        answer = diagnose(case).diagnosis.to_json()
+        if baselines:
+            answer["baselines"] = baselines_of(case)
+    except VlabError as error:
+        answer = {"verdict": "refused", "findings": [], "error": " ".join(str(error).split())}
+    except Exception as error:  # a fault of the program must not stop a campaign; it is counted and listed
+        answer = {
+            "verdict": "crashed",
+            "findings": [],
+            "error": f"{type(error).__name__}: {' '.join(str(error).split())}",
+        }
+    answer["seconds"] = time.monotonic() - began
+    return name, {"case": name, **_plain(answer)}
+
+
+def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dict[str, str]:
+    """Diagnose some cases again and write their reports; return the path of each."""
+    paths = {}
+    for name in names:
+        folder = out / name
+        if not (folder / "report.html").exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                report(diagnose(load_case(cases / name)), folder)
+            except VlabError:
+                continue
+        paths[name] = str(folder / "report.html")
+    return paths
+
+
+def _plain(value: Any) -> Any:
+    """Return plain values; what is not finite becomes None."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item") and not isinstance(value, (str, bytes)):
+        value = value.item()
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value

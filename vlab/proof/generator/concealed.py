@@ -1,0 +1,351 @@
+"""One concealed case: a thing as built, what is hidden in it, its recordings, and the whole truth about both."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.errors import BadExperiment, Diverged
+from vlab.proof.generator.bench import Bench, Blueprint
+from vlab.proof.generator.hardware import Output, Pickup
+from vlab.proof.generator.hidden import Hidden, Kind, places_for
+from vlab.proof.generator.march import Feedback
+from vlab.proof.generator.plan import Plan, plan
+from vlab.proof.generator.simulate import Setup, scale_at
+from vlab.proof.generator.sizing import Refit, Size
+from vlab.signals import Array
+
+NOISE = {"low": 0.002, "middle": 0.007, "high": 0.02}
+"""Standard deviation of the noise over the rms of each channel at the middle level."""
+SEARCH_HZ = 1000.0
+"""Integration steps per second while the size is looked for, at least."""
+TRIES, DRAWS = 9, 12
+"""Sizes tried for one draw, and draws, before a case is given up."""
+CLOSE = 1.25
+"""A size is right within this factor of the one wanted."""
+LARGEST = 0.6
+"""Something hidden changes the signals by at most this share of their rms."""
+HALVED_S = 1.5
+"""Seconds of the loudest recording that are integrated again with half the step."""
+DELAY_SAMPLES, CORNER_HZ = 1.35, 677.0
+"""Nominal converter of the laboratory (its description says the same); the true one is within 2 %."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What a case shall hide.
+
+    Parameters
+    ----------
+    kinds : tuple of tuples of Kind
+        One tuple of candidates per hidden thing; empty for nothing.
+    low, high : float
+        Range of the size left after a refit, in units of the noise.
+    one_level : bool
+        The recordings to fit stay near one level.
+    absorbed : float
+        Share of the change that the refit takes up, at least.
+    in_loop : bool
+        A rate feedback is at work in every recording.
+    """
+
+    suite: str
+    kinds: tuple[tuple[Kind, ...], ...] = ()
+    low: float = 1.5
+    high: float = 30.0
+    one_level: bool = False
+    absorbed: float = 0.0
+    in_loop: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Concealed:
+    """A finished case.
+
+    Parameters
+    ----------
+    outputs : (n_samples, n_sensors, runs) array
+        As recorded.
+    law : dict or None
+        Sensors, actuators and gains of the rate feedback.
+    truth : dict
+        Plain values.
+    """
+
+    blueprint: Blueprint
+    plan: Plan
+    sensors: tuple[tuple[str, str, str], ...]
+    outputs: Array
+    law: dict[str, Any] | None
+    truth: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Drawn:
+    """A thing as built, with its recordings planned and its response without anything hidden."""
+
+    factors: dict[str, float]
+    plan: Plan
+    setup: Setup
+    pickup: Pickup
+    noise: Array
+    level: str
+    null: Array
+    law: dict[str, Any] | None
+
+
+def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> Concealed:
+    """Make one case.
+
+    Raises
+    ------
+    BadExperiment
+        Nothing of the wanted kinds and size was found.
+    """
+    drawn = _draw(blueprint, wanted, rng)
+    hidden, size, y = _hide(blueprint, wanted, drawn, rng)
+    outputs = drawn.pickup.quantised(y + drawn.noise)
+    truth = {
+        "suite": wanted.suite,
+        "bench": blueprint.name,
+        "hidden": [_described(x, drawn.setup.bench) for x in hidden],
+        "size": None if size is None else {**asdict(size), "absorbed": size.absorbed},
+        "noise": drawn.level,
+        "sigma": drawn.pickup.sigma.tolist(),
+        "hum": {"over_sigma": drawn.pickup.hum, "hz": drawn.pickup.hum_hz},
+        "quantisation_over_sigma": drawn.pickup.step,
+        "benign": drawn.factors,
+        "output": asdict(drawn.setup.output),
+        "in_loop": wanted.in_loop,
+        "one_level": wanted.one_level,
+        "recordings": [asdict(r) for r in drawn.plan.recordings],
+        "step_halved": _halved(drawn, hidden),
+    }
+    sensors = tuple((name, s.kind, s.unit) for name, s in drawn.setup.bench.sensors.items())
+    return Concealed(blueprint=blueprint, plan=drawn.plan, sensors=sensors, outputs=outputs, law=drawn.law, truth=truth)
+
+
+def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Drawn:
+    factors = {b.name: float(b.sd * np.clip(rng.standard_normal(), -2.5, 2.5)) for b in blueprint.benign}
+    recordings = plan(blueprint, rng, one_level=wanted.one_level)
+    names = [b.name.partition(":")[2] for b in blueprint.benign if b.kind == "sensor"]
+    shifts = {name: float(blueprint.place_sd * rng.standard_normal()) for name in names}
+    bench = blueprint.build(factors, shifts)
+    output = Output()
+    if blueprint.input_kind == "command":
+        delay, corner = DELAY_SAMPLES * rng.uniform(0.98, 1.02), CORNER_HZ * rng.uniform(0.98, 1.02)
+        output = Output(delay_s=delay / blueprint.rate_hz, corner_hz=corner)
+    setup = Setup(
+        bench=bench,
+        output=output,
+        rate_hz=blueprint.rate_hz,
+        substeps=blueprint.substeps,
+        seed=int(rng.integers(2**31)),
+    )
+    commands = recordings.commands
+    quiet = setup.run(commands, ())
+    level = str(rng.choice(list(NOISE)))
+    sigma = NOISE[level] * np.sqrt(np.mean(quiet[:, :, recordings.middle] ** 2, axis=0))
+    pickup = Pickup(
+        sigma=sigma,
+        hum=float(rng.uniform(0.0, 0.4)),
+        hum_hz=50.0 + float(rng.uniform(-0.05, 0.05)),
+        step=float(rng.uniform(0.2, 1.0)),
+    )
+    noise = pickup.noise(rng, len(commands), commands.shape[2], blueprint.rate_hz)
+    law = None
+    if wanted.in_loop:
+        setup, law = _closed(blueprint, setup, noise, rng)
+        quiet = setup.run(commands, ())
+    return _Drawn(
+        factors=factors,
+        plan=recordings,
+        setup=setup,
+        pickup=pickup,
+        noise=noise,
+        level=level,
+        null=quiet,
+        law=law,
+    )
+
+
+def _closed(blueprint: Blueprint, setup: Setup, noise: Array, rng: np.random.Generator) -> tuple[Setup, dict[str, Any]]:
+    """Close a collocated rate feedback around the first actuator that has a velocity sensor at its place."""
+    bench = setup.bench
+    for i, (name, load) in enumerate(bench.actuators.items()):
+        for j, (sensor, s) in enumerate(bench.sensors.items()):
+            aligned = abs(s.row @ load) / np.linalg.norm(s.row) / np.linalg.norm(load)
+            if s.order == 1 and aligned > 0.99:
+                omega = 2 * np.pi * bench.frequencies()[0]
+                critical = omega / float(s.row @ np.linalg.solve(bench.M, load))
+                gain = float(rng.uniform(0.2, 0.6)) * critical
+                feedback = Feedback(actuators=(i,), sensors=(j,), gains=np.array([[gain]]), noise=noise[:, [j]])
+                law = {"sensors": [sensor], "actuators": [name], "gains": [[gain]]}
+                return replace(setup, feedback=feedback), law
+    raise BadExperiment(f"the {blueprint.name} has no velocity sensor beside an actuator: no rate feedback there")
+
+
+def _hide(
+    blueprint: Blueprint, wanted: Wanted, drawn: _Drawn, rng: np.random.Generator
+) -> tuple[list[Hidden], Size | None, Array]:
+    """Draw what is hidden and its size until the size is in the range; return it with the true outputs."""
+    if not wanted.kinds:
+        return [], None, drawn.null
+    fit = drawn.plan.fit
+    setup = drawn.setup
+    commands = drawn.plan.commands
+    bench, feedback = setup.bench, setup.feedback
+    if feedback is not None:  # the refit sees the loop as a damper
+        load, row = bench.loads[:, feedback.actuators[0]], list(bench.sensors.values())[feedback.sensors[0]].row
+        bench = bench.adding(C=float(feedback.gains[0, 0]) * np.outer(load, row))
+    refit = Refit(
+        blueprint,
+        drawn.factors,
+        bench,
+        setup.output,
+        commands[:, :, fit],
+        drawn.pickup.sigma,
+        max(1, round(blueprint.rate_hz / (8 * blueprint.band_hz[1]))),
+    )
+    for _ in range(DRAWS):
+        found = _sized(blueprint, wanted, drawn, refit, rng)
+        if found is None:
+            continue
+        try:
+            with np.errstate(all="ignore"):
+                y = setup.run(commands, found)
+        except Diverged:
+            continue
+        size = refit.size(y[:, :, fit], drawn.null[:, :, fit])
+        tame = np.all(np.isfinite(y)) and np.abs(y).max() < 1e3 * np.abs(drawn.null).max()
+        in_range = wanted.low / CLOSE <= size.left <= wanted.high * CLOSE and size.of_signal <= 1.5 * LARGEST
+        if tame and in_range and size.absorbed >= wanted.absorbed:
+            return found, size, y
+    raise BadExperiment(f"no {wanted.suite} case of the wanted size was found on the {blueprint.name}")
+
+
+def _sized(
+    blueprint: Blueprint, wanted: Wanted, drawn: _Drawn, refit: Refit, rng: np.random.Generator
+) -> list[Hidden] | None:
+    """Draw things and places; find the size of each one alone, by secants in the logarithm."""
+    out: list[Hidden] = []
+    taken: set[str] = set()
+    for candidates in wanted.kinds:
+        kind = candidates[int(rng.integers(len(candidates)))]
+        driven = (drawn.plan.driven[0],)
+        options = [
+            p for p in places_for(drawn.setup.bench, kind.on, angular=kind.angular, driven=driven) if p not in taken
+        ]
+        if not options:
+            return None
+        place = options[int(rng.integers(len(options)))]
+        taken.add(place)
+        shapes = kind.draw(rng)
+        relative = drawn.pickup.sigma / np.sqrt(np.mean(drawn.null[:, :, drawn.plan.loudest] ** 2, axis=0))
+        most = min(wanted.high, LARGEST / float(np.mean(relative)))
+        target = float(np.exp(rng.uniform(np.log(wanted.low), np.log(max(most, wanted.low * 1.01)))))
+        loud = drawn.plan.loudest
+        scale = scale_at(drawn.setup, drawn.plan.commands[:, :, loud], place, drawn.null[:, :, loud], blueprint.band_hz)
+        if kind.on == "element" and scale.own <= 0:
+            return None
+        one = Hidden(kind=kind, place=place, shapes=shapes, scale=scale, size=min(kind.start, kind.most))
+        found = _to_size(one, target, drawn, refit)
+        if found is None:
+            return None
+        out.append(found)
+    return out
+
+
+def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden | None:
+    """Change the size of something until what a refit leaves of it is `target`; None where that is out of reach."""
+    fit = drawn.plan.fit
+    commands = drawn.plan.commands[:, :, fit]
+    substeps = max(1, round(SEARCH_HZ / drawn.setup.rate_hz))
+    feedback = drawn.setup.feedback
+    if feedback is not None:
+        feedback = replace(feedback, noise=feedback.noise[:, :, fit])
+    setup = replace(drawn.setup, substeps=substeps, feedback=feedback)
+    null = drawn.null[:, :, fit]
+    low, high = 0.0, np.inf  # sizes known to be too small and too large
+    for _ in range(TRIES):
+        left, share = _left(setup, commands, one, null, refit)
+        left = np.inf if share > LARGEST else left
+        if target / CLOSE <= left <= target * CLOSE:
+            return one
+        if left < target:
+            low = one.size
+        else:
+            high = one.size
+        factor = 0.3 if not np.isfinite(left) else float(np.clip(target / max(left, 1e-12), 0.05, 20.0))
+        new = one.size * factor
+        if low > 0 and np.isfinite(high) and not low < new < high:
+            new = float(np.sqrt(low * high))
+        new = min(new, one.kind.most)
+        if new == one.size or (np.isfinite(high) and low > 0.98 * high):
+            return None
+        one = replace(one, size=new)
+    return None
+
+
+def _left(setup: Setup, commands: Array, one: Hidden, null: Array, refit: Refit) -> tuple[float, float]:
+    """Return what a refit leaves of something hidden, and its share of the signals; infinite where the motion is wild."""
+    try:
+        with np.errstate(all="ignore"):
+            y = setup.run(commands, [one])
+    except Diverged:
+        return np.inf, np.inf
+    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e3 * np.abs(null).max():
+        return np.inf, np.inf
+    return refit.left(y, null)
+
+
+def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
+    """Integrate the beginning of the loudest recording again with half the step."""
+    setup, loud = drawn.setup, drawn.plan.loudest
+    count = round(HALVED_S * setup.rate_hz)
+    commands = drawn.plan.commands[:count, :, [loud]]
+    feedback = setup.feedback
+    if feedback is not None:
+        feedback = replace(feedback, noise=feedback.noise[:count, :, [loud]])
+    if any(x.action.force is not None and x.kind.name == "actuator-jitter" for x in hidden):
+        return {"seconds": HALVED_S, "over_noise": 0.0, "over_signal": 0.0}  # its delays are drawn on the fine clock
+    coarse = replace(setup, feedback=feedback).run(commands, hidden)
+    fine = replace(setup, feedback=feedback, substeps=2 * setup.substeps).run(commands, hidden)
+    change = coarse - fine
+    sigma = drawn.pickup.sigma[None, :, None]
+    signal = np.sqrt(np.mean(fine**2, axis=(0, 2)))
+    return {
+        "seconds": HALVED_S,
+        "over_noise": float(np.sqrt(np.mean((change / sigma) ** 2))),
+        "over_signal": float(np.max(np.sqrt(np.mean(change**2, axis=(0, 2))) / np.maximum(signal, 1e-300))),
+    }
+
+
+def _described(x: Hidden, bench: Bench) -> dict[str, Any]:
+    """Return what the truth says of something hidden."""
+    place = bench.places.get(x.place)
+    alike: tuple[str, ...] = () if place is None else place.alike
+    near: tuple[str, ...] = () if place is None else place.near
+    pushed = x.place.startswith("actuator:") or (place is not None and bool(place.actuator))
+    if place is not None and place.actuator and x.kind.name == "force-offset":
+        alike = (*alike, f"actuator:{place.actuator}")
+    if "/" in x.place:
+        alike = (x.place.partition("/")[0],)
+    accepted = x.kind.accepted or ((x.kind.name,) if x.kind.same or x.kind.form else ())
+    return {
+        "effect": x.kind.name,
+        "family": x.kind.family,
+        "form": x.kind.form,
+        "accepted": list(accepted),
+        "place": x.place,
+        "places_alike": list(alike),
+        "places_near": list(near),
+        "at_actuator": pushed,
+        "parameters": {k: float(v) for k, v in x.parameters.items()},
+        "same_parameters": x.kind.same,
+        "size": x.size,
+    }
+
+
+__all__ = ["NOISE", "Concealed", "Wanted", "conceal"]

@@ -1,0 +1,329 @@
+"""Integration: linear motion by exact poles, forces at places by implicit midpoints on an exact transition.
+
+The motion is split by superposition. What the commands do to the linear structure is a sum over its complex poles, each an
+exact first-order recursion (scipy's `lfilter`). What hidden forces do is marched: over a step in which they are constant
+the transition is a matrix exponential; their laws see the middle of the step, found by fixed-point iteration.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg, signal
+
+from vlab.errors import Diverged
+from vlab.proof.generator.bench import Bench
+from vlab.proof.generator.law import Law, Static
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Poles:
+    """A bench in its complex modes: poles p_r and how loads enter and rows leave.
+
+    Parameters
+    ----------
+    poles : (m,) complex array
+        One of each conjugate pair, and real ones.
+    enter : (m, 2n) complex array
+        Rows of the inverse of the mode matrix, doubled for pairs.
+    shapes : (2n, m) complex array
+        Mode shapes of the state [q, q'].
+    inverse : (n, n) array
+        Inverse of M.
+    """
+
+    poles: Array
+    enter: Array
+    shapes: Array
+    inverse: Array
+
+    @classmethod
+    def of(cls, bench: Bench) -> "Poles":
+        """Solve the eigenproblem of a bench."""
+        A, inverse = bench.first_order()
+        poles, shapes = linalg.eig(A)
+        enter = np.linalg.inv(shapes)
+        keep = poles.imag >= 0
+        weight = np.where(poles[keep].imag > 0, 2.0, 1.0)
+        return cls(poles[keep], enter[keep] * weight[:, None], shapes[:, keep], inverse)
+
+    def response(self, loads: Array, forces: Array, rows: Array, step: float, skip: int = 1) -> Array:
+        """Return what rows of the state are under held forces, from rest.
+
+        Parameters
+        ----------
+        loads : (n, k) array
+        forces : (n_steps, k, runs) array
+            Constant over each step.
+        rows : (m, 2n) array
+            Of the state [q, q'].
+        skip : int
+            Every so many steps are returned.
+
+        Returns
+        -------
+        (n_steps // skip, m, runs) array
+            At the beginning of the steps.
+        """
+        n = len(self.inverse)
+        into = self.enter[:, n:] @ (self.inverse @ loads)
+        out = rows @ self.shapes
+        result = np.zeros((-(-len(forces) // skip), len(rows), forces.shape[2]))
+        for r, pole in enumerate(self.poles):
+            if not np.any(np.abs(out[:, r])):
+                continue
+            decay = np.exp(pole * step)
+            gain = np.expm1(pole * step) / pole if pole != 0 else step
+            drive = np.einsum("k,tkr->tr", into[r] * gain, forces)
+            state = signal.lfilter([0.0, 1.0], [1.0, -decay], drive, axis=0)[::skip]
+            result += np.real(out[:, r][None, :, None] * state[:, None, :])
+        return result
+
+
+def port_rows(row: Array, order: int) -> Array:
+    """Return the row of the state [q, q'] for a displacement or a velocity."""
+    zero = np.zeros_like(row)
+    return np.concatenate([row, zero] if order == 0 else [zero, row])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Feedback:
+    """Static rate feedback, sampled: at every `every`-th step it sets the forces of actuators from sensors.
+
+    Parameters
+    ----------
+    actuators, sensors : tuple of int
+        Of the bench, in the order of the gains.
+    gains : (n_actuators, n_sensors) array
+        Force u = -gains y.
+    noise : (n_samples, n_sensors, runs) array
+        Of the sensors; the law sees it.
+    shape : callable
+        From what the law asks for to what the actuators give.
+    """
+
+    actuators: tuple[int, ...]
+    sensors: tuple[int, ...]
+    gains: Array
+    noise: Array
+    shape: Callable[[Array], Array] = lambda u: u
+
+
+def march(
+    bench: Bench,
+    commands: Array,
+    laws: Sequence[tuple[str, Law]],
+    *,
+    step: float,
+    substeps: int,
+    feedback: Feedback | None = None,
+) -> Array:
+    """Integrate a bench under forces of its actuators and hidden laws, from rest.
+
+    Parameters
+    ----------
+    commands : (n_steps, n_actuators, runs) array
+        Forces at the actuators, constant over each step.
+    laws : sequence of (place, law)
+        Forces along places.
+    step : float
+        Integration step [s].
+    substeps : int
+        Steps per returned sample.
+
+    Returns
+    -------
+    (n_samples, n_sensors, runs) array
+        True values at the sensors, at the beginning of each sample.
+    """
+    poles = Poles.of(bench)
+    sensors = np.array([port_rows(s.row, s.order) for s in bench.sensors.values()])
+    linear = poles.response(bench.loads, commands, sensors, step, substeps)
+    if not laws and feedback is None:
+        return linear
+    rows = [bench.places[place].row for place, _ in laws]
+    at = np.array([port_rows(row, order) for order in (0, 1) for row in rows]).reshape(-1, 2 * bench.n)
+    loads = np.column_stack([*rows, *([] if feedback is None else [bench.loads[:, list(feedback.actuators)]])])
+    move, drive = _transition(bench, loads, step)
+    free = poles.response(bench.loads, commands, at, step) if laws else np.zeros((len(commands), 0, linear.shape[2]))
+    problem = _Problem(
+        move=move,
+        drive=drive,
+        at=at,
+        sensors=sensors,
+        free=np.concatenate([free, free[-1:]]),
+        linear=linear,
+        laws=tuple(law for _, law in laws),
+        coils=tuple(_coil(bench, place, commands) for place, _ in laws),
+        step=step,
+        substeps=substeps,
+    )
+    if feedback is None and laws and all(isinstance(law, Static) for _, law in laws):
+        try:
+            return linear + in_windows(problem)
+        except Diverged:  # a window is too long for a steep law; single steps are not
+            return linear + step_by_step(problem, feedback)
+    return linear + step_by_step(problem, feedback)
+
+
+def _coil(bench: Bench, place: str, commands: Array) -> Array | None:
+    """Return the force that the actuator along a place is asked for, (n_steps, runs)."""
+    name = bench.places[place].actuator
+    return commands[:, list(bench.actuators).index(name)] if name else None
+
+
+def _transition(bench: Bench, loads: Array, step: float) -> tuple[Array, Array]:
+    """Return the exact move of [q, q'] over a step and what constant forces add to it."""
+    A, inverse = bench.first_order()
+    n, k = bench.n, loads.shape[1]
+    wide = np.zeros((2 * n + k,) * 2)
+    wide[: 2 * n, : 2 * n] = A
+    wide[n : 2 * n, 2 * n :] = inverse @ loads
+    moved = linalg.expm(wide * step)
+    return moved[: 2 * n, : 2 * n], moved[: 2 * n, 2 * n :]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Problem:
+    """What remains to be marched: the motion that hidden forces and feedback add.
+
+    Parameters
+    ----------
+    move : (m, m) array
+        Of the state over a step.
+    drive : (m, p + k) array
+        Of unit forces over a step: of p laws, then of k fed-back actuators.
+    at : (2p, m) array
+        Displacements of the places, then their velocities.
+    free : (n_steps + 1, 2p, runs) array
+        What the commands alone do there.
+    linear : (n_samples, n_sensors, runs) array
+        What the commands alone do at the sensors.
+    """
+
+    move: Array
+    drive: Array
+    at: Array
+    sensors: Array
+    free: Array
+    linear: Array
+    laws: tuple[Law, ...]
+    coils: tuple[Array | None, ...]
+    step: float
+    substeps: int
+
+
+WINDOW, WINDOW_S = 20, 0.004
+"""Steps that are solved together, and the longest time that they may span: the iteration contracts as its square."""
+TOLERANCE, MOST_SWEEPS = 1e-9, 60
+"""A window is done when its forces change by less than this share of the largest so far."""
+
+
+def in_windows(problem: _Problem) -> Array:
+    """March laws without memory: all steps of a window together, by fixed-point iteration on its forces.
+
+    Raises
+    ------
+    Diverged
+        A window does not converge: the law is too steep for the step.
+    """
+    m, p, runs = len(problem.move), len(problem.laws), problem.free.shape[2]
+    sub, steps = problem.substeps, len(problem.free) - 1
+    width = sub * max(1, min(WINDOW, round(WINDOW_S / problem.step)) // sub)
+    powers = [np.eye(m)]
+    for _ in range(width):
+        powers.append(problem.move @ powers[-1])
+    pulses = [power @ problem.drive for power in powers[:-1]]  # (m, p): i steps after a step of unit forces
+    middle = 0.5 * np.array([problem.at @ (a + b) for a, b in pairwise(powers)])
+    answer = np.zeros((width, 2 * p, width, p))
+    final = np.zeros((m, width, p))
+    heard = np.zeros((width // sub, len(problem.sensors), width, p))
+    for i in range(width):
+        final[:, i] = pulses[width - 1 - i]
+        for j in range(i + 1):
+            after = pulses[i - j]
+            before = pulses[i - j - 1] if j < i else np.zeros_like(after)
+            answer[i, :, j] = 0.5 * problem.at @ (after + before)
+        if i % sub == 0:
+            for j in range(i):
+                heard[i // sub, :, j] = problem.sensors @ pulses[i - 1 - j]
+    to_middle, by_force = middle.reshape(-1, m), answer.reshape(width * 2 * p, width * p)
+    to_end, to_sensors = final.reshape(m, -1), heard.reshape(-1, width * p)
+    listen = np.concatenate([problem.sensors @ powers[i] for i in range(0, width, sub)])
+    out = np.zeros((-(-steps // width) * (width // sub), len(problem.sensors), runs))
+    state, forces, largest = np.zeros((m, runs)), np.zeros((width, p, runs)), 1e-300
+    at_middle = 0.5 * (problem.free[:-1] + problem.free[1:])
+    count = width // sub
+    for w, first in enumerate(range(0, steps, width)):
+        size = min(width, steps - first)
+        base = (to_middle @ state).reshape(width, 2 * p, runs)
+        base[:size] += at_middle[first : first + size]
+        time = ((first + np.arange(width)) * problem.step + 0.5 * problem.step)[:, None]
+        coils = [0.0 if c is None else _padded(c[first : first + size], width) for c in problem.coils]
+        for _ in range(MOST_SWEEPS):
+            seen = base + (by_force @ forces.reshape(width * p, runs)).reshape(width, 2 * p, runs)
+            new = np.empty_like(forces)
+            for j, law in enumerate(problem.laws):
+                new[:, j] = law.force(seen[:, j], seen[:, p + j], time, problem.step, coils[j], {})
+            largest = max(largest, float(np.abs(new).max()))
+            change = float(np.abs(new - forces).max())
+            forces = new
+            if not change > TOLERANCE * largest:
+                break
+        else:
+            raise Diverged(f"a hidden force does not converge at a step of {problem.step:g} s")
+        flat = forces.reshape(width * p, runs)
+        out[w * count : (w + 1) * count] = (listen @ state + to_sensors @ flat).reshape(count, -1, runs)
+        state = powers[width] @ state + to_end @ flat
+    return out[: len(problem.linear)]
+
+
+def _padded(values: Array, count: int) -> Array:
+    return (
+        values if len(values) == count else np.concatenate([values, np.zeros((count - len(values), *values.shape[1:]))])
+    )
+
+
+def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
+    """March laws with memory, dry friction and a sampled law in the loop, one step after the other."""
+    p, runs, m = len(problem.laws), problem.free.shape[2], len(problem.move)
+    steps, sub, h = len(problem.free) - 1, problem.substeps, problem.step
+    mobility = problem.at @ problem.drive  # of the places, after a step of unit forces
+    full = np.vstack([problem.move, problem.at @ problem.move])
+    state, work = np.zeros((m, runs)), np.zeros((m + 2 * p, runs))
+    drive, free, linear = problem.drive, problem.free, problem.linear
+    forces, ports = np.zeros((drive.shape[1], runs)), np.zeros((2 * p, runs))
+    states = np.zeros((len(linear), m, runs))
+    memories = [law.start(runs) for law in problem.laws]
+    listens = [] if feedback is None else list(feedback.sensors)
+    heard, ends, moved = problem.sensors[listens], work[m:], work[:m]
+    single = p == 1 and feedback is None
+    if single:
+        solve, memory, a, b = problem.laws[0].solve, memories[0], float(mobility[0, 0]), float(mobility[1, 0])
+        coil, to_state, to_ports = problem.coils[0], drive[:, :1], mobility[:, :1]
+    for k in range(steps):
+        if k % sub == 0:
+            states[k // sub] = state
+            if feedback is not None:
+                seen = heard @ state + linear[k // sub, listens] + feedback.noise[k // sub]
+                forces[p:] = feedback.shape(-feedback.gains @ seen)
+        full.dot(state, out=work)
+        ends += free[k + 1]
+        if single:
+            u = 0.0 if coil is None else coil[k]
+            force = solve(ports[0], ports[1], ends[0], ends[1], a, b, k * h, h, u, memory)
+            state, ports = moved + to_state * force, ends + to_ports * force
+            continue
+        for j in range(p):
+            others = [i for i in range(len(forces)) if i != j]
+            z1 = ends[j] + mobility[j, others] @ forces[others]
+            v1 = ends[p + j] + mobility[p + j, others] @ forces[others]
+            coil_j = problem.coils[j]
+            u = 0.0 if coil_j is None else coil_j[k]
+            forces[j] = problem.laws[j].solve(
+                ports[j], ports[p + j], z1, v1, mobility[j, j], mobility[p + j, j], k * h, h, u, memories[j]
+            )
+        state, ports = moved + drive @ forces, ends + mobility @ forces
+    return np.einsum("ms,tsr->tmr", problem.sensors, states)

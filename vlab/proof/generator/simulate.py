@@ -1,0 +1,113 @@
+"""True outputs of a bench with things hidden in it, and how large things are without them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.proof.generator.bench import Bench
+from vlab.proof.generator.hardware import Output
+from vlab.proof.generator.hidden import Hidden, Scale, Signals
+from vlab.proof.generator.march import Feedback, Poles, march, port_rows
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Setup:
+    """A bench with its output hardware and clock.
+
+    Parameters
+    ----------
+    feedback : Feedback or None
+        A law in the loop; it is given the sensors' noise.
+    seed : int
+        Of what changes at random from sample to sample.
+    """
+
+    bench: Bench
+    output: Output
+    rate_hz: float
+    substeps: int
+    feedback: Feedback | None = None
+    seed: int = 0
+
+    def run(self, commands: Array, hidden: Sequence[Hidden]) -> Array:
+        """Return true samples, (n_samples, n_sensors, runs), of commands (n_samples, n_actuators, runs), from rest."""
+        bench, h = self.bench, 1.0 / self.rate_hz
+        step = h / self.substeps
+        rng = np.random.default_rng(self.seed)
+        acts = [(x, x.action) for x in hidden]
+        given = commands
+        for x, action in acts:
+            if action.command is not None:
+                given = _changed(given, _index(bench, x.place), action.command, Signals(h=h, rng=rng))
+        forces = self.output.forces(given, step, self.substeps)
+        for x, action in acts:
+            if action.force is not None:
+                forces = _changed(forces, _index(bench, x.place), action.force, Signals(h=step, rng=rng))
+        for x, action in acts:
+            if action.bench is not None:
+                bench = action.bench(bench, x.place)
+        laws = [(x.place, action.law) for x, action in acts if action.law is not None]
+        y = march(bench, forces, laws, step=step, substeps=self.substeps, feedback=self.feedback)
+        for x, action in acts:
+            if action.sensor is not None:
+                name, _, second = x.place.partition("/")
+                other = None
+                if second.startswith("coil:"):
+                    other = commands[:, list(bench.actuators).index(second.removeprefix("coil:"))]
+                elif second:
+                    other = y[:, _sensor(bench, f"sensor:{second}")]
+                y = _changed(y, _sensor(bench, name), action.sensor, Signals(h=h, rng=rng, other=other))
+        return y
+
+
+def _changed(signals: Array, index: int, change: object, context: Signals) -> Array:
+    out = signals.copy()
+    out[:, index] = change(signals[:, index], context)  # type: ignore[operator]
+    return out
+
+
+def _index(bench: Bench, place: str) -> int:
+    return list(bench.actuators).index(place.removeprefix("actuator:"))
+
+
+def _sensor(bench: Bench, place: str) -> int:
+    wanted = place.removeprefix("sensor:")
+    return next(i for i, name in enumerate(bench.sensors) if (name.partition(":")[2] or name) == wanted)
+
+
+def scale_at(setup: Setup, commands: Array, place: str, outputs: Array, band_hz: tuple[float, float]) -> Scale:
+    """Return how large things are at a place in one recording, (n_samples, n_actuators) of commands."""
+    bench, h = setup.bench, 1.0 / setup.rate_hz
+    common = {"h": h, "T": len(commands) * h, "low_hz": band_hz[0], "high_hz": band_hz[1]}
+    which = int(np.argmax(np.abs(commands).sum(axis=0)))
+    used = commands[:, which]
+    if place.startswith("actuator:"):
+        u = commands[:, _index(bench, place)]
+        slope = float(np.abs(np.diff(u)).max() / h)
+        return Scale(u=_rms(u), peak=float(np.abs(u).max()), slope=slope, **common)
+    if place.startswith("sensor:"):
+        name, _, second = place.partition("/")
+        y = outputs[:, _sensor(bench, name)]
+        if second.startswith("coil:"):
+            used = commands[:, list(bench.actuators).index(second.removeprefix("coil:"))]
+        return Scale(z=_rms(y), peak=float(np.abs(y).max()), u=_rms(used) or 1.0, **common)
+    row = bench.places[place].row
+    rows = np.array([port_rows(row, 0), port_rows(row, 1)])
+    forces = setup.output.forces(commands[:, :, None], h, 1)
+    motion = Poles.of(bench).response(bench.loads, forces, rows, h)[:, :, 0]
+    return Scale(
+        z=_rms(motion[:, 0]),
+        v=_rms(motion[:, 1]),
+        peak=float(np.abs(motion[:, 0]).max()),
+        k=float(1.0 / (row @ np.linalg.solve(bench.K, row))),
+        m=float(1.0 / (row @ np.linalg.solve(bench.M, row))),
+        own=bench.places[place].stiffness,
+        u=_rms(used),
+        **common,
+    )
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))

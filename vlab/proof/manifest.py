@@ -1,0 +1,63 @@
+"""What a campaign's answers are bound to: code, catalogue, thresholds, versions and the commitments they answer."""
+
+import importlib
+import json
+import pkgutil
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import vlab
+from vlab.assets import asset
+from vlab.proof.sealing import canonical, digest, files_digest
+
+VERSIONS = ("mujoco", "numpy", "scipy")
+NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/score", "proof/judge", "proof/statistics")
+"""Sources that no answer depends on."""
+ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
+
+
+def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
+    """Return the manifest of answers to some commitments."""
+    root = Path(vlab.__file__).parent
+    thresholds = _constants("vlab.diagnose")
+    bound = {
+        "written_by": "vlab",
+        "vlab": vlab.__version__,
+        "python": sys.version.split()[0],
+        "versions": {name: metadata.version(name) for name in VERSIONS},
+        "code": _sources(root, "**/*.py"),
+        "catalogue": _sources(root / "physics", "*.py"),
+        "structures": files_digest((name, asset(name)) for name in ASSETS),
+        "thresholds": thresholds,
+        "thresholds_sha256": digest(thresholds),
+        "commitments": digest(commitments),
+        **settings,
+    }
+    return dict(json.loads(canonical(bound)))  # as it will be read again
+
+
+def _sources(root: Path, pattern: str) -> str:
+    """Return the SHA-256 of source files, those aside that only show and count: that must not void the answers."""
+    files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
+    return files_digest((name, path) for name, path in files if not name.startswith(NOT_ANSWERING))
+
+
+def _constants(package: str) -> dict[str, Any]:
+    """Return the named constants of all modules of a package: plain numbers and texts in capitals."""
+    out: dict[str, Any] = {}
+    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        loaded = importlib.import_module(f"{package}.{module.name}")
+        for name, value in vars(loaded).items():
+            if name.isupper() and not name.startswith("_") and _is_plain(value):
+                out[f"{module.name}.{name}"] = value
+    return out
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, (bool, int, float, str)):
+        return True
+    if isinstance(value, dict):
+        return all(isinstance(k, str) and _is_plain(v) for k, v in value.items())
+    return isinstance(value, (list, tuple)) and all(_is_plain(v) for v in value)

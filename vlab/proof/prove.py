@@ -1,0 +1,236 @@
+"""From a folder of concealed cases to a score: answers without the truth, frozen by their hashes, then the truth opened."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vlab.errors import BadProof
+from vlab.proof.answering import Report, answer_case, write_worst
+from vlab.proof.campaign import run_all
+from vlab.proof.concealing import truth_folder
+from vlab.proof.judge import Judged, judge
+from vlab.proof.manifest import manifest
+from vlab.proof.score import baseline_rows, score
+from vlab.proof.sealing import COMMITMENTS, FORMAT, digest, folder_digest, opened, read_json, write_json
+
+MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
+SHOWN = (
+    "case",
+    "suite",
+    "bench",
+    "noise",
+    "hidden",
+    "form",
+    "truth_place",
+    "size",
+    "verdict",
+    "answered",
+    "place",
+    "right_effect",
+    "right_class",
+    "all_right",
+    "place_exact",
+    "place_near",
+    "place_covered",
+    "probability",
+    "errors",
+    "gap",
+    "seconds",
+    "error",
+)
+"""What the score shows of every case."""
+Progress = Callable[[int, int], None]
+
+
+def answers_folder(cases: Path) -> Path:
+    """Return where the answers to a folder of cases are kept: beside it."""
+    return cases.with_name(f"{cases.name}-answers")
+
+
+def prove(
+    cases: Path,
+    out: Path,
+    *,
+    truth: Path | None = None,
+    baselines: bool = False,
+    reports: int = 0,
+    report: Report | None = None,
+    engine: str = "joblib",
+    jobs: int = 0,
+    scheduler: str = "",
+    progress: Progress = lambda done, total: None,
+) -> dict[str, Any]:
+    """Diagnose every case, freeze the answers, open the truth and score.
+
+    What was answered before is kept: a campaign that was stopped goes on where it was, and one that is frozen is only
+    counted again.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the answers.
+    truth : Path, optional
+        Folder of the truth; beside the cases by default. It is not touched before all answers are frozen.
+    baselines : bool
+        Whether the simple methods answer as well.
+    reports : int
+        How many of the worst cases get a report.
+
+    Raises
+    ------
+    BadProof
+        Cases, truth or answers are not what was committed to, or the answers belong to other code.
+    """
+    commitments = read_commitments(cases)
+    if not (out / FROZEN).exists():
+        _answer(cases, out, commitments, baselines, engine, jobs, scheduler, progress)
+        freeze(out, commitments)
+    answers = frozen_answers(out, commitments)
+    truths = open_truth(truth or truth_folder(cases), commitments)
+    judged = [judge(truths[name], answers[name]) for name in commitments["cases"]]
+    found = score(judged)
+    found["baselines"] = baseline_rows(judged, answers, truths)
+    found["plan"] = truths["plan"]
+    found["answered_with"] = read_json(out / MANIFEST)
+    found["judged"] = [_row(j) for j in judged]
+    paths = write_worst(cases, [w["case"] for w in found["worst"][:reports]], out / "worst", report) if report else {}
+    for row in found["worst"]:
+        row["report"] = paths.get(row["case"])
+    write_json(out / SCORE, found)
+    return found
+
+
+def read_commitments(cases: Path) -> dict[str, Any]:
+    """Read the commitments of a folder of cases and check that the recordings are those that were committed to.
+
+    Raises
+    ------
+    BadProof
+        They are not.
+    """
+    document = read_json(cases / COMMITMENTS)
+    if (
+        not isinstance(document, dict)
+        or document.get("format") != FORMAT
+        or not isinstance(document.get("cases"), dict)
+    ):
+        raise BadProof(f"{cases / COMMITMENTS}: not a list of commitments ({FORMAT}); conceal the cases again")
+    for name, kept in document["cases"].items():
+        if "/" in name or ".." in name or not (cases / name).is_dir():
+            raise BadProof(f"{cases}: the case {name!r} is missing; restore its folder")
+        if folder_digest(cases / name) != kept.get("recordings"):
+            raise BadProof(f"{cases / name}: the files are not those that were committed to; restore the folder")
+    return document
+
+
+def _answer(
+    cases: Path,
+    out: Path,
+    commitments: dict[str, Any],
+    baselines: bool,
+    engine: str,
+    jobs: int,
+    scheduler: str,
+    progress: Progress,
+) -> None:
+    """Answer what is not answered yet; every answer is written whole when it is there."""
+    now = manifest(commitments, baselines=baselines)
+    if (out / MANIFEST).exists():
+        _check_same(read_json(out / MANIFEST), now, out)
+    else:
+        (out / ANSWERS).mkdir(parents=True, exist_ok=True)
+        write_json(out / MANIFEST, now)
+    names = list(commitments["cases"])
+    left = [(n, (cases / n).resolve()) for n in names if not (out / ANSWERS / f"{n}.json").exists()]
+    progress(len(names) - len(left), len(names))
+    done = len(names) - len(left)
+    work = partial(answer_case, baselines=baselines)
+    for name, answer in run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler):
+        write_json(out / ANSWERS / f"{name}.json", answer)
+        done += 1
+        progress(done, len(names))
+
+
+def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
+    """Refuse to go on with answers that other code began."""
+    for key, value in now.items():
+        if before.get(key) != value:
+            raise BadProof(
+                f"{out}: these answers were begun with another {key.replace('_', ' ')}; "
+                "go on with what they were begun with, or name a new folder with --out"
+            )
+
+
+def freeze(out: Path, commitments: dict[str, Any]) -> None:
+    """Write the hashes of all answers: from here on they cannot change unnoticed.
+
+    Raises
+    ------
+    BadProof
+        An answer is missing.
+    """
+    hashes = {name: digest(read_json(out / ANSWERS / f"{name}.json")) for name in commitments["cases"]}
+    frozen = {"answers": hashes, "manifest": digest(read_json(out / MANIFEST)), "commitments": digest(commitments)}
+    write_json(out / FROZEN, frozen)
+
+
+def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
+    """Return the answers, after checking that they are those that were frozen.
+
+    Raises
+    ------
+    BadProof
+        An answer or the manifest was changed, or belongs to other cases.
+    """
+    frozen = read_json(out / FROZEN)
+    if frozen.get("commitments") != digest(commitments):
+        raise BadProof(f"{out}: these answers were given to other cases; name another folder with --out")
+    if frozen.get("manifest") != digest(read_json(out / MANIFEST)):
+        raise BadProof(f"{out / MANIFEST}: the manifest was changed after the answers were frozen; restore it")
+    answers = {}
+    for name in commitments["cases"]:
+        path = out / ANSWERS / f"{name}.json"
+        answers[name] = read_json(path)
+        if digest(answers[name]) != frozen["answers"].get(name):
+            raise BadProof(f"{path}: the answer was changed after it was frozen; restore it, or answer all cases anew")
+    return answers
+
+
+def open_truth(folder: Path, commitments: dict[str, Any]) -> dict[str, Any]:
+    """Return the truth of every case by name, and the plan, after checking them against their commitments.
+
+    Raises
+    ------
+    BadProof
+        A truth is missing or is not what was committed to.
+    """
+    out = {}
+    for name, commitment in [
+        ("plan", commitments["plan"]),
+        *((n, c["truth"]) for n, c in commitments["cases"].items()),
+    ]:
+        path = folder / f"{name}.json"
+        out[name] = opened(read_json(path), commitment, where=str(path))
+    return out
+
+
+def _row(j: Judged) -> dict[str, Any]:
+    """Return one judged case as a row of the score."""
+    return {k: list(v) if isinstance(v := getattr(j, k), tuple) else v for k in SHOWN}
+
+
+def missed(found: dict[str, Any]) -> list[str]:
+    """Return the measures whose target was missed."""
+    return [m["measure"] for m in found["measures"] if m["met"] is False]
+
+
+def table_rows(found: dict[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
+    """Return heads and rows of the table of measures."""
+    rows = []
+    for m in found["measures"]:
+        interval = f"{m['ci95'][0]:.3f} to {m['ci95'][1]:.3f}" if "ci95" in m else ""
+        count = f"{m['count']}/{m['of']}" if "count" in m else f"{m['of']}"
+        met = {True: "met", False: "missed", None: ""}[m["met"]]
+        rows.append([m["measure"], m["value"], count, interval, m["target"], met])
+    return ["measure", "value", "cases", "95 % interval", "target", ""], rows

@@ -1,0 +1,229 @@
+"""The score of a campaign: every measure with its count, exact interval and target."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from vlab.proof.equivalence import right_class
+from vlab.proof.judge import ABSTAINED, NAMED, NOTHING, Judged
+from vlab.proof.statistics import brier, calibration, detection_limit, rate
+
+HEADLINE = ("in-library", "other-form", "two-effects", "chain-only", "masked")
+"""Suites in which something of the library is hidden that is large enough to be found; near-threshold counts apart."""
+WORST = 10
+
+
+def score(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return the whole score as plain values."""
+    suites = sorted({j.suite for j in judged})
+    return {
+        "cases": len(judged),
+        "measures": measures(judged),
+        "suites": {s: _suite([j for j in judged if j.suite == s]) for s in suites},
+        "confusion": confusion(judged),
+        "detection": detection(judged),
+        "calibration": calibration(*_probabilities(judged))[1],
+        "worst": [_worst(j) for j in worst(judged)],
+        "failed": [_worst(j) for j in judged if j.error],
+        "seconds": {
+            "median": float(np.median([j.seconds for j in judged])) if judged else None,
+            "largest": max((j.seconds for j in judged), default=None),
+        },
+    }
+
+
+def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return the rows of the table: measure, value, count, interval, target, whether it is met."""
+    known = [j for j in judged if j.suite in HEADLINE and j.in_library]
+    named = [j for j in known if j.verdict == NAMED]
+    nulls = [j for j in judged if j.suite == "null"]
+    strange = [j for j in judged if j.suite == "out-of-library"]
+    errors = [e for j in known for e in j.errors.values()]
+    inside = [c for j in known for c in j.covered.values()]
+    gaps = [j.gap for j in known if j.gap is not None]
+    probability, outcome = _probabilities(judged)
+    return [
+        _rate("right effect, first answer", [j.right_effect for j in known], at_least=0.85),
+        _rate("right equivalence class, first answer", [j.right_class for j in known], at_least=0.95),
+        _rate("two effects: both named, nothing else", [j.all_right for j in known if len(j.hidden) == 2]),
+        _rate("right place, exact", [bool(j.place_exact) for j in named], at_least=0.70),
+        _rate("right place, within one element or joint", [bool(j.place_near) for j in named], at_least=0.90),
+        _rate("coverage of the 90 % place set", [bool(j.place_covered) for j in named], at_least=0.85, at_most=0.95),
+        _value("size of the place set, mean", [j.places for j in named], np.mean),
+        _value("size of the claimed class, mean", [j.claimed for j in named], np.mean),
+        _value("parameter error, median", errors, np.median, at_most=0.10),
+        _rate("coverage of 90 % parameter intervals", inside, at_least=0.85, at_most=0.95),
+        _value("held-out gap closed, median", gaps, np.median, at_least=0.80),
+        _value("held-out gap closed, worst tenth", gaps, lambda x: np.quantile(x, 0.1)),
+        _rate("null: physics named (false alarms)", [j.verdict == NAMED for j in nulls], at_most=0.05),
+        _rate("null: anything but nothing-missing", [j.verdict != NOTHING for j in nulls]),
+        _rate("out of library: abstains", [j.verdict == ABSTAINED for j in strange], at_least=0.80),
+        _rate("out of library: physics named", [j.verdict == NAMED for j in strange]),
+        _rate("near threshold: right class", [j.right_class for j in judged if j.suite == "near-threshold"]),
+        _value("Brier score", [b] if (b := brier(probability, outcome)) is not None else [], np.mean, at_most=0.10,
+               of=len(probability)),
+        _value("expected calibration error", [e] if (e := calibration(probability, outcome)[0]) is not None else [],
+               np.mean, at_most=0.05, of=len(probability)),
+    ]  # fmt: skip
+
+
+def _probabilities(judged: Sequence[Judged]) -> tuple[list[float], list[bool]]:
+    named = [j for j in judged if j.probability is not None]
+    return [float(j.probability or 0.0) for j in named], [j.right_class for j in named]
+
+
+def _met(value: float | None, at_least: float | None, at_most: float | None) -> bool | None:
+    if value is None or (at_least is None and at_most is None):
+        return None
+    return (at_least is None or value >= at_least) and (at_most is None or value <= at_most)
+
+
+def _target(at_least: float | None, at_most: float | None) -> str:
+    if at_least is not None and at_most is not None:
+        return f"{at_least:g} to {at_most:g}"
+    return f">= {at_least:g}" if at_least is not None else f"<= {at_most:g}" if at_most is not None else ""
+
+
+def _rate(
+    name: str, flags: Sequence[bool], *, at_least: float | None = None, at_most: float | None = None
+) -> dict[str, Any]:
+    found = rate(flags)
+    met = _met(found.value, at_least, at_most)
+    return {"measure": name, **found.to_json(), "value": found.value, "target": _target(at_least, at_most), "met": met}
+
+
+def _value(
+    name: str,
+    values: Sequence[float],
+    of_all: Any,
+    *,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    of: int | None = None,
+) -> dict[str, Any]:
+    value = float(of_all(values)) if len(values) else None
+    return {
+        "measure": name,
+        "value": value,
+        "of": len(values) if of is None else of,
+        "target": _target(at_least, at_most),
+        "met": _met(value, at_least, at_most),
+    }
+
+
+def _suite(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Return the counts of one suite."""
+    verdicts = Counter(j.verdict for j in judged)
+    return {
+        "cases": len(judged),
+        "verdicts": dict(sorted(verdicts.items())),
+        "right": rate([not j.is_wrong for j in judged]).to_json(),
+        "right_effect": rate([j.right_effect for j in judged]).to_json(),
+        "benches": {
+            b: rate([not j.is_wrong for j in judged if j.bench == b]).to_json()
+            for b in sorted({j.bench for j in judged})
+        },
+        "noise": {
+            n: rate([not j.is_wrong for j in judged if j.noise == n]).to_json()
+            for n in sorted({j.noise for j in judged})
+        },
+    }
+
+
+def confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
+    """Return how often each truth got each answer; two hidden effects are one truth."""
+    out: dict[str, dict[str, int]] = {}
+    for j in judged:
+        truth = " + ".join(sorted(j.hidden)) or "nothing"
+        row = out.setdefault(truth if j.in_library or not j.hidden else f"({truth})", {})
+        row[j.answered] = row.get(j.answered, 0) + 1
+    return dict(sorted(out.items()))
+
+
+def detection(judged: Sequence[Judged]) -> dict[str, dict[str, Any]]:
+    """Return the detection limit of every effect that was hidden alone, and of all together under ``"all"``."""
+    alone = [j for j in judged if len(j.hidden) == 1 and j.in_library and j.size]
+    groups: dict[str, list[Judged]] = {"all": alone}
+    for j in alone:
+        groups.setdefault(j.hidden[0], []).append(j)
+    return {
+        name: detection_limit([j.size or 0.0 for j in group], [j.right_class for j in group])
+        for name, group in sorted(groups.items())
+        if group
+    }
+
+
+def worst(judged: Sequence[Judged]) -> list[Judged]:
+    """Return the worst cases: wrong answers, the surest and the largest hidden things first."""
+    wrong = [j for j in judged if j.is_wrong]
+    return sorted(wrong, key=lambda j: (-(j.probability or 0.0), -(j.size or 0.0)))[:WORST]
+
+
+def _worst(j: Judged) -> dict[str, Any]:
+    return {
+        "case": j.case,
+        "suite": j.suite,
+        "bench": j.bench,
+        "hidden": list(j.hidden),
+        "form": j.form,
+        "truth_place": j.truth_place,
+        "size": j.size,
+        "answered": j.answered,
+        "place": j.place,
+        "probability": j.probability,
+        "error": j.error,
+    }
+
+
+def baseline_rows(judged: Sequence[Judged], answers: dict[str, Any], truths: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what simpler methods make of the cases in which something of the library is hidden, beside the diagnosis.
+
+    A method that names nothing has no right class; one that simulates nothing has no gap.
+    """
+    known = [j for j in judged if j.suite in HEADLINE and j.in_library]
+    ours = [j.gap for j in known if j.gap is not None]
+    rows = [_row("vlab diagnose", len(known), [j.right_class for j in known], ours)]
+    with_before = [j for j in known if (answers[j.case].get("heldout") or {}).get("nrmse_before") is not None]
+    explained = [
+        answers[j.case]["heldout"]["nrmse_before"] <= 1.5 * (answers[j.case]["heldout"]["nrmse_noise"] or 0.0)
+        for j in with_before
+    ]
+    rows.append(_row("linear refit only", len(known), [], [0.0] * len(with_before)))
+    rows[-1]["note"] = f"leaves at most 1.5 x the noise in {sum(explained)} of {len(explained)}"
+    methods = sorted({m for j in known for m in answers[j.case].get("baselines", {})})
+    for method in methods:
+        done = [(j, answers[j.case].get("baselines", {}).get(method, {})) for j in known]
+        ran = [(j, b) for j, b in done if not b.get("note")]
+        named = [_named_right(j, b, truths[j.case]) for j, b in ran if "named" in b]
+        gaps = [g for j, b in ran if (g := _gap(answers[j.case], b)) is not None]
+        rows.append(_row(method, len(ran), named, gaps))
+        notes = Counter(b["note"].partition(":")[2].strip() or b["note"] for _, b in done if b.get("note"))
+        rows[-1]["note"] = "; ".join(f"not on {n}: {text}" for text, n in notes.most_common(2))
+    return rows if methods else rows[:2]
+
+
+def _row(method: str, cases: int, named: Sequence[bool], gaps: Sequence[float]) -> dict[str, Any]:
+    found = rate(named)
+    return {
+        "method": method,
+        "cases": cases,
+        "right_class": found.value,
+        "right": found.to_json(),
+        "gap_closed": float(np.median(gaps)) if len(gaps) else None,
+        "note": "",
+    }
+
+
+def _named_right(j: Judged, baseline: dict[str, Any], truth: dict[str, Any]) -> bool:
+    names = {n["effect"] for n in baseline["named"]}
+    return any(names & right_class(truth, h) for h in truth["hidden"])
+
+
+def _gap(answer: dict[str, Any], baseline: dict[str, Any]) -> float | None:
+    heldout = answer.get("heldout") or {}
+    before, noise, after = heldout.get("nrmse_before"), heldout.get("nrmse_noise"), baseline.get("nrmse")
+    if before is None or noise is None or after is None or before <= 1.1 * noise:
+        return None
+    return float((before - after) / (before - noise))

@@ -1,0 +1,88 @@
+"""Sealing: truth is committed to by a salted hash before anything is diagnosed, and answers by theirs before it is opened."""
+
+import hashlib
+import json
+import secrets
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from vlab.errors import BadProof
+from vlab.recordings.files import written_whole
+
+FORMAT = "vlab-concealed-1"
+COMMITMENTS = "commitments.json"
+TRUTH = "truth.json"
+
+
+def canonical(document: Any) -> bytes:
+    """Return the one text of plain values that is hashed: sorted keys, no spaces, shortest numbers."""
+    return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def digest(document: Any) -> str:
+    """Return the SHA-256 of plain values."""
+    return hashlib.sha256(canonical(document)).hexdigest()
+
+
+def sealed(truth: Any) -> tuple[dict[str, Any], str]:
+    """Return truth with a fresh salt, as it is kept, and the commitment, as it is published."""
+    salt = secrets.token_hex(16)
+    return {"salt": salt, "truth": truth}, _commitment(salt, truth)
+
+
+def _commitment(salt: str, truth: Any) -> str:
+    return hashlib.sha256(salt.encode() + canonical(truth)).hexdigest()
+
+
+def opened(kept: Any, commitment: str, *, where: str) -> Any:
+    """Return truth that matches its commitment.
+
+    Raises
+    ------
+    BadProof
+        It is not the truth that was committed to.
+    """
+    if not isinstance(kept, dict) or set(kept) != {"salt", "truth"} or not isinstance(kept["salt"], str):
+        raise BadProof(
+            f"{where}: not a sealed truth (a table with salt and truth); restore the file that conceal wrote"
+        )
+    if _commitment(kept["salt"], kept["truth"]) != commitment:
+        raise BadProof(f"{where}: the truth does not match its commitment; it was changed after it was sealed")
+    return kept["truth"]
+
+
+def folder_digest(folder: Path) -> str:
+    """Return the SHA-256 of a folder's files, by name and content."""
+    return files_digest((p.relative_to(folder).as_posix(), p) for p in folder.rglob("*") if p.is_file())
+
+
+def files_digest(files: Iterable[tuple[str, Path]]) -> str:
+    """Return the SHA-256 of named files, in the order of their names."""
+    total = hashlib.sha256()
+    for name, path in sorted(files):
+        content = hashlib.sha256(path.read_bytes()).hexdigest()
+        total.update(f"{name} {content}\n".encode())
+    return total.hexdigest()
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON document.
+
+    Raises
+    ------
+    BadProof
+        It is missing or malformed.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadProof(f"{path}: there is no such file; check the folder, or conceal the cases first") from None
+    except (OSError, ValueError) as error:
+        raise BadProof(f"{path}: not readable as JSON: {error}") from error
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write plain values as JSON, whole or not at all."""
+    with written_whole(path) as stream:
+        stream.write((json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
