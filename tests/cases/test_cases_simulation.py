@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from controllers import DirectRateFeedback
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial import InitialState, _exponentials
+from vlab.cases.initial import InitialState, exponentials
 from vlab.cases.misfit import misfit
 from vlab.cases.playback import _held_means, plan_clock
 from vlab.errors import BadCase, Diverged
@@ -213,14 +213,24 @@ def test_an_unstable_loop_is_an_error_and_no_result(tmp_path):
         compare_case(folder)
 
 
+FALLING = PENDULUM.replace('<joint name="hinge" axis="0 1 0" damping="0.05"/>', '<joint name="hinge" type="slide"/>')
+
+
 def test_without_a_linearisation_the_initial_state_must_be_said(tmp_path):
-    falling = PENDULUM.replace(
-        '<joint name="hinge" axis="0 1 0" damping="0.05"/>', '<joint name="hinge" type="slide"/>'
-    )
-    body = "rate_hz = 100.0\n" + channel("x", "encoder", "displacement", "m")
-    folder = write_case(tmp_path, falling, "x", [1 + np.arange(300) / 100], body)
+    body = "rate_hz = 100.0\n" + channel("a", "acc.z", "acceleration", "m/s^2")
+    folder = write_case(tmp_path, FALLING, "a", [1 + np.arange(300) / 100], body)
     with pytest.raises(BadCase, match='say initial = "rest"'):
         compare_case(folder)
+
+
+def test_a_measured_joint_says_the_start_without_a_linearisation(tmp_path):
+    time = np.arange(100) / 100
+    body = "rate_hz = 100.0\n" + channel("x", "encoder", "displacement", "m")
+    folder = write_case(tmp_path, FALLING, "x", [1 + 2 * time - 0.5 * 9.81 * time**2], body)
+    (run,) = compare_case(folder).runs
+    # started from the first samples, and a parabola is what both integrate exactly
+    np.testing.assert_allclose(run.simulation.initial.qpos, [1.0], atol=1e-6)
+    np.testing.assert_allclose(run.simulation.initial.qvel, [2.0], atol=1e-5)
 
 
 def test_a_run_of_too_many_steps_is_refused_before_it_starts(tmp_path):
@@ -232,7 +242,7 @@ def test_a_run_of_too_many_steps_is_refused_before_it_starts(tmp_path):
 
 def test_the_exponentials_are_those_of_scipy():
     matrices = np.random.default_rng(4).normal(size=(5, 6, 6)) * np.array([1e-6, 0.1, 1, 5, 20])[:, None, None]
-    for ours, matrix in zip(_exponentials(matrices), matrices, strict=True):
+    for ours, matrix in zip(exponentials(matrices), matrices, strict=True):
         exact = expm(matrix)
         np.testing.assert_allclose(
             ours, exact, atol=1e-12 * np.abs(exact).max()

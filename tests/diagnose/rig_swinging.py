@@ -41,7 +41,7 @@ PENDULUM_CASES = {
     "quadratic-drag": Hidden({"coefficient": 0.0015}, PIVOT, (("quadratic-drag", PIVOT),)),
     "coulomb-friction": Hidden({"force": 0.02}, PIVOT, (("coulomb-friction", PIVOT), ("lugre-friction", PIVOT))),
     "stribeck-friction": Hidden(
-        {"force": 0.012, "excess": 0.02, "speed": 0.3}, PIVOT, (("stribeck-friction", PIVOT), ("lugre-friction", PIVOT))
+        {"force": 0.01, "excess": 0.05, "speed": 1.0}, PIVOT, (("stribeck-friction", PIVOT), ("lugre-friction", PIVOT))
     ),
     "viscous-damping": Hidden({"damping": 0.006}, PIVOT, (("viscous-damping", PIVOT),)),
     "stiffness-to-ground": Hidden({"stiffness": 0.25}, PIVOT, (("stiffness-to-ground", PIVOT),)),
@@ -226,7 +226,7 @@ CART_CASES = {
     "quadratic-drag": Hidden({"coefficient": 0.002}, HINGE, (("quadratic-drag", HINGE),)),
     "viscous-damping": Hidden({"damping": 0.012}, HINGE, (("viscous-damping", HINGE),)),
     "added-mass": Hidden({"mass": 0.25}, SLIDE, (("added-mass", SLIDE), ("added-mass", "body:cart"))),
-    "actuator-gain": Hidden({"gain": 0.2}, "actuator:push", (("actuator-gain", "actuator:push"),)),
+    "actuator-gain": Hidden({"gain": 0.4}, "actuator:push", (("actuator-gain", "actuator:push"),)),
     "cubic-stiffness": Hidden({"k3": 12.0}, SLIDE, (("cubic-stiffness", SLIDE), ("quadratic-cubic-stiffness", SLIDE))),
 }
 
@@ -258,7 +258,7 @@ def pushed_cart(folder, effect="none", *, seed=0, noise=0.003, sees_pole="gyro")
             z, a, v, w = x
             fade = min(t / 0.5, 1.0)
             f = fade * float(push(t)) * (1 + p.get("gain", 0.0)) - d1 * v - spring * z - p.get("k3", 0.0) * z**3
-            f -= p.get("force", 0.0) * tanh(v / 0.001)
+            f -= p.get("force", 0.0) * tanh(v / 0.0003)
             f += pole * arm * w * w * sin(a)  # hanging pole: centre at z - arm sin(a), -arm cos(a)
             g = -pole * GRAVITY * arm * sin(a) - d2 * w - p.get("coefficient", 0.0) * w * abs(w)
             m12 = -pole * arm * cos(a)

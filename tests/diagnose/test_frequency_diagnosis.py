@@ -179,12 +179,21 @@ def test_hidden_effects_of_the_beam_are_found_in_its_mobilities(tmp_path, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", ["southampton.toml", "modal.toml"])
-def test_responses_and_modes_of_the_three_storey_frame_agree(file):
-    # two roads to one answer, which nobody has documented: some mass at the first floor, where the shaker is attached
-    diagnosis = diagnose(load_case(asset(f"cases/three_storey/{file}"))).diagnosis
-    finding = diagnosis.findings[0]
+def test_responses_and_modes_of_the_three_storey_frame_agree(tmp_path, file):
+    # No answer key. With the parts as alike as the case's kinds of parameters say, both roads lead to the same answer:
+    # some 0.86 kg at the first floor, on legs that are softer than drawn. Where every part may be off on its own by as
+    # much again, that is as likely as no finding at all, and the notes say so.
+    folder = asset("cases/three_storey")
+    for part in folder.iterdir():
+        (tmp_path / part.name).write_bytes(part.read_bytes())
+    own = [f'"body:floor{k}:mass" = 0.012' for k in (1, 2, 3)] + [
+        f'"tendon:legs{k}:stiffness" = 0.02' for k in (1, 2, 3)
+    ]
+    text = (tmp_path / file).read_text()
+    (tmp_path / file).write_text(text.replace("damping = 0.5\n", "\n".join(["damping = 0.5", *own, ""]), 1))
+    finding = diagnose(load_case(tmp_path / file)).diagnosis.findings[0]
     assert (finding.effect, finding.place) == ("added-mass", "joint:floor1")
-    assert 0.5 < finding.parameters["mass"]["value"] < 1.3
+    assert 0.6 < finding.parameters["mass"]["value"] < 1.1
 
 
 @pytest.mark.slow

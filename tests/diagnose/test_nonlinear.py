@@ -5,6 +5,8 @@ import dataclasses
 
 import mujoco
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import rig_swinging
 from rig_swinging import CASES, PIVOT, WRITE, driven_arm, pushed_cart, swinging_pendulum
@@ -13,7 +15,6 @@ from scipy.linalg import expm
 from vlab.cases import load_case
 from vlab.cases.initial import find_initial_state
 from vlab.diagnose.choose import choose
-from vlab.diagnose.nonlinear.course import uneven_noise
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.nonlinear.prepare import prepare_moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
@@ -21,6 +22,7 @@ from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.refine import Term
+from vlab.diagnose.signals import uneven_noise
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 
@@ -76,6 +78,26 @@ def test_what_cannot_be_handled_is_said_at_once(tmp_path):
         )
     )
     with pytest.raises(BadCase, match="wall.*touch.*contact-rich"):
+        prepared(load_case(tmp_path))
+
+
+def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):
+    swinging_pendulum(tmp_path)
+    path, time = tmp_path / "rig.xml", np.arange(1500) / rig_swinging.RATE
+    path.write_text(path.read_text().replace("-0.5", "0.5"))  # the bob above the pivot
+    balanced = 0.01 * np.sin(2 * np.pi * 0.7 * time) + 1e-4 * np.random.default_rng(0).standard_normal(time.size)
+    for file in tmp_path.glob("*.parquet"):
+        pq.write_table(pa.table({"angle": balanced}), file)
+    with pytest.raises(BadCase, match="unstable in the model.*record the commands"):
+        prepared(load_case(tmp_path))
+
+
+def test_a_muscle_is_refused(tmp_path):
+    swinging_pendulum(tmp_path)
+    path = tmp_path / "rig.xml"
+    muscle = '<actuator><muscle name="biceps" joint="pivot"/></actuator><sensor>'
+    path.write_text(path.read_text().replace("<sensor>", muscle).replace('type="hinge"', 'type="hinge" range="-3 3"'))
+    with pytest.raises(BadCase, match="biceps.*muscle"):
         prepared(load_case(tmp_path))
 
 

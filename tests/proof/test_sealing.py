@@ -81,6 +81,23 @@ def test_the_same_seed_gives_the_same_recordings_and_another_commitment(made, tm
         assert kept["truth"] != again["cases"][name]["truth"]  # salted afresh
 
 
+def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
+    shutil.rmtree(cases / "case-002")  # as evidence is kept: commitments and truth, no recordings
+    status, _, _ = run(capsys, "conceal", "--again", str(cases), "--out", str(tmp_path / "again"), "--jobs", "1")
+    assert status == 0
+    assert set(read_commitments(tmp_path / "again")["cases"]) == {"case-001", "case-002"}
+    edit(cases / "commitments.json", lambda d: d["cases"]["case-001"].update(recordings="0" * 64))
+    status, _, err = run(capsys, "conceal", "--again", str(cases), "--out", str(tmp_path / "other"), "--jobs", "1")
+    assert (status, (tmp_path / "other").exists()) == (2, False)
+    assert "other bits than those that were sealed" in err
+
+
+def test_frozen_answers_are_counted_again_without_the_recordings(cases, answered):
+    first = prove(cases, answers_folder(cases), jobs=1)
+    shutil.rmtree(cases / "case-001")
+    assert prove(cases, answers_folder(cases), jobs=1)["measures"] == first["measures"]
+
+
 def test_truth_is_not_touched_before_the_answers_are_frozen(cases, answered, monkeypatch):
     away = cases.with_name("elsewhere")
     truth_folder(cases).rename(away)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.proof.campaign import ENGINES
-from vlab.proof.concealing import conceal_cases, truth_folder
+from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder
 from vlab.proof.suites import BENCHES, MIXTURES, SUITES
 
 
@@ -18,6 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, help="of everything drawn; fresh and printed by default")
     parser.add_argument("--out", required=True, help="folder of the cases; their truth goes to OUT-truth")
     parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
+    parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
     add_engine(parser)
 
 
@@ -30,6 +31,8 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Conceal cases."""
+    if arguments.again:
+        return _again(Path(arguments.again), Path(arguments.out), arguments)
     seed = fresh_seed() if arguments.seed is None else arguments.seed
     out = Path(arguments.out)
     with count_bar("conceal", arguments.n) as report:
@@ -55,6 +58,20 @@ def run(arguments: argparse.Namespace) -> Outcome:
     return Outcome(
         document=document, text=f"{table}\n\nseed {seed}; cases in {out}, their truth in {truth_folder(out)}"
     )
+
+
+def _again(sealed: Path, out: Path, arguments: argparse.Namespace) -> Outcome:
+    with count_bar("conceal", 1) as report:
+        commitments = regenerate_cases(
+            sealed,
+            out,
+            engine=arguments.engine,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            progress=report,
+        )
+    document = {"out": str(out), "cases": list(commitments), "commitments": commitments}
+    return Outcome(document=document, text=f"{len(commitments)} cases made again in {out}, bit for bit as sealed")
 
 
 def fresh_seed() -> int:

@@ -17,6 +17,8 @@ from vlab.signals import Array
 
 MOST_LOST = 0.2
 """A case of which a larger share of samples is lost says nothing."""
+DAMAGING = ("constant", "duplicate", "gap", "held", "jitter", "quantisation", "sign", "units")
+"""Kinds of warnings that may be why a recording is not explained; samples at a limit are left out and said."""
 LONG_STEP = 1.5
 """Multiple of the usual time step beyond which samples are missing."""
 
@@ -70,7 +72,8 @@ def assess(runs: Sequence[Run]) -> Damage:
     notes: list[str] = []
     for run in runs:
         for finding in findings(run.measured):
-            (warnings if finding.severity == "warning" else notes).append(f"{run.name}: {finding.text}")
+            is_damage = finding.severity == "warning" and finding.kind in DAMAGING
+            (warnings if is_damage else notes).append(f"{run.name}: {finding.text}")
     lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
     fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > MOST_LOST else []
     return Damage(fatal=(*fatal, *_dead(runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes))

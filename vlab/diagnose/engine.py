@@ -152,6 +152,8 @@ def diagnose(
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
     diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, time.monotonic() - began)
+    if along is not None:
+        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, along.note))
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after

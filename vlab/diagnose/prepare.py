@@ -84,11 +84,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     """
     runs = case.runs(roles)
     if not runs:
-        only = (
-            ", or one of the [[frf]] and [[modal]] as fit"
-            if case.table.frf or case.table.modal
-            else ""
-        )
+        only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:

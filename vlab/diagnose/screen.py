@@ -110,6 +110,8 @@ class Screen:
         Factor on the unknown forces' intensity: below 1 the filter trusts the model more and forgets more slowly.
     like : Screen or None
         Another screening of the same runs, whose uncertain parameters and intensities are taken over.
+    theta : (n_changes,) array or None
+        Uncertain parameters to start from instead.
     """
 
     theta: Array
@@ -124,6 +126,7 @@ class Screen:
         *,
         trust: float = 1.0,
         like: "Screen | None" = None,
+        theta: Array | None = None,
     ) -> None:
         self.problem, self.twin, self.trust = problem, problem.twin, trust
         self._intensity: dict[float, float] = {} if like is None else dict(like._intensity)
@@ -131,7 +134,8 @@ class Screen:
         self.runs = self._shortened(self.runs)
         self._cache: dict[str, _Plan] = {}
         self._marched: dict[tuple[Any, ...], Array] = {}
-        self.theta = np.zeros(len(self.twin.changes)) if like is None else like.theta
+        start = np.zeros(len(self.twin.changes)) if like is None else like.theta
+        self.theta = start if theta is None else theta
         for _ in range(REFITS if like is None else 1):
             self._linearise()
             step = self._step

@@ -9,6 +9,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS, Fit, Refiner, Term
 from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.second import besides
 from vlab.diagnose.signals import windows
 from vlab.physics.effect import Effect, SensorEffect
 
@@ -26,9 +27,9 @@ SLOW, SLOW_SHORTLIST = 1e-3, 5
 well: it forgets slowly and sees what only adds up over many cycles."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
-SECONDS = 3
-SEEDS = 3
-"""Second effects tried on top of each of the best single ones."""
+SECONDS, MOST_SECONDS = 4, 60
+SEEDS = 2
+"""Second effects, of a family each, tried on top of each of the best single ones."""
 ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
 QUICK, FINISHED = 5, 4
@@ -131,7 +132,7 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
     fitted = _finished(narrow, fitted)
     report(0.5, "fitting single effects")
     if fitted and min(h.level for h in fitted) > ENOUGH:
-        fitted += _finished(narrow, _pairs(screen, rough, shortlist, fitted, start, effects, report))
+        fitted += _finished(narrow, _pairs(screen, rough, fitted, effects, report))
         fitted.sort(key=lambda h: -h.score)
     report(0.85, "fitting whole recordings")
     fitted, before = _on_whole_runs(whole, narrow, fitted, before)
@@ -292,28 +293,33 @@ def _scored(refiner: Refiner, fit: Fit, gain: float) -> Hypothesis:
 def _pairs(
     screen: Screen,
     refiner: Refiner,
-    shortlist: Sequence[Candidate],
     fitted: Sequence[Hypothesis],
-    start: Fit,
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
 ) -> list[Hypothesis]:
-    """Return fits of a second effect on top of the best single ones: by score, and by what they gained in the screening."""
-    by_label = {c.label: c for c in shortlist}
-    seeds = [by_label[fitted[0].label]]
-    seeds += [c for c in shortlist if c not in seeds]
-    pairs: dict[frozenset[str], list[Candidate]] = {}
-    for seed in seeds[:SEEDS]:
-        rest = screen.given([seed])
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
+    report(0.55, "screening for a second effect")
+    seeds = list(fitted[:SEEDS])
+    tables = side_by_side(lambda h: besides(screen, h.fit, list(effects))[:MOST_SECONDS], seeds)
+    pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
+    for seed, table in zip(seeds, tables, strict=True):
         best: dict[str, Candidate] = {}
-        for candidate in rest.candidates(effects):
-            if candidate.effect.name != seed.effect.name:  # the same effect at two places is one effect, placed badly
-                best.setdefault(candidate.effect.name, candidate)
+        for candidate in table:
+            if candidate.effect.name != seed.terms[0].effect.name:  # at two places it is one effect, placed badly
+                best.setdefault(candidate.effect.family, candidate)
         for second in list(best.values())[:SECONDS]:
             if second.gain > LEAST_GAIN:
-                pairs.setdefault(frozenset((seed.label, second.label)), [seed, second])
+                pairs.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")
-    return side_by_side(lambda pair: _fitted(refiner, pair, start, QUICK), list(pairs.values()))
+
+    def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
+        seed, second = pair
+        terms = [*seed.terms, *_terms([second])]
+        own = _for(refiner, terms, 2)
+        start = replace(seed.fit, cost=own.fit(seed.terms, seed.fit, 0).cost)
+        return _scored(own, own.fit(terms, start, QUICK), seed.gain + second.gain)
+
+    return side_by_side(fit, list(pairs.values()))
 
 
 def _other_places(

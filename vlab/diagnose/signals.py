@@ -168,6 +168,25 @@ def noise_level(column: Array) -> float:
     return float(np.hypot(max(np.sqrt(floor / 2), LEAST_NOISE * rms), grain / np.sqrt(12)))
 
 
+def uneven_noise(time: Array, column: Array) -> float:
+    """Return the standard deviation of the noise of a smooth channel at uneven times.
+
+    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
+    """
+    if len(column) < 16:
+        return LEAST_NOISE * float(np.std(column) or 1.0)
+    index = np.arange(2, len(column) - 2)
+    near = index[:, None] + np.array([-2, -1, 1, 2])
+    t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
+    weights = np.ones_like(t)  # Lagrange's polynomials at zero
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
+    left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
+    return max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+
+
 def thinning(count: int, h: float, highest_hz: float) -> int:
     """Return by how much a run of `count` samples can be thinned."""
     if highest_hz <= 0 or count <= ENOUGH_SAMPLES:

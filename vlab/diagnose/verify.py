@@ -15,7 +15,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.signals import noise_level
+from vlab.diagnose.signals import noise_level, uneven_noise
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -156,7 +156,10 @@ def _checked(
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
     scale = np.array([np.std(run.measured[n]) for n in names])
-    noise = np.array([noise_level(run.measured[n]) for n in names]) / scale
+    time, is_even = run.measured.time, run.measured.is_uniform
+    measured = [run.measured[n] for n in names]
+    noise = np.array([noise_level(y) if is_even else uneven_noise(time, y) for y in measured])
+    noise = noise / scale
     for hum in hums:
         if hum.channel in names:
             i = names.index(hum.channel)

@@ -1,5 +1,6 @@
 """Effects between a motion and the recorded sample: sensors, leads, converters."""
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +19,26 @@ def _alone(step: ActuatorStep) -> SensorStep:
 def _over(t: Any, y: Array) -> Any:
     """Return times beside signals with time along the first axis."""
     return t.reshape(-1, *(1,) * (np.ndim(y) - 1)) if np.ndim(y) else t
+
+
+def _times(y: Array, h: float, factor: Callable[[Array], Array]) -> Array:
+    """Return signals times a function of s = i omega.
+
+    Differences of samples would be several per cent off where a cycle has few samples, and what is wrong in a correction
+    looks like an effect. The signals are continued by turning them about their ends, so that neither they nor their slopes
+    jump there.
+    """
+    n = len(y)
+    longer = np.concatenate([y, 2 * y[-1] - y[-2::-1]]) - y[0]  # from y0 to 2 yn - y0 ...
+    ramp = np.linspace(0.0, 1.0, len(longer)).reshape(-1, *(1,) * (y.ndim - 1)) * longer[-1]
+    s = 2j * np.pi * np.fft.rfftfreq(len(longer) - 1, h).reshape(-1, *(1,) * (y.ndim - 1))
+    turned = np.fft.irfft(np.fft.rfft((longer - ramp)[:-1], axis=0) * factor(s), len(longer) - 1, axis=0)
+    # of the straight line that was taken off, and of the first value: the factor's value and slope at s = 0
+    small = np.array([1e-6 / (h * n)]).reshape(-1, *(1,) * (y.ndim - 1)).astype(complex)
+    zero = complex(np.ravel(factor(0 * small))[0]).real
+    slope = (complex(np.ravel(factor(small))[0]).real - zero) / float(np.ravel(small)[0].real)
+    rate = longer[-1] / ((len(longer) - 1) * h)
+    return np.asarray(turned[:n] + zero * (ramp[:n] + y[0]) + slope * rate)
 
 
 class SensorGain(SensorEffect):
@@ -125,10 +146,7 @@ class SensorDelay(SensorEffect):
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`: shifted in the frequency domain, where noise keeps its size (interpolation would lower it)."""
-        n = len(y)
-        padded = np.concatenate([y, y[::-1]])  # continued by its mirror image: no jump at the ends
-        turn = np.exp(2j * np.pi * np.fft.rfftfreq(2 * n, h) * float(p["delay"]))
-        return np.fft.irfft(np.fft.rfft(padded, axis=0) * turn.reshape(-1, *(1,) * (y.ndim - 1)), 2 * n, axis=0)[:n]
+        return _times(y, h, lambda s: np.exp(s * float(p["delay"])))
 
 
 class SensorLag(SensorEffect):
@@ -154,7 +172,7 @@ class SensorLag(SensorEffect):
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`."""
-        return np.asarray(y + float(p["time_constant"]) * np.gradient(y, h, axis=0))
+        return _times(y, h, lambda s: 1.0 + s * float(p["time_constant"]))
 
 
 class SensorHighPass(SensorEffect):
@@ -255,9 +273,8 @@ class SensorResonance(SensorEffect):
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`: below the resonance; nothing brings back what lies above it."""
-        w = 2 * np.pi * float(p["frequency"])
-        rate = np.gradient(y, h, axis=0)
-        return np.asarray(y + 2 * float(p["damping_ratio"]) / w * rate + np.gradient(rate, h, axis=0) / w**2)
+        w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
+        return _times(y, h, lambda s: 1.0 + 2 * damping * s / w + (s / w) ** 2)
 
     def stepper(self, p: Values, h: float) -> SensorStep:
         """See `SensorEffect`."""

@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import controllers
 import vlab
 from vlab.assets import asset
 from vlab.proof.sealing import canonical, digest, files_digest
@@ -28,6 +29,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "versions": {name: metadata.version(name) for name in VERSIONS},
         "code": _sources(root, "**/*.py"),
+        "laws": _sources(Path(controllers.__file__).parent, "*.py"),
         "catalogue": _sources(root / "physics", "*.py"),
         "structures": files_digest((name, asset(name)) for name in ASSETS),
         "thresholds": thresholds,

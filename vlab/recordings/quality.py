@@ -58,7 +58,7 @@ def _findings(recording: Recording) -> Iterator[Finding]:
         values = recording.data[:, i]
         if values.min() == values.max():
             text = f"{channel.name} is {values[0]:g} {channel.unit} throughout"
-            yield Finding(channel.name, "constant", text, "warning")
+            yield Finding(channel.name, "constant", text, "note" if _drives(channel) else "warning")
             continue
         moving.append(i)
         step = _step(values)

@@ -68,7 +68,8 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
     case, found = done.problem.case, bool(done.diagnosis.findings)
     terms = done.fit.terms if found else ()
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
-    theta = done.fit.theta if found or not done.choice.best.terms else done.found.before.fit.theta
+    is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
+    theta = done.fit.theta if is_final else done.found.before.fit.theta
     raw = tomllib.loads(case.path.read_text(encoding="utf-8"))
     earlier = _earlier(done, raw)
     try:
@@ -83,12 +84,13 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
             if case.table.model.hardware:
                 shutil.copyfile(case.folder / case.table.model.hardware, folder / Path(case.table.model.hardware).name)
                 raw["model"]["hardware"] = Path(case.table.model.hardware).name
-        tables = [*earlier, *left, *_calibrated(done, theta, found)]
+        tables = [*earlier, *left, *_calibrated(done, theta, found), *_ranges(done)]
         raw["title"] = f"{case.table.title} (amended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}
             for e in tables
         ]
+        _tell_limit(done, raw)
         _copy_recordings(case.folder, raw, folder)
         (folder / CASE).write_text(toml_text(raw), encoding="utf-8")
     except OSError as error:
@@ -160,6 +162,39 @@ def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
         if abs(offset) > LEAST * scale:
             out.append(Attached(effect=effect_named("sensor-offset"), place=place, values={"offset": offset}))
     return out
+
+
+def _ranges(done: Done) -> list[Attached]:
+    """Return the ends of sensors' ranges that were found, and the limit of commands that their law knows nothing of."""
+    if not isinstance(done, Diagnosed):
+        return []
+    model = done.after
+    out = [
+        Attached(
+            effect=effect_named("sensor-clipping"),
+            place=f"sensor:{stop.channel.removeprefix('sensor:')}",
+            values={"limit": stop.limit},
+        )
+        for stop in model.stops
+    ]
+    limit, law = model.limit, next((run.law for run in done.problem.runs if run.law is not None), None)
+    if limit is not None and law is not None and not limit.is_known:
+        index = done.problem.plant.actuator_index(limit.actuator)
+        scale = float(law.per_actuator[list(law.actuators).index(index)])
+        place = f"actuator:{limit.actuator.removeprefix('coil:')}"
+        out.append(
+            Attached(effect=effect_named("actuator-clipping"), place=place, values={"limit": limit.limit * scale})
+        )
+    return out
+
+
+def _tell_limit(done: Done, raw: dict[str, Any]) -> None:
+    """Write the limit of the commands, in the law's own unit, to the laws that are told of it."""
+    if not isinstance(done, Diagnosed) or done.after.limit is None or not done.after.limit.is_known:
+        return
+    for table in raw.get("recording", ()):
+        if "controller" in table:
+            table["controller"]["limit"] = float(done.after.limit.limit)
 
 
 def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:

@@ -40,6 +40,9 @@ LEAST_MISFIT = 2 * MODEL_ERROR
 """Responses within this relative difference are explained."""
 LEAST_SCORE = 2.0
 """An effect must gain this much in score, the number of effects and places that were tried counted."""
+UNVERIFIED = 3.0
+"""Where nothing was held out, the amended model must come within this multiple of the noise: an effect that takes the edge off
+a misfit on the very data that it was fitted to may be anything."""
 LEAST_PARTS = 6
 """Where so many parts of the data were left out one after the other, their prediction decides in the place of held-out data."""
 EDGE = 2.9
@@ -147,7 +150,9 @@ def _verdict(choice: Choice, checked: Sequence[CheckedFrequency], left_out: Left
         gap = left_out.gap_closed
     floor = LEAST_MISFIT if any(isinstance(c.measured, Response) for c in checked) else 0.0
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
-    if choice.best.terms and (gap is None or gap >= LEAST_GAP):
+    is_held_out = all(c.role == "holdout" for c in checked)
+    explained = is_held_out or errors["after"] <= max(UNVERIFIED * errors["noise"], floor)
+    if choice.best.terms and explained and (gap is None or gap >= LEAST_GAP):
         return "missing-physics"
     return "none-of-these" if unexplained else "nothing-missing"
 
@@ -235,6 +240,13 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
     far = [p.name for p, v in zip(problem.parameters, choice.best.fit.theta, strict=True) if abs(v) > EDGE * p.sd]
     if far:
         out.append(f"at the edge of what [model.uncertain] allows: {', '.join(far)}")
+    best = found.hypotheses[0] if found.hypotheses else None
+    if not choice.best.terms and far and best is not None and best.score > found.before.score:
+        odds = np.exp(min(best.score - found.before.score, 20.0))
+        out.append(
+            f"{best.label} is {odds:.2g} times as likely as parameters so far off, which is too little to report it as found: "
+            "state in [model.uncertain] what is known of them"
+        )
     out += level_notes(problem.measured)
     return out
 

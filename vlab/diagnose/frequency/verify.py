@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from vlab.cases.case import Case
 from vlab.diagnose.frequency.evaluate import State, answer
@@ -23,6 +24,7 @@ from vlab.signals import Array, ComplexArray
 LEFT_OUT = 12
 """Most parts of the data that are left out one after the other."""
 REFITTED = 6
+NEIGHBOURS = 9
 DROWNED = 0.3
 """Lines whose noise is more than this share of the response say nothing of a model."""
 
@@ -162,8 +164,12 @@ def apart(data: Response, own: ComplexArray) -> Array:
 
 
 def heard(data: Response) -> Array:
-    """Return on which lines a response stands above its noise; on all where it never does."""
-    out = data.noise < DROWNED * np.abs(data.H)
+    """Return on which lines a response stands above its noise; on all where it never does.
+
+    Neighbours decide as well: single lines that noise lifts would be the ones that are kept.
+    """
+    size = median_filter(np.abs(data.H), size=(NEIGHBOURS, 1), mode="nearest")
+    out = data.noise < DROWNED * size
     return np.where(out.any(axis=0), out, True)
 
 

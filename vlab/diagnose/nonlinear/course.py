@@ -11,7 +11,7 @@ from vlab.cases.initial import exponentials, joint_of
 from vlab.cases.wiring import Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.signals import LEAST_NOISE, noise_level, on_grid, thinning, uniform
+from vlab.diagnose.signals import noise_level, on_grid, thinning, uneven_noise, uniform
 from vlab.signals import Array
 
 MOST_SAMPLES = 2500
@@ -145,25 +145,6 @@ def _noise(time: Array, column: Array, is_even: bool) -> float:
         return local
     floor = noise_level(column)
     return float(np.clip(local, floor, 1.25 * floor))
-
-
-def uneven_noise(time: Array, column: Array) -> float:
-    """Return the standard deviation of the noise of a smooth channel at uneven times.
-
-    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
-    """
-    if len(column) < 16:
-        return LEAST_NOISE * float(np.std(column) or 1.0)
-    index = np.arange(2, len(column) - 2)
-    near = index[:, None] + np.array([-2, -1, 1, 2])
-    t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
-    weights = np.ones_like(t)  # Lagrange's polynomials at zero
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
-    left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
-    return max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
 
 
 def _order(stepper: Stepper, i: int, run: Run) -> int:

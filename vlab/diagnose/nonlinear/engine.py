@@ -19,6 +19,11 @@ class AlongMotion:
     problem: Problem
     moving: Moving
 
+    @property
+    def note(self) -> str:
+        """What a diagnosis says of the road that it took."""
+        return "the recorded motion leaves the range in which the model is linear, so the search went along that motion"
+
     def search(self, effects: Sequence[Effect], report: Callable[[float, str], None]) -> Found:
         """Search what is missing; see `vlab.diagnose.search.search`."""
         return search_moving(self.problem, self.moving, effects, report)

@@ -34,7 +34,7 @@ PROBE = 0.02
 """Share of it by which starts are moved to see what they can explain."""
 PAD = 400
 """Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
-LEAST_ERROR = 0.0005
+LEAST_ERROR = 0.001
 """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
 SETTLINGS, MOST_MOVE = 2, 3.0
 """Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""

@@ -40,8 +40,6 @@ from vlab.signals import Array
 
 SETTLED = 10
 """Samples after which innovations count."""
-LIKELY = 2.0
-"""Uncertain parameters are taken over for the second look within this many standard deviations."""
 OFTEN = 25.0
 """Points per cycle of the fastest motion at which the forces of uncertain parameters are found."""
 CHANGE = 1e-4
@@ -72,6 +70,11 @@ class MovingScreen(Screen):
     ----------
     moving : Moving
         The runs at their samples.
+
+    Notes
+    -----
+    What is uncertain stays at the nominal plant's values, and enters linearly: refitted to recordings that hold something
+    else it would go to its bounds, and hide it. `at` linearises elsewhere once there is a hypothesis.
     """
 
     plant: Plant
@@ -99,12 +102,7 @@ class MovingScreen(Screen):
         self.lines: dict[str, Lines] = {}
         self._cache, self._marched = {}, {}
         self.theta = np.zeros(len(self.twin.changes))
-        for passes in (1, 0):  # what is uncertain is found on the nominal plant; a second look is at the refitted one
-            self._along(passes)
-            step, reach = self._step, LIKELY * self.twin.prior
-            if passes == 0 or np.all(np.abs(step) <= 0.1 * self.twin.prior):
-                break
-            self.theta = np.clip(step, -reach, reach)
+        self._along(1)
 
     def slower(self, trust: float) -> "MovingScreen":
         """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""

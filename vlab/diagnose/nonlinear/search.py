@@ -52,7 +52,7 @@ def search_moving(
     fitted = _finished(narrow, fitted)
     if fitted and min(h.level for h in fitted) > ENOUGH:
         report(0.65, "fitting pairs of effects")
-        fitted += _finished(narrow, _pairs(screen, narrow, shortlist, fitted, before.fit, effects))
+        fitted += _finished(narrow, _pairs(screen, narrow, shortlist, fitted, effects))
         fitted.sort(key=lambda h: -h.score)
     report(0.85, "fitting whole recordings")
     if fitted:  # once more about the refitted plant of the best hypothesis: what is uncertain then changes by little
@@ -103,23 +103,27 @@ def _pairs(
     refiner: MovingRefiner,
     shortlist: Sequence[Candidate],
     fitted: Sequence[Hypothesis],
-    start: Fit,
     effects: Sequence[Effect],
 ) -> list[Hypothesis]:
-    """Return fits of a second effect on top of the best single ones: by score, and by what they gained in the screening."""
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them in the screening."""
     by_label = {c.label: c for c in shortlist}
-    seeds = [by_label[fitted[0].label]]
-    seeds += [c for c in shortlist if c not in seeds]
-    pairs: dict[frozenset[str], list[Candidate]] = {}
-    for seed in seeds[:SEEDS]:
+    pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
+    for seed in fitted[:SEEDS]:
         best: dict[str, Candidate] = {}
-        for candidate in screen.given([seed]).candidates(effects):
-            if candidate.effect.name != seed.effect.name:
+        for candidate in screen.given([by_label[seed.label]]).candidates(effects):
+            if candidate.effect.name != seed.terms[0].effect.name:  # at two places it is one effect, placed badly
                 best.setdefault(candidate.effect.name, candidate)
         for second in list(best.values())[:SECONDS]:
             if second.gain > LEAST_GAIN:
-                pairs.setdefault(frozenset((seed.label, second.label)), [seed, second])
-    return side_by_side(lambda pair: _fitted(refiner, pair, start), list(pairs.values()))
+                pairs.setdefault(frozenset((seed.label, second.label)), (seed, second))
+
+    def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
+        seed, second = pair
+        terms = [*seed.terms, Term(effect=second.effect, place=second.place, values=second.values)]
+        own = _for(refiner, terms)
+        return _scored(own, own.fit(terms, seed.fit, QUICK), seed.gain + second.gain)
+
+    return side_by_side(fit, list(pairs.values()))
 
 
 def _other_places(

@@ -308,8 +308,6 @@ def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
     feedback = setup.feedback
     if feedback is not None:
         feedback = replace(feedback, noise=feedback.noise[:count, :, [loud]])
-    if any(x.action.force is not None and x.kind.name == "actuator-jitter" for x in hidden):
-        return {"seconds": HALVED_S, "over_noise": 0.0, "over_signal": 0.0}  # its delays are drawn on the fine clock
     coarse = replace(setup, feedback=feedback).run(commands, hidden)
     fine = replace(setup, feedback=feedback, substeps=2 * setup.substeps).run(commands, hidden)
     change = coarse - fine

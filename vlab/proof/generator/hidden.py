@@ -130,7 +130,6 @@ class Kind:
     most: float = 1e3
     same: bool = True
     angular: bool | None = None
-    words: str = ""
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """Draw the shapes."""

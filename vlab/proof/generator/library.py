@@ -137,10 +137,14 @@ def _jittered(u: Array, most: float, x: Signals) -> Array:
     """Samples come out late by a random share of `most` steps of the fine clock, redrawn wherever the command changes."""
     change = np.any(np.diff(u, axis=0, prepend=u[:1] + 1.0) != 0.0, axis=1)
     each = np.cumsum(change) - 1
-    delay = np.round(most * x.rng.random(each[-1] + 1)).astype(int)
+    delay = most * x.rng.random(each[-1] + 1)
     out = u.copy()
     for i in np.flatnonzero(change)[1:]:
-        out[i : i + delay[each[i]]] = u[i - 1]
+        whole = int(delay[each[i]])
+        out[i : i + whole] = u[i - 1]
+        if i + whole < len(u):  # the mean over the step in which the sample comes out
+            share = delay[each[i]] - whole
+            out[i + whole] = share * u[i - 1] + (1 - share) * u[i + whole]
     return out
 
 
