@@ -109,7 +109,7 @@ ELBOW, SHOULDER = "joint:elbow", "joint:shoulder"
 ARM_CASES = {
     "none": Hidden({}, "", ()),
     "coulomb-friction": Hidden({"force": 0.06}, ELBOW, (("coulomb-friction", ELBOW), ("lugre-friction", ELBOW))),
-    "viscous-damping": Hidden({"damping": 0.1}, SHOULDER, (("viscous-damping", SHOULDER),)),
+    "viscous-damping": Hidden({"damping": 0.6}, SHOULDER, (("viscous-damping", SHOULDER),)),
     "added-mass": Hidden({"mass": 0.15}, "body:fore", (("added-mass", "body:fore"),)),
     "stiffness-to-ground": Hidden({"stiffness": 0.5}, ELBOW, (("stiffness-to-ground", ELBOW),)),
     "stop": Hidden({"stiffness": 10.0, "gap": 0.6}, ELBOW, (("stop", ELBOW),)),

@@ -210,11 +210,12 @@ def answers(folder, rig, effect, samples=None, **given):
     return [(t.effect.name, t.place.name) for t in choice.best.terms], choice, found
 
 
-def test_the_screening_sees_the_hidden_effect_first(tmp_path):
+def test_the_screening_sees_the_hidden_effect(tmp_path):
     rig = swinging_pendulum(tmp_path, "quadratic-drag")
     problem, moving = prepare_moving(shorter(load_case(tmp_path), 500))
     screen = MovingScreen(problem, moving)
-    best = screen.candidates([EFFECTS[n] for n in ("quadratic-drag", "coulomb-friction", "cubic-stiffness", "stop")])[0]
+    some = ("quadratic-drag", "coulomb-friction", "viscous-damping", "stop", "dead-band", "stiffness-to-ground")
+    best = screen.candidates([EFFECTS[n] for n in some])[0]
     assert best.label == f"quadratic-drag@{PIVOT}"
     # dampers are uncertain by 30 %, and 5 s of three swings hold little more
     assert best.values["coefficient"] == pytest.approx(rig.parameters["coefficient"], rel=0.2)

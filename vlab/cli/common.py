@@ -2,7 +2,9 @@
 
 import contextlib
 import math
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -57,14 +59,39 @@ def _show(cell: Any) -> str:
 
 
 @contextlib.contextmanager
+def _interrupts() -> Iterator[Callable[[], None]]:
+    """Yield a check that raises after Ctrl-C, for Python drops the exception where it comes up in a callback of its own."""
+    pressed: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        pressed.append(number)
+        raise KeyboardInterrupt
+
+    def check() -> None:
+        if pressed:
+            raise KeyboardInterrupt
+
+    is_usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # a job in the background ignores it
+    if not is_usual or threading.current_thread() is not threading.main_thread():
+        yield check
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextlib.contextmanager
 def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]]:
     """Show progress through simulated seconds on stderr, where stderr is a terminal."""
-    with tqdm(
+    with _interrupts() as check, tqdm(
         total=round(total_s, 3), desc=label, unit="s", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
         bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
     ) as bar:  # fmt: skip
 
         def report(done_s: float) -> None:
+            check()
             bar.update(done_s - bar.n)
 
         yield report
@@ -73,12 +100,13 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
 @contextlib.contextmanager
 def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
     """Show the share of a long work that is done, and what is being done, on stderr, where stderr is a terminal."""
-    with tqdm(
+    with _interrupts() as check, tqdm(
         total=100, desc=label, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
         bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}",
     ) as bar:  # fmt: skip
 
         def report(share: float, what: str) -> None:
+            check()
             bar.set_postfix_str(what, refresh=False)
             bar.update(100 * share - bar.n)
 
@@ -88,9 +116,15 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 @contextlib.contextmanager
 def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
     """Show how many of many cases are done, with an estimate of the time left, on stderr, where stderr is a terminal."""
-    with tqdm(total=total, desc=label, unit="case", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False) as bar:
+    with (
+        _interrupts() as check,
+        tqdm(
+            total=total, desc=label, unit="case", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False
+        ) as bar,
+    ):
 
         def report(done: int, of: int) -> None:
+            check()
             bar.total = of
             bar.update(done - bar.n)
 

@@ -219,4 +219,6 @@ def _plan_text(plan: Plan, done: DonePlan, folder: Path) -> str:
     text = f"{len(done.performed)} of {len(plan.record)} records performed{before}; written to {folder}"
     if plan.concealed:
         text += f"; what they conceal: {folder}-truth"
+    if all(record.role == "fit" for record in plan.record):
+        text += "\nno record is held out: a diagnosis of this case is not checked on data that it has not seen"
     return text + f"\nvlab compare {folder}   vlab diagnose {folder}"

@@ -15,7 +15,7 @@ from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_
 from vlab.modal.recognise import KINDS
 from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import open_table
-from vlab.recordings.assemble import ColumnSpec, to_recording
+from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, ModalModel, Recording
 
@@ -138,8 +138,9 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
         f"input {', '.join(result.mean.inputs)}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
-    from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, found_rows, level_rows
+    from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
 
+    parts += doubts(result)
     for part in result.distortion:
         parts.append(
             f"noise and distortion relative to the linear output, {part.input}: {part.realisations} realisations of "
@@ -237,7 +238,7 @@ def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSetti
         raise BadRecording(
             f"{path}: no column is named time; name it with --time, or give --rate (columns: {', '.join(table.names[:20])})"
         )
-    return to_recording(table, specs, rate_hz=arguments.rate, time=time), None
+    return on_even_stamps(to_recording(table, specs, rate_hz=arguments.rate, time=time)), None
 
 
 def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:

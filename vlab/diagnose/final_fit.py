@@ -72,7 +72,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
     x = np.zeros(moves.count)
     prior = np.zeros(moves.count)
-    prior[: moves.r] = np.linalg.lstsq(moves.directions, fit.theta, rcond=None)[0]
+    prior[: moves.r] = refiner.along(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = _residuals(problem, targets, [fit])[0]
     for _ in range(STEPS):

@@ -28,6 +28,9 @@ from vlab.physics.effect import (
 from vlab.signals import Array
 
 ITERATIONS = 12
+FROZEN = 2
+"""Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
+at once moves to where the law does nothing."""
 REUSED = 3
 """Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
 1965) while they keep half of their promise."""
@@ -163,6 +166,10 @@ class Refiner:
         order = np.argsort(-size)[:MOST_DIRECTIONS]
         keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
         return np.asarray(sd[:, None] * vectors[:, keep])
+
+    def along(self, theta: Array) -> Array:
+        """Return log-factors along the informed directions, in standard deviations of their prior; the rest is left out."""
+        return np.asarray((self.directions / self.twin.prior[:, None] ** 2).T @ theta)
 
     def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
         """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
@@ -310,13 +317,16 @@ class Refiner:
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         jacobian = slopes
         small = 0
-        for _ in range(iterations):
+        for done in range(iterations):
+            shapes_too = done >= FROZEN or iterations <= FROZEN
             weight = self._weight(layout, raw)
             best = raw * weight
             cost = float(best @ best)
             if age >= REUSED:
                 slopes, age = self._jacobian(layout, terms, x, raw), 0
             jacobian = slopes * weight[:, None]
+            if not shapes_too:
+                jacobian[:, self._shape_entries(layout, terms)] = 0.0
             normal, gradient = jacobian.T @ jacobian, jacobian.T @ best
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
@@ -340,9 +350,18 @@ class Refiner:
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             damping = max(lams[pick] * 0.1, 1e-8)
-            if small >= 2 or spread_is_noise(raw, layout.r + layout.n_channels):
+            if (small >= 2 and shapes_too) or spread_is_noise(raw, layout.r + layout.n_channels):
                 break
         return self._result(layout, terms, x, raw, jacobian)
+
+    def _shape_entries(self, layout: _Layout, terms: Sequence[Term]) -> list[int]:
+        """Return the entries of parameters that a law is not linear in, of laws that have others."""
+        first = layout.r + layout.n_channels + layout.n_start * len(layout.free)
+        return [
+            first + k
+            for k, (i, parameter) in enumerate(layout.effects)
+            if parameter.role == "shape" and terms[i].effect.amplitudes
+        ]
 
     def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
         """Return the derivatives of the residual by forward differences; those by channel offsets are known."""
@@ -395,9 +414,11 @@ class Refiner:
                 amplitudes = {p.name: term.values[p.name] * size for p in term.effect.amplitudes}
                 own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
             options.append(self._initial(layout, own, theta, start))
-        X = np.array(options)
+        X = np.array([*out, *options])
         residuals = self._residual(layout, terms, X)
-        return [*out, np.asarray(X[int(np.argmin(np.einsum("ij,ij->i", residuals, residuals)))])]
+        costs = np.einsum("ij,ij->i", residuals, residuals)
+        small = 1 + int(np.argmin(costs[1:]))
+        return [X[0], X[small]] if costs[0] <= costs[small] else [X[small], X[0]]
 
     def _layout(self, terms: Sequence[Term]) -> _Layout:
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
@@ -413,7 +434,7 @@ class Refiner:
         return layout
 
     def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
-        xi = np.linalg.lstsq(layout.directions, theta, rcond=None)[0] if layout.r else np.zeros(0)
+        xi = self.along(theta)
         offsets = np.zeros(layout.n_channels) if start is None else start.offsets
         parts = [xi, offsets / self.screen.offset_sd]
         for i in layout.free:

@@ -158,9 +158,7 @@ class Screen:
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
         self.nuisance = np.hstack([self._nuisance(), self._offsets()])
-        fixed = np.array([c.sensor is not None for c in self.twin.changes])
-        known = np.where(fixed, 1e12, 1.0 / np.maximum(self.twin.prior, 1e-9) ** 2)
-        precision = np.concatenate([known, 1.0 / self.offset_sd**2])
+        precision = np.concatenate([1.0 / np.maximum(self.twin.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
         self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
@@ -305,7 +303,11 @@ class Screen:
                     modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
                 if change.sensor is not None:
                     reading[..., change.sensor, i] = group.y[..., change.sensor]
-            blocks.append(group.rows(self.through(group, modal, reading)))
+            left = self.through(group, modal, reading)
+            for i, change in enumerate(self.twin.changes):
+                if change.sensor is not None:  # of its own sample only what was foreseen: the rest is the innovation itself
+                    left[..., change.sensor, i] -= group.e[..., change.sensor]
+            blocks.append(group.rows(left))
         return np.concatenate(blocks)
 
     def _offsets(self) -> Array:

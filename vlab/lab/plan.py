@@ -259,7 +259,7 @@ def _bind(plan: Plan, folder: Path) -> tuple[str, ...]:
     public = {name: _without_effects(binding) for name, binding in bound.items()} if plan.concealed else bound
     truth = folder.with_name(f"{folder.name}-truth") / TRUTH
     if folder.is_dir() and any(folder.iterdir()):
-        manifest = _read_json(folder / MANIFEST)
+        manifest = _read_json(folder / MANIFEST) if (folder / MANIFEST).exists() else {}
         if manifest.get("written_by") != "vlab" or manifest.get("verb") != "plan":
             raise OutputRefused(f"the folder {folder} holds files of no plan; name an empty or new one with --out")
         if bool(manifest.get("concealed")) != plan.concealed:

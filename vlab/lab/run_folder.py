@@ -81,6 +81,11 @@ class RunSettings:
             odd=self.odd,
             seed=None if release else self.seed,
         )
+        if not release and self.high_hz is not None and self.high_hz > hardware.converter.rate / 2:
+            raise BadExperiment(
+                f"the band reaches {self.high_hz:g} Hz; a converter of {hardware.converter.rate:g} Hz drives and records up to "
+                f"{hardware.converter.rate / 2:g} Hz"
+            )
         faults: tuple[Fault, ...] = ()
         if self.power_up:
             switches = power_up_as_told(hardware, self.power_up)

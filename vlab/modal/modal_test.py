@@ -63,6 +63,18 @@ class ModalTest:
     dwell_s: float | None = None
     end_level: float = END_LEVEL
 
+    def __post_init__(self) -> None:
+        if self.n_modes is not None and self.n_modes < 1:
+            raise BadRecording(f"{self.n_modes} modes cannot be reported; accepted: whole numbers from 1")
+        if not 0 < self.end_level <= 1:
+            raise BadRecording(
+                f"the exponential window leaves {self.end_level:g} at its end; accepted: above 0 up to 1"
+            )
+        for name in ("period_s", "segment_s", "dwell_s"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise BadRecording(f"{name} is {value:g} s; accepted: finite times above 0")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalTestResult:
@@ -76,6 +88,8 @@ class ModalTestResult:
         Noise and nonlinear distortion, for each input with periodic data.
     forces : tuple of AppropriatedForces
         For each mode, where several inputs were tested: the forces of a dwell that holds it alone.
+    skipped_s : tuple of float or None
+        What was left out at the start of each recording with periodic data, None for other excitations.
     """
 
     responses: tuple[MeasuredFrequencyResponse, ...]
@@ -84,6 +98,25 @@ class ModalTestResult:
     signals: tuple[Signal, ...] = ()
     distortion: tuple[Distortion, ...] = ()
     forces: tuple[AppropriatedForces, ...] = ()
+    skipped_s: tuple[float | None, ...] = ()
+
+    def misfit_band(self) -> tuple[float, float]:
+        """Return the band [Hz] with the middle nine tenths of what the fit leaves of the responses."""
+        fitted = self.poles.fitted
+        rows = np.searchsorted(self.mean.freq, fitted.freq)
+        left = np.cumsum(np.sum(np.abs(self.mean.H[rows] - fitted.H) ** 2, axis=(1, 2)))
+        low, high = fitted.freq[np.searchsorted(left, [0.05 * left[-1], 0.95 * left[-1]])]
+        return float(low), float(high)
+
+    def still_ringing(self) -> Array:
+        """Return what is left of each mode's transient where the averaged periods begin, (n_modes,), in 0 to 1.
+
+        exp(-zeta omega t) with the time t left out at the start of periodic records, the least of them; 0 for other
+        excitations. The rest counts as noise, and what the averaged periods share of it biases the damping.
+        """
+        times = [time for time in self.skipped_s if time is not None]
+        omega = 2 * np.pi * self.poles.freq
+        return np.asarray(np.exp(-self.poles.zeta * omega * min(times))) if times else np.zeros(omega.size)
 
     def peak_shapes(self) -> Array:
         """Return the shapes as the dissertation read them off the peaks, (n_outputs, n_modes): section 5.4.1.
@@ -123,6 +156,8 @@ class ModalTestResult:
             "residual": estimate.residual,
             "distortion": [_distortion(part) for part in self.distortion],
         }
+        for mode, left in zip(document["modes"], self.still_ringing().tolist(), strict=True):
+            mode["transient_left"] = left
         for mode, forces in zip(document["modes"], self.forces, strict=False):
             named = dict(zip(forces.inputs, forces.forces.tolist(), strict=True))
             mode["dwell"] = {"hz": forces.hz, "indicator": forces.indicator, "forces": named}
@@ -184,6 +219,9 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
         signals=signals,
         distortion=_distortions(recordings, signals, responses),
         forces=_forces(poles) if len(mean.inputs) > 1 and mean.added_decay == 0 else (),
+        skipped_s=tuple(
+            _skip_s(r, s) if s.kind == "periodic" else None for r, s in zip(recordings, signals, strict=True)
+        ),
     )
 
 

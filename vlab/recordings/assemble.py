@@ -1,7 +1,7 @@
 """From the columns of a file to a recording: labels given, units converted to SI, nothing repaired."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,9 @@ _SI = (
     "T",
 )
 """SI units by which a channel of a free kind may be labelled; the first of the right dimension is taken."""
+
+ROUNDING = 0.02
+"""Largest distance of a stamp from an even grid, in steps: it turns the phase at half the sample rate by 3.6 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +169,23 @@ def to_recording(
         return Recording(time=stamps[keep], data=matrix, channels=tuple(channels), meta={"file": str(table.path)})
     except BadRecording as error:
         raise refuse(table.path, str(error)) from error
+
+
+def on_even_stamps(recording: Recording) -> Recording:
+    """Return a recording whose stamps are an even grid written with few digits on that grid; any other as it is.
+
+    A file with six decimals of a second moves a stamp by half a microsecond, which is no jitter of the sampling. Stamps are
+    taken for rounded where each is within `ROUNDING` of a step of an even grid; ``meta["stamps"]`` says so then.
+    """
+    if recording.is_uniform:
+        return recording
+    even = np.linspace(recording.time[0], recording.time[-1], len(recording))
+    step = float(even[1] - even[0])
+    farthest = float(np.abs(recording.time - even).max())
+    if farthest > ROUNDING * step:
+        return recording
+    said = f"put on an even grid of {1 / step:.9g} Hz, by at most {farthest:.2g} s"
+    return replace(recording, time=even, meta={**recording.meta, "stamps": said})
 
 
 def _check_lengths(

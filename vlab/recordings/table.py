@@ -191,6 +191,8 @@ def open_table(
     """
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:
+        if not (Path(path) if folder is None else Path(folder) / path).exists():
+            raise refuse(path, "there is no such file", fix="check the name and the folder")
         raise refuse(path, f"files of kind {suffix!r} are not read", fix=f"accepted: {', '.join(READERS)}")
     data = read_guarded(path, folder=folder)
     reader = importlib.import_module(READERS[suffix])

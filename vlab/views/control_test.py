@@ -17,6 +17,7 @@ from vlab.views.figures.style import GREY, as_text, draw_legend, draw_line, stac
 
 PRINTED = {"displacement": ("in/lbf", "m/N"), "velocity": ("in/s/lbf", "m/s/N")}
 """The units of the dissertation's figures, and ours."""
+ENVELOPE_POINTS = 400
 RESPONSE_HEADERS = ("panel", "curve", "frequency_hz", "real", "imaginary", "unit", "coherence")
 RELEASE_HEADERS = ("law", "channel", "time_s", "value", "unit")
 
@@ -84,9 +85,10 @@ def ring_down_figure(figure: ControlFigure) -> Figure:
         t, x = part.recording.time, part.recording[part.channel]
         handles["simulated experiment"] = draw_line(row, t, x, 0, color=GREY, linestyle="-", lw=0.7)
         if part.poles is not None:
-            fall = np.abs(x).max() * np.exp(part.poles.s[0].real * t)
+            few = np.linspace(t[0], t[-1], ENVELOPE_POINTS)
+            fall = np.abs(x).max() * np.exp(part.poles.s[0].real * few)
             for sign in (1.0, -1.0):
-                handles["envelope of mode 1, predicted"] = draw_line(row, t, sign * fall, 1, lw=1.0)
+                handles["envelope of mode 1, predicted"] = draw_line(row, few, sign * fall, 1, lw=1.0)
         row.set(ylabel=f"{channel.kind}\n[{channel.unit}]")
         row.set_xlim(0.0, min(other.recording.time[-1] for other in figure.ring_downs))
         row.ticklabel_format(axis="y", scilimits=(-3, 4))

@@ -18,6 +18,10 @@ from vlab.views.report import Section, write_report
 DRAWN = 8
 """Most responses, and most outputs with their distortion, that are drawn; the numbers of all are in the JSON."""
 DISTORTED = 2
+MUCH_LEFT = 0.1
+"""Misfit, relative to the responses, from which is said where it lies."""
+RINGING = 0.03
+"""Part of a transient, left where averaging begins, from which it is said: it moves damping by some per cent."""
 
 
 def found_rows(found: Sequence[FoundMode]) -> list[list[Any]]:
@@ -38,6 +42,26 @@ def mode_rows(result: ModalTestResult) -> list[list[Any]]:
     e = result.poles
     columns = zip(e.freq, e.freq_sd, e.zeta, e.zeta_sd, e.confidence, strict=True)
     return [[i + 1, *(float(v) for v in values)] for i, values in enumerate(columns)]
+
+
+def doubts(result: ModalTestResult) -> list[str]:
+    """Return what a reader should know before believing the modes, a sentence each."""
+    out = []
+    if result.poles.residual > MUCH_LEFT:
+        low, high = result.misfit_band()
+        out.append(
+            f"Nine tenths of what the fit leaves lie from {low:.4g} to {high:.4g} Hz; where that is noise, leave it out with --band."
+        )
+    left = result.still_ringing()
+    if left.size and left.max() > RINGING:
+        j = int(np.argmax(left))
+        e = result.poles
+        settled = np.log(1 / RINGING) / (e.zeta[j] * 2 * np.pi * e.freq[j])
+        out.append(
+            f"Mode {j + 1} still rang from the start, at {100 * left[j]:.2g} % of it, where the averaged periods begin: its damping is "
+            f"biased; record at least {2 * settled:.3g} s, of which the first half is left out."
+        )
+    return out
 
 
 def level_rows(levels: Sequence[dict[str, Any]]) -> list[list[Any]]:
@@ -99,7 +123,7 @@ def write_modal_test(
     summary = [
         f"{len(result.responses)} recordings; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
     ]
-    write_report(folder / "report.html", title=title, sections=sections, summary=summary)
+    write_report(folder / "report.html", title=title, sections=sections, summary=[*summary, *doubts(result)])
     for name, (svg, _) in figures.items():
         (folder / f"{''.join(c if c.isalnum() or c in '-._' else '-' for c in name)}.svg").write_text(
             svg, encoding="utf-8"

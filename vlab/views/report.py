@@ -94,12 +94,17 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(cell=_cell, is_number=_is_number, svg=Markup)
+    environment.filters.update(cell=_cell, number_columns=_number_columns, svg=Markup)
     return environment
 
 
+def _number_columns(rows: Sequence[Sequence[object]]) -> list[bool]:
+    """Return which columns are set flush right: those with nothing but numbers, so that a place called 40in is none."""
+    return [all(_is_number(value) for value in column) for column in zip(*rows, strict=True)]
+
+
 def _is_number(value: object) -> bool:
-    """Whether a cell is set flush right: numbers, and text that starts like one."""
+    """Whether a cell is a number, or text that reads like one, with a unit or without."""
     if isinstance(value, str):
         return re.fullmatch(r"\s*[-–]?\s*|\s*[-+±]?\d[\d.,]*(e[-+]?\d+)?\s*(%|[A-Za-z/²]{1,4})?\s*", value) is not None
     return value is None or isinstance(value, (int, float)) or hasattr(value, "dtype")

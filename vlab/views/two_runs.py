@@ -95,6 +95,9 @@ def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: 
     layout = blueprint(rrb.Horizontal(_picture(runs, scenes), plots, paper, column_shares=[3, 4, 3]))
     title = " beside ".join(run.name for run in runs)
     with rrd_file(path, plain(title), layout, identity_of(*(run.recording for run in runs))) as stream:
+        log_document(
+            stream, _document(title, runs, scenes, order)
+        )  # first, so that it is there while the rest still loads
         for scene in scenes:
             scene.log(stream)
         for i, name in enumerate(order):
@@ -108,7 +111,6 @@ def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: 
                         plain(run.name),
                         colour,
                     )
-        log_document(stream, _document(title, runs, scenes, order))
     return Path(path)
 
 

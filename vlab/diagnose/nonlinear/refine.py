@@ -195,6 +195,22 @@ class MovingRefiner(Refiner):
     ) -> Array:
         """See `Refiner`; `starts` are deviations from the motion."""
         assert len(runs) == len(self.parts)
+        with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+            y = self._marched(terms, theta, values, starts)
+        for i, change in enumerate(self.twin.changes):
+            if change.sensor is not None:
+                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, PickUp):
+                mix(y, term, own, runs)
+            elif isinstance(term.effect, SensorEffect):
+                self._sense(y, term.effect, term.place.index, own)
+        return y
+
+    def _marched(
+        self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
+    ) -> Array:
+        """Return what the channels are before sensor effects, (n, n_sets, n_windows, p)."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
         steps = FINE if any(term.effect.family == "friction" for term, _ in acting) else 1
@@ -219,15 +235,7 @@ class MovingRefiner(Refiner):
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
             y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
-        for i, change in enumerate(self.twin.changes):
-            if change.sensor is not None:
-                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
-        for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, PickUp):
-                mix(y, term, own, runs)
-            elif isinstance(term.effect, SensorEffect):
-                self._sense(y, term.effect, term.place.index, own)
-        return y
+        return np.asarray(np.clip(np.nan_to_num(y, nan=FAR), -FAR, FAR))
 
     def _drive(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int

@@ -26,6 +26,8 @@ CLOSE = 1.25
 """A size is right within this factor of the one wanted."""
 LARGEST = 0.6
 """Something hidden changes the signals by at most this share of their rms."""
+PER_PERIOD = 16
+"""Samples a period of the highest frequency excited that the refit works on."""
 HALVED_S = 1.5
 """Seconds of the loudest recording that are integrated again with half the step."""
 DELAY_SAMPLES, CORNER_HZ = 1.35, 677.0
@@ -206,7 +208,7 @@ def _hide(
         setup.output,
         commands[:, :, fit],
         drawn.pickup.sigma,
-        max(1, round(blueprint.rate_hz / (8 * blueprint.band_hz[1]))),
+        max(1, int(blueprint.rate_hz / (PER_PERIOD * blueprint.band_hz[1]))),
     )
     for _ in range(DRAWS):
         found = _sized(blueprint, wanted, drawn, refit, rng)

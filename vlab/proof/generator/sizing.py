@@ -56,7 +56,7 @@ class Refit:
     sigma : (n_sensors,) array
         Noise.
     every : int
-        Samples are thinned by this.
+        Samples are thinned by this, and forces are averaged over as many: both sides of every difference alike.
     """
 
     def __init__(
@@ -70,8 +70,10 @@ class Refit:
         every: int,
     ) -> None:
         self._bench, self._sigma, self._every = bench, sigma, every
-        self._rate = blueprint.rate_hz
-        self._forces = output.forces(commands, 1.0 / blueprint.rate_hz, 1)
+        self._step = every / blueprint.rate_hz
+        forces = output.forces(commands, 1.0 / blueprint.rate_hz, 1)
+        whole = len(forces) // every * every
+        self._forces = forces[:whole].reshape(-1, every, *forces.shape[1:]).mean(axis=1)
         self._benign = blueprint.benign
         here = blueprint.matrices(factors)
         self._changes = [_matrices(blueprint, factors, bench, b, here) for b in self._benign]
@@ -97,12 +99,12 @@ class Refit:
                 M, C, K = M + value * change[0], C + value * change[1], K + value * change[2]
         changed = Bench(M=M, C=C, K=K, places={}, actuators=bench.actuators, sensors=bench.sensors)
         rows = np.array([port_rows(s.row, s.order) for s in bench.sensors.values()])
-        y = Poles.of(changed).response(changed.loads * gains, self._forces, rows, 1.0 / self._rate)
-        return np.asarray(y * seen[None, :, None])[:: self._every]
+        y = Poles.of(changed).response(changed.loads * gains, self._forces, rows, self._step)
+        return np.asarray(y * seen[None, :, None])
 
     def left(self, y: Array, null: Array) -> tuple[float, float]:
         """Return what a refit leaves of a change over the noise, and the change over the signals; see `size`."""
-        thin = slice(None, None, self._every)
+        thin = slice(None, len(self._forces) * self._every, self._every)
         weight = 1.0 / self._sigma[None, :, None]
         change = y[thin] - null[thin]
         return self._left(change, range(y.shape[2])), _rms(change * weight) / max(_rms(null[thin] * weight), 1e-300)
@@ -116,7 +118,7 @@ class Refit:
             True outputs with and without what is hidden, in the recordings to fit.
         """
         weight = 1.0 / self._sigma[None, :, None]
-        thin = slice(None, None, self._every)
+        thin = slice(None, len(self._forces) * self._every, self._every)
         change = (y - null)[thin] * weight
         together = self._left(y[thin] - null[thin], range(y.shape[2]))
         alone = [self._left(y[thin] - null[thin], [r]) for r in range(y.shape[2])]
