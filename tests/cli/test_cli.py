@@ -15,6 +15,7 @@ from vlab.cli import VERBS, build_parser, main
 from vlab.errors import OutputRefused
 from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import read_recording
+from vlab.views import modal_test_report
 
 QUICK = ("experiment", "beam", *["--plant", "modal", "--seconds", "0.5", "--period", "0.2", "--band", "10", "30"])
 """The shortest experiment there is."""
@@ -110,7 +111,9 @@ def test_bits_do_not_depend_on_the_number_of_threads(tmp_path):
     assert hashes[0] == hashes[1]
 
 
-def test_modal_test_reads_a_run_folder(capsys, run_folder, tmp_path):
+def test_modal_test_reads_a_run_folder(capsys, monkeypatch, run_folder, tmp_path):
+    monkeypatch.setattr(modal_test_report, "DRAWN", 1)  # a figure takes longer than the fit
+    monkeypatch.setattr(modal_test_report, "DISTORTED", 1)
     status, out, _ = run(
         capsys,
         "modal-test",
@@ -167,6 +170,7 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--seconds", "nan"], "cannot be run"),
         (["experiment", "beam", "--seconds", "-1"], "cannot be run"),
         (["experiment", "beam", "--band", "30", "5"], "not 0 < low < high"),
+        (["experiment", "beam", "--band", "5", "2000"], "drives and records up to 1000 Hz"),
         (["experiment", "beam", "--level", "inf"], "not a finite number"),
         (["experiment", "beam", "--seed", "-1"], "accepted: whole numbers from 0"),
         (["experiment", "beam", "--noise", "-1"], "is negative"),
@@ -177,6 +181,7 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--seconds", "ten"], "invalid float value: 'ten'"),
         (["reproduce", "42"], "unknown table '42'; did you mean '4'? (accepted: 1, 3, 4, 5, "),
         (["modal-test", "nowhere.parquet"], "nowhere.parquet"),
+        (["modal-test", "nowhere"], "nowhere: there is no such file"),
         (["compare", "nowhere"], "nowhere"),
         (["show", "nowhere"], "no run.rrd here"),
         (["dance"], "invalid choice: 'dance'"),

@@ -14,6 +14,7 @@ from command import run
 
 from vlab.assets import asset
 from vlab.cases import load_case
+from vlab.cli.common import share_bar
 from vlab.lab.plan import load_plan, perform_plan
 
 PLAN = """title = "Two records"
@@ -228,7 +229,7 @@ def test_a_folder_of_somebody_else_is_left_alone(capsys, tmp_path):
     (tmp_path / "out" / "thesis.txt").write_text("three years")
     status, _, err = run(capsys, "experiment", "--plan", str(plan_file(tmp_path)), "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "out/manifest.json cannot be read" in err
+    assert "out holds files of no plan" in err
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["thesis.txt"]
 
 
@@ -254,3 +255,24 @@ def test_control_c_leaves_whole_records(tmp_path):
     assert process.returncode == 130
     assert "1 of 2 records are whole" in err
     assert sorted(p.name for p in out.iterdir()) == ["manifest.json", "one"]
+
+
+def test_a_plan_without_a_holdout_says_so(capsys, tmp_path):
+    path = plan_file(tmp_path)
+    path.write_text(path.read_text().replace("holdout", "fit"))
+    status, text, _ = run(capsys, "experiment", "--plan", str(path), "--out", str(tmp_path / "out"))
+    assert status == 0
+    assert "no record is held out" in text
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_that_python_dropped_is_heard_at_the_next_step():
+    class Last:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)  # an exception in here is printed and forgotten
+
+    with pytest.raises(KeyboardInterrupt), share_bar("plan") as report:  # noqa: PT012
+        report(0.1, "one")
+        Last()
+        report(0.2, "two")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

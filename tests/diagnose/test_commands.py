@@ -91,7 +91,7 @@ unit = "m"
     [
         ("recording", RECORDING.format(role="holdout", at="laser"), ("role", "fit")),
         ("recording", RECORDING.format(role="fit", at="lazer"), ("lazer", "laser")),
-        ("modal", 'role = "fit"\nfrequency_hz = [1.0]\nzeta = [0.01]', ("role", "fit")),
+        ("modal", 'role = "holdout"\nfrequency_hz = [1.0]\nzeta = [0.01]', ("role", "fit")),
     ],
 )
 def test_a_case_that_cannot_be_diagnosed_is_refused_in_one_line(tmp_path, capsys, table, body, words):

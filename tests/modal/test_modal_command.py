@@ -9,6 +9,7 @@ from command import run as run_words
 from scipy import signal
 
 from vlab.lab.run_folder import RunSettings, perform
+from vlab.views import modal_test_report
 
 FREQ, ZETA = np.array([6.0, 17.0]), np.array([0.01, 0.008])
 SHAPES = np.array([[1.0, 1.0], [0.6, -0.9]])
@@ -89,6 +90,15 @@ def test_a_stepped_sine_from_elsewhere(capsys, tmp_path):
         assert document["modes"][0]["zeta"] == pytest.approx(ZETA[0], rel=0.05)
 
 
+def test_stamps_of_six_decimals_are_a_rate(capsys, tmp_path):
+    t = np.arange(12288) / 409.6
+    force = np.where((t >= 0.5) & (t < 0.52), np.sin(np.pi * (t - 0.5) / 0.02), 0.0)
+    few = write_csv(tmp_path / "few.csv", np.round(t, 6), force, accelerations(force, t))
+    status, text, _ = run(capsys, "modal-test", few, *LABELS, "--band", 3, 25, "--json")
+    assert status == 0
+    assert [m["hz"] for m in json.loads(text)["modes"]] == pytest.approx(FREQ, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -101,6 +111,9 @@ def test_a_stepped_sine_from_elsewhere(capsys, tmp_path):
         ((*LABELS, "--against-plant"), "needs run folders"),
         ((*LABELS, "--signal", "periodic"), "needs its period"),
         ((*LABELS, "--window-end", "2"), "accepted: above 0 up to 1"),
+        ((*LABELS, "--signal", "random", "--window-end", "2"), "accepted: above 0 up to 1"),
+        ((*LABELS, "--modes", "0"), "0 modes cannot be reported"),
+        ((*LABELS, "--segment", "-1"), "segment_s is -1 s"),
     ],
 )
 def test_bad_input_is_one_line(capsys, hammer_csv, tmp_path, words, message):
@@ -132,7 +145,9 @@ def test_a_dwell_on_the_bench_is_read(capsys, tmp_path):
 SENSORS = ("--output", "sensor:base", "--output", "sensor:40in")
 
 
-def test_the_plant_beside_the_test(capsys, tmp_path):
+def test_the_plant_beside_the_test(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(modal_test_report, "DRAWN", 1)  # a figure takes longer than the fit
+    monkeypatch.setattr(modal_test_report, "DISTORTED", 1)
     for place in ("base", "20in"):
         settings = RunSettings(
             structure="beam", plant="modal", at=place, level=0.05, low_hz=8.0, high_hz=17.0, period_s=10.0, seconds=60.0, rate_hz=500.0, noise=1e-4

@@ -1,11 +1,14 @@
 """A modal test from recordings: which estimator, which shapes, what goes together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vlab.errors import BadRecording
 from vlab.modal.modal_test import ModalTest, estimate_responses, run_modal_test
 from vlab.signals import Channel, Recording
+from vlab.views.modal_test_report import doubts
 
 RATE, PERIOD = 200.0, 20.0
 FREQ, ZETA = np.array([4.0, 9.0]), np.array([0.02, 0.01])
@@ -76,3 +79,31 @@ def test_a_recording_without_input_or_sensor_says_so():
         run_modal_test([whole.select(["v", "x"])], ModalTest())
     with pytest.raises(BadRecording, match="no sensor"):
         run_modal_test([whole.select(["f"])], ModalTest())
+
+
+def test_a_transient_that_is_still_there_is_said():
+    test = ModalTest(n_modes=2, band_hz=(2.0, 15.0))
+    result = run_modal_test([recording(periods=4)], test)
+    # the first half of 80 s is left out; exp(-0.02 * 2 pi 4 * 40) = 2e-9
+    assert result.skipped_s == (40.0,)
+    assert result.still_ringing() == pytest.approx(np.exp(-ZETA * 2 * np.pi * FREQ * 40.0), rel=1e-3)
+    assert doubts(result) == []
+    early = replace(result, skipped_s=(5.0,))
+    (said,) = doubts(early)
+    # ln(1/.03) / .503 1/s = 7 s have to be left out, of twice as many
+    assert "Mode 1 still rang" in said
+    assert "at 8.1 % of it" in said
+    assert "at least 14 s" in said
+    assert early.as_dict()["modes"][0]["transient_left"] == pytest.approx(0.081, abs=1e-3)
+
+
+def test_where_the_misfit_lies_is_said():
+    result = run_modal_test([recording()], ModalTest(n_modes=2, band_hz=(2.0, 15.0)))
+    H = result.mean.H.copy()
+    spoilt = (result.mean.freq >= 12.0) & (result.mean.freq <= 13.0)
+    H[spoilt] += 0.1 * np.abs(H).max()
+    poles = replace(result.poles, residual=0.5)
+    worse = replace(result, mean=replace(result.mean, H=H), poles=poles)
+    low, high = worse.misfit_band()
+    assert 12.0 <= low < high <= 13.0
+    assert any("--band" in said for said in doubts(worse))

@@ -205,6 +205,7 @@ def test_work_on_dask_is_complete():
     ("words", "text"),
     [
         (["conceal", "--suite", "nul", "--out", "x"], "unknown suite 'nul'; did you mean 'null'?"),
+        (["conceal"], "name the folder of the cases with --out"),
         (["conceal", "--n", "0", "--out", "x"], "0 cases cannot be made"),
         (["conceal", "--seed", "-1", "--out", "x"], "the seed is -1"),
         (["conceal", "--benches", "boat", "--out", "x"], "unknown bench 'boat'"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vlab.errors import BadRecording, BadUnit, UnknownName
-from vlab.recordings.assemble import ColumnSpec, own_si, to_recording
+from vlab.recordings.assemble import ColumnSpec, on_even_stamps, own_si, to_recording
 from vlab.recordings.table import Table
 
 
@@ -118,3 +118,30 @@ def test_an_unknown_kind_is_refused_with_the_nearest():
 
 def test_si_units_of_their_own_stay_as_they_are():
     assert [own_si(unit) for unit in ("Hz", "rad", "", "J", "psi")] == ["Hz", "rad", "1", "N m", "Pa"]
+
+
+def stamped(time):
+    columns = {"t": time, "x": np.sin(time)}
+    return to_recording(Table(path="run.csv", columns=columns), [X], time="t")
+
+
+def test_stamps_with_few_digits_are_put_on_their_grid():
+    exact = np.arange(24000) / 1024.0
+    rounded = stamped(np.round(exact, 6))
+    assert not rounded.is_uniform
+    even = on_even_stamps(rounded)
+    assert even.is_uniform
+    # the two ends are rounded, too, by half of the last decimal each
+    assert np.abs(even.time - exact).max() <= 0.5e-6
+    assert even.rate == pytest.approx(1024.0, rel=1e-6 / exact[-1])
+    assert "at most" in even.meta["stamps"]
+    np.testing.assert_array_equal(even.data, rounded.data)
+
+
+@pytest.mark.parametrize("moved", [0.1, 1.0])  # of a step: a sample taken late, and one that was lost before it
+def test_stamps_that_are_not_even_stay_as_they_are(moved):
+    time = np.arange(100) / 1024.0
+    time[50:] += moved / 1024.0
+    assert on_even_stamps(stamped(time)).time.tolist() == time.tolist()
+    even = stamped(np.arange(100) / 1024.0)
+    assert on_even_stamps(even) is even

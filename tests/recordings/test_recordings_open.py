@@ -165,3 +165,13 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
     with pytest.raises(OutputRefused, match="cannot be written"), written_whole(tmp_path / "taken.csv"):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["taken.csv"]
+
+
+def test_a_name_without_a_file_is_said_before_its_ending(tmp_path):
+    with pytest.raises(BadRecording, match="no such file"):
+        open_table(tmp_path / "nothing")
+    with pytest.raises(BadRecording, match="no such file"):
+        open_table("nothing.png", folder=tmp_path)
+    (tmp_path / "there.png").write_bytes(b"x")
+    with pytest.raises(BadRecording, match="kind '.png'"):
+        open_table("there.png", folder=tmp_path)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,8 @@ from vlab.reproduce.control_bench import HARDWARE, ControlBench, dense_lines
 from vlab.reproduce.control_figures import FIGURES, control_figure
 from vlab.reproduce.peaks import average_error, levels_at, peak_ratios
 from vlab.reproduce.tables import ON_REQUEST, SIMULATED, TABLES, structure_of
-from vlab.signals import FrequencyResponse
-from vlab.views.control_test import write_control_figure
+from vlab.signals import Channel, FrequencyResponse, Recording
+from vlab.views.control_test import ring_down_figure, write_control_figure
 
 
 def receptance(freq, modes) -> FrequencyResponse:
@@ -141,6 +142,22 @@ def test_a_figure_is_a_drawing_its_data_and_its_numbers(tmp_path):
     document = json.loads((tmp_path / "figure-4.json").read_text())
     assert len(document["peak_ratios"][0]["over_experiment"]) == 6
     assert set(document["effort"]) == {"open loop"}
+
+
+def test_an_envelope_is_told_from_the_trace_without_colours():
+    t = np.arange(16000) / 2000.0  # as long as a release on the bench
+    channel = Channel(name="probe", kind="displacement", unit="m", at="30in")
+    trace = Recording(time=t, data=np.exp(-t)[:, None], channels=(channel,))
+    part = SimpleNamespace(
+        recording=trace, channel="probe", law="MFDRF", poles=SimpleNamespace(s=np.array([-1.0 + 9j]))
+    )
+    drawing = ring_down_figure(SimpleNamespace(ring_downs=(part,)))
+    measured, above, below = drawing.axes[0].lines
+    assert measured.get_linestyle() == "-"
+    assert above.get_linestyle() == below.get_linestyle() != "-"
+    x, y = above.get_data()
+    assert y == pytest.approx(np.exp(-x), rel=1e-12)
+    assert -below.get_ydata() == pytest.approx(y, rel=1e-12)
 
 
 def test_every_figure_of_the_text_is_there():

@@ -88,3 +88,11 @@ def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path):
     with pytest.raises(OutputRefused):
         write_report(tmp_path / "missing" / "report.html", title="t", sections=[])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_column_of_names_stands_left_even_where_one_looks_like_a_length(tmp_path):
+    tables = [(["actuator", "rms"], [["40in", 0.02], ["base", 0.03]])]
+    page = write_report(tmp_path / "r.html", title="t", sections=[Section(title="s", tables=tables)]).read_text()
+    assert "<td>40in</td>" in page
+    assert '<td class="number">0.02</td>' in page
+    assert '<th scope="col">actuator</th>' in page

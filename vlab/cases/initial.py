@@ -35,12 +35,13 @@ the motion is large, or more than this share of the recording."""
 STAGES = (0.06, 0.25, 1.0)
 """Shares of the window on which a local start is refined, one after the other."""
 LOCAL, HOPELESS = 0.05, 0.2
-"""Where more than the first share is left a local start is tried; a linear estimate that leaves more than the second on the
-model is no start for a refinement at all."""
+"""Where more than the first share is left, of joints that are all measured, or the second, of others, a local start is tried;
+a linear estimate that leaves more than the second is no start for a refinement at all."""
 LEAST_STAGE = 8
 """Samples of the first of them."""
-MOST_LOCAL = 12
-"""Degrees of freedom that a local start can have."""
+MOST_LOCAL, PER_CHANNEL = 12, 3
+"""Degrees of freedom that a local start can have, in all and for every channel: few sensors say little of many joints, and
+what a model lacks would go into the start."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
 _STEP = 1e-6
 """Step of the central differences of the sensors [largest joint motion, m or rad]."""
@@ -149,14 +150,17 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     )
     size = float(np.sum((problem.measured * problem.weight) ** 2))
     state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
+    is_measured = len({j[0] for c in compared if (j := joint_of(plant, c)) and j[1] == 0}) == plant.model.nv
+    can_be_local = plant.model.nv <= min(MOST_LOCAL, PER_CHANNEL * len(compared))
     if linear is not None:
         x, chosen, expected = _linear_estimate(problem, linear)
         state, lost = problem.state(x), _lost(problem, x, offset)
-        is_hopeless = lost > HOPELESS**2 * size and plant.model.nv <= MOST_LOCAL
+        is_hopeless = lost > HOPELESS**2 * size and can_be_local
         if not is_hopeless and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size):
             x, left = _refine(problem, x, _residual(problem, x, offset), offset)
             state, lost = problem.state(x), float(left @ left)
-    if lost > LOCAL**2 * size and plant.model.nv <= MOST_LOCAL:
+    share = LOCAL if is_measured else HOPELESS
+    if lost > share**2 * size and can_be_local:
         nearby, remains = _from_nearby(problem, _local_start(problem, state), offset)
         if remains < lost:
             state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)

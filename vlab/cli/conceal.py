@@ -5,6 +5,7 @@ import secrets
 from pathlib import Path
 
 from vlab.cli.common import Outcome, count_bar, text_table
+from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
 from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder
 from vlab.proof.suites import BENCHES, MIXTURES, SUITES
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--suite", default="all", help=f"suites, separated by commas: {known}")
     parser.add_argument("--n", type=int, default=12, help="number of cases")
     parser.add_argument("--seed", type=int, help="of everything drawn; fresh and printed by default")
-    parser.add_argument("--out", required=True, help="folder of the cases; their truth goes to OUT-truth")
+    parser.add_argument("--out", help="folder of the cases; their truth goes to OUT-truth")
     parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
     parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
     add_engine(parser)
@@ -31,6 +32,8 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Conceal cases."""
+    if not arguments.out:
+        raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
     if arguments.again:
         return _again(Path(arguments.again), Path(arguments.out), arguments)
     seed = fresh_seed() if arguments.seed is None else arguments.seed

@@ -68,11 +68,18 @@ class Seen:
         """Whether any of it is physics that the model lacks."""
         return self.limit is not None or bool(self.stops) or bool(self.hums)
 
-    def findings(self, problem: Problem) -> list[Finding]:
-        """Return it as findings."""
-        out = [] if self.limit is None else [of_limit(self.limit, problem)]
+    def on(self, model: Amended) -> Amended:
+        """Return a model with it."""
+        return replace(model, limit=self.limit, stops=self.stops, hums=self.hums)
+
+    def of_law(self, problem: Problem) -> list[Finding]:
+        """Return the limit of the commands as a finding: the law is known, so nothing is surer."""
+        return [] if self.limit is None else [of_limit(self.limit, problem)]
+
+    def of_sensors(self, problem: Problem) -> list[Finding]:
+        """Return what sensors show as findings."""
         units = {c.name: c.unit for c in problem.runs[0].measured.channels}
-        out += [of_stop(stop, units[stop.channel]) for stop in self.stops]
+        out = [of_stop(stop, units[stop.channel]) for stop in self.stops]
         return out + [of_hum(hum, units[hum.channel]) for hum in self.hums]
 
 
@@ -141,8 +148,9 @@ def diagnose(
     fit_after = found.whole.fit(choice.best.terms, choice.best.fit, 6) if choice.best.terms else fit_before
     if along is None:
         fit_before, fit_after = _in_mujoco(problem, found, fit_before, fit_after, seen)
-    before, after = amended(problem, fit_before), amended(problem, fit_after)
-    after = replace(after, limit=seen.limit, stops=seen.stops, hums=seen.hums)
+    before, after = amended(problem, fit_before), seen.on(amended(problem, fit_after))
+    if seen.is_missing and fit_after.terms and not _is_needed(problem, seen.on(before), after):
+        fit_after, after = fit_before, seen.on(before)
     report(0.9, "checking in MuJoCo")
     runs: list[Run] = list(holdouts) or list(problem.runs)
     is_amended = bool(choice.best.terms) or seen.is_missing
@@ -158,6 +166,13 @@ def diagnose(
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
     )
+
+
+def _is_needed(problem: Problem, without: Amended, after: Amended) -> bool:
+    """Return whether the chosen effects still explain the recordings to fit beside what these show without a model."""
+    checked = check(problem.case, problem.runs, without, after)
+    gap = gap_closed(total(checked, "before"), total(checked, "after"), total(checked, "noise"))
+    return gap is not None and gap >= LEAST_GAP
 
 
 def _in_mujoco(problem: Problem, found: Found, before: Fit, after: Fit, seen: Seen) -> tuple[Fit, Fit]:
@@ -196,11 +211,11 @@ def _say(
         if case.recordings(("holdout",))
         else ["no hold-out recording: nothing could be verified on data that the search did not use"]
     )
-    findings = (*of_terms(choice, fit, problem), *seen.findings(problem)) if verdict == "missing-physics" else ()
+    findings = (*seen.of_law(problem), *of_terms(choice, fit, problem), *seen.of_sensors(problem))
     return Diagnosis(
         title=case.table.title,
         verdict=verdict,
-        findings=findings,
+        findings=findings if verdict == "missing-physics" else (),
         alternatives=tuple(_alternatives(choice, problem)),
         checked=tuple(checked),
         mismatch=_mismatch(checked),

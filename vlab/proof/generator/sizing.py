@@ -11,8 +11,12 @@ from vlab.signals import Array
 
 STEP = 1e-2
 """Of the log-factors in the differences that give the derivatives."""
-CYCLES = 4
-"""Gauss-Newton steps with fixed derivatives; the sizes need two digits."""
+CYCLES, SHARES, ENOUGH = 12, (1.0, 0.4, 0.15, 0.05), 0.9
+"""Gauss-Newton steps, the shares of a step that are tried, and the share of the cost below which a step is worth it;
+derivatives are taken again where a step with old ones is not."""
+GROWING = (0.08, 0.25, 1.0)
+"""Shares of the recordings that are fitted one after the other: over a whole one a frequency that is off by more than a
+line has many minima."""
 MOST = 3.0
 """Standard deviations that a benign parameter may be refitted by at most: a linearisation is not trusted beyond."""
 
@@ -78,12 +82,16 @@ class Refit:
         here = blueprint.matrices(factors)
         self._changes = [_matrices(blueprint, factors, bench, b, here) for b in self._benign]
         self._null = self._simulated(np.zeros(len(self._benign)))
+        self._J = self._jacobian(np.zeros(len(self._benign)), self._null)
+
+    def _jacobian(self, theta: Array, here: Array) -> Array:
+        """Return the derivatives of the outputs by the log-factors, (samples, sensors, runs, parameters)."""
         columns = []
-        for i in range(len(self._benign)):
-            theta = np.zeros(len(self._benign))
-            theta[i] = STEP
-            columns.append((self._simulated(theta) - self._null) / STEP)
-        self._J = np.stack(columns, axis=-1)  # (samples, sensors, runs, parameters)
+        for i in range(len(theta)):
+            moved = theta.copy()
+            moved[i] += STEP
+            columns.append((self._simulated(moved) - here) / STEP)
+        return np.stack(columns, axis=-1)
 
     def _simulated(self, theta: Array) -> Array:
         bench = self._bench
@@ -132,21 +140,43 @@ class Refit:
 
     def _left(self, change: Array, runs: "range | list[int]") -> float:
         """Return the rms over the noise of what is left of a change in some recordings, all together."""
-        runs = list(runs)
         sd = np.array([b.sd for b in self._benign])
-        weight = 1.0 / self._sigma[None, :, None]
-        J = (self._J[:, :, runs] * weight[..., None]).reshape(-1, len(sd)) * sd
-        normal = J.T @ J + np.eye(len(sd))
-        theta, best, left = np.zeros(len(sd)), np.inf, np.inf
+        target = (change + self._null)[:, :, list(runs)]
+        theta, rest = np.zeros(len(sd)), np.zeros(0)
+        for share in GROWING:
+            theta, rest = self._fitted(theta, target[: round(share * len(target))], list(runs), sd)
+        return _rms(rest)
+
+    def _fitted(self, theta: Array, target: Array, runs: list[int], sd: Array) -> tuple[Array, Array]:
+        """Fit the beginning of some recordings from a start; return the parameters over their sd, and what is left."""
+        weight, count = 1.0 / self._sigma[None, :, None], len(target)
+
+        def missed(theta: Array) -> tuple[Array, float, Array]:
+            outputs = self._simulated(theta * sd)
+            rest = ((target - outputs[:count, :, runs]) * weight).reshape(-1)
+            return rest, float(rest @ rest + theta @ theta), outputs
+
+        def scaled(J: Array) -> Array:
+            return np.asarray((J[:count, :, runs] * weight[..., None]).reshape(-1, len(sd)) * sd)
+
+        rest, cost, outputs = missed(theta)
+        J, is_fresh = scaled(self._J), not np.any(theta)
         for _ in range(CYCLES):
-            model = self._simulated(theta * sd)[:, :, runs] - self._null[:, :, runs]
-            rest = ((change[:, :, runs] - model) * weight).reshape(-1)
-            cost = float(rest @ rest + theta @ theta)
-            if cost >= best:
+            direction = np.linalg.solve(J.T @ J + np.eye(len(sd)), J.T @ rest - theta)
+            before = cost
+            for share in SHARES:
+                tried = np.clip(theta + share * direction, -MOST, MOST)
+                found = missed(tried)
+                if found[1] < cost:
+                    theta, (rest, cost, outputs) = tried, found
+                    break
+            if cost <= ENOUGH * before:
+                is_fresh = False
+            elif is_fresh:
                 break
-            best, left = cost, _rms(rest)
-            theta = np.clip(theta + np.linalg.solve(normal, J.T @ rest - theta), -MOST, MOST)
-        return left
+            else:
+                J, is_fresh = scaled(self._jacobian(theta * sd, outputs)), True
+        return theta, rest
 
 
 def _matrices(
