@@ -1,12 +1,17 @@
-"""What the tests of the command line share: a run is drawn with one response, for a picture takes longer than the run."""
+"""What the tests of the command line share: quick figures, for a page takes longer than the run that it shows.
+
+Of a run one response is drawn, and nothing is moved apart; how figures look is tested in tests/views.
+"""
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from vlab.views import documents
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_picture():
+def quick_figures():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(documents, "PICTURES", 1)
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: {})
         yield

@@ -30,7 +30,9 @@ def test_hum_is_found_at_its_frequency_and_size_whatever_its_phase():
         run_of(TIME, {"a": x + hum(0.05, 49.93, 6 * rng.random()) + hum(0.01, 149.79, 6 * rng.random())}) for x in clean
     ]
     (found,) = find_hum(runs)
-    assert found.frequency == pytest.approx(49.93, abs=0.01)  # the window resolves 0.1 Hz in 20 s, its peak a tenth of it
+    assert found.frequency == pytest.approx(
+        49.93, abs=0.01
+    )  # the window resolves 0.1 Hz in 20 s, its peak a tenth of it
     assert found.harmonics == (1, 3)
     # the response itself has a little power there: some per cent of so small a line
     assert found.rms == pytest.approx(np.hypot(0.05, 0.01) / np.sqrt(2), rel=0.03)
@@ -71,6 +73,8 @@ def test_noise_alone_has_no_hum():
 def test_irregular_time_stamps_are_taken_as_they_are():
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.uniform(0.5, 1.5, TIME.size)) / RATE
-    values = np.sin(2 * np.pi * 3 * time) + 0.05 * np.sin(2 * np.pi * 50.0 * time) + 0.01 * rng.standard_normal(time.size)
+    values = (
+        np.sin(2 * np.pi * 3 * time) + 0.05 * np.sin(2 * np.pi * 50.0 * time) + 0.01 * rng.standard_normal(time.size)
+    )
     (found,) = find_hum([run_of(time, {"a": values})])
     assert found.rms == pytest.approx(0.05 / np.sqrt(2), rel=0.02)

@@ -23,8 +23,10 @@ from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.law import DryFriction, Sliders, Static
 from vlab.proof.generator.library import LIBRARY
 from vlab.proof.generator.march import Feedback, march
+from vlab.proof.generator.plan import plan
 from vlab.proof.generator.rigs import SHAFT, SLIDER, shaft, slider
 from vlab.proof.generator.simulate import Setup, scale_at
+from vlab.proof.generator.sizing import Refit
 from vlab.proof.suites import drawn_suites, kinds, make_case
 from vlab.proof.writing import write_case
 from vlab.structure import load_structure
@@ -310,6 +312,25 @@ def test_a_case_says_how_large_its_effect_is_and_that_its_steps_are_small(chain_
     fit = {r["signal"] for r in case.truth["recordings"] if r["role"] == "fit"}
     assert [r for r in case.truth["recordings"] if r["role"] == "holdout" and r["signal"] not in fit]
     assert len({round(r["level"], 6) for r in case.truth["recordings"] if r["role"] == "fit"}) >= 3
+
+
+def test_a_refit_takes_up_what_is_benign_and_leaves_what_is_not():
+    """A spring that is 3 % softer is one standard deviation of what was built; dry friction is nothing of the kind."""
+    blueprint, rng = slider(), np.random.default_rng(5)
+    bench, recordings = blueprint.build({}, {}), plan(blueprint, rng)
+    commands = recordings.commands[:, :, recordings.fit]
+    setup = Setup(bench=bench, output=Output(), rate_hz=500.0, substeps=4)
+    null = setup.run(commands, ())
+    sigma = 0.007 * np.sqrt(np.mean(null**2, axis=(0, 2)))
+    refit = Refit(blueprint, {}, bench, Output(), commands, sigma, every=1)
+    scale = scale_at(setup, commands[:, :, -1], "tendon:bracket", null[:, :, -1], blueprint.band_hz)
+    for name, size, is_benign in (("lost-stiffness", 0.03, True), ("coulomb-friction", 0.1, False)):
+        kind = next(k for k in LIBRARY if k.name == name)
+        y = setup.run(commands, [Hidden(kind=kind, place="tendon:bracket", shapes={}, scale=scale, size=size)])
+        found = refit.size(y, null)
+        assert found.change > 3.0
+        assert (found.left < 0.1) == is_benign
+        assert (found.absorbed > 0.95) == is_benign
 
 
 def test_suites_are_shuffled_and_complete():

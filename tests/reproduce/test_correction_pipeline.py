@@ -24,7 +24,7 @@ def joints():
 
 @pytest.fixture(scope="module")
 def bearings():
-    return correct_by_test(seed=1, reduction="exact", period_s=50.0, periods=2)
+    return correct_by_test(seed=1, reduction="exact", period_s=50.0)
 
 
 @pytest.mark.parametrize("name", ["joints", "bearings"])

@@ -31,6 +31,8 @@ ITERATIONS = 12
 FROZEN = 2
 """Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
 at once moves to where the law does nothing."""
+EXPLAINED = 1.7
+"""Mean square of the weighted difference below which a fit needs no second start."""
 REUSED = 3
 """Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
 1965) while they keep half of their promise."""
@@ -306,8 +308,9 @@ class Refiner:
         layout = self._layout(terms)
         first, *others = self._starts(layout, terms, start)
         best = self._descend(layout, terms, first, iterations)
-        for x in others:  # only worth the time where the screening's estimate led nowhere
-            if start is not None and best.cost < 0.7 * start.cost:
+        samples = sum(run.y.size for run in self.runs)
+        for x in others:  # only worth the time where the first one led no way down to the noise
+            if best.cost < EXPLAINED * samples:
                 break
             best = min(best, self._descend(layout, terms, x, iterations), key=lambda fit: fit.cost)
         return best

@@ -305,7 +305,9 @@ class Screen:
                     reading[..., change.sensor, i] = group.y[..., change.sensor]
             left = self.through(group, modal, reading)
             for i, change in enumerate(self.twin.changes):
-                if change.sensor is not None:  # of its own sample only what was foreseen: the rest is the innovation itself
+                if (
+                    change.sensor is not None
+                ):  # of its own sample only what was foreseen: the rest is the innovation itself
                     left[..., change.sensor, i] -= group.e[..., change.sensor]
             blocks.append(group.rows(left))
         return np.concatenate(blocks)

@@ -11,12 +11,12 @@ from vlab.signals import Array
 
 STEP = 1e-2
 """Of the log-factors in the differences that give the derivatives."""
-CYCLES, SHARES, ENOUGH = 12, (1.0, 0.4, 0.15, 0.05), 0.9
+CYCLES, SHARES, ENOUGH = 10, (1.0, 0.4, 0.15, 0.05), 0.9
 """Gauss-Newton steps, the shares of a step that are tried, and the share of the cost below which a step is worth it;
 derivatives are taken again where a step with old ones is not."""
-GROWING = (0.08, 0.25, 1.0)
-"""Shares of the recordings that are fitted one after the other: over a whole one a frequency that is off by more than a
-line has many minima."""
+GROWING = ((0.08, 10.0), (0.25, 10.0), (1.0, 10.0), (1.0, 3.0), (1.0, 1.0))
+"""Shares of the recordings that are fitted one after the other, and by how much the noise is taken for larger: over a whole
+recording a frequency that is off by more than a line has many minima, and without priors that count parameters run off."""
 MOST = 3.0
 """Standard deviations that a benign parameter may be refitted by at most: a linearisation is not trusted beyond."""
 
@@ -31,15 +31,12 @@ class Size:
         Of the outputs, in units of their noise.
     left : float
         After the refit of everything benign.
-    left_alone : float
-        The largest of any one recording, refitted alone.
     of_signal : float
         Change over the rms of the signals.
     """
 
     change: float
     left: float
-    left_alone: float
     of_signal: float
 
     @property
@@ -115,7 +112,7 @@ class Refit:
         thin = slice(None, len(self._forces) * self._every, self._every)
         weight = 1.0 / self._sigma[None, :, None]
         change = y[thin] - null[thin]
-        return self._left(change, range(y.shape[2])), _rms(change * weight) / max(_rms(null[thin] * weight), 1e-300)
+        return self._left(change), _rms(change * weight) / max(_rms(null[thin] * weight), 1e-300)
 
     def size(self, y: Array, null: Array) -> Size:
         """Measure the size of a change.
@@ -128,36 +125,29 @@ class Refit:
         weight = 1.0 / self._sigma[None, :, None]
         thin = slice(None, len(self._forces) * self._every, self._every)
         change = (y - null)[thin] * weight
-        together = self._left(y[thin] - null[thin], range(y.shape[2]))
-        alone = [self._left(y[thin] - null[thin], [r]) for r in range(y.shape[2])]
-        signal = null[thin] * weight
-        return Size(
-            change=_rms(change),
-            left=together,
-            left_alone=max(alone),
-            of_signal=_rms(change) / max(_rms(signal), 1e-300),
-        )
+        left = self._left(y[thin] - null[thin])
+        return Size(change=_rms(change), left=left, of_signal=_rms(change) / max(_rms(null[thin] * weight), 1e-300))
 
-    def _left(self, change: Array, runs: "range | list[int]") -> float:
-        """Return the rms over the noise of what is left of a change in some recordings, all together."""
+    def _left(self, change: Array) -> float:
+        """Return the rms over the noise of what is left of a change."""
         sd = np.array([b.sd for b in self._benign])
-        target = (change + self._null)[:, :, list(runs)]
+        target = change + self._null
         theta, rest = np.zeros(len(sd)), np.zeros(0)
-        for share in GROWING:
-            theta, rest = self._fitted(theta, target[: round(share * len(target))], list(runs), sd)
+        for share, louder in GROWING:
+            theta, rest = self._fitted(theta, target[: round(share * len(target))], sd, louder)
         return _rms(rest)
 
-    def _fitted(self, theta: Array, target: Array, runs: list[int], sd: Array) -> tuple[Array, Array]:
-        """Fit the beginning of some recordings from a start; return the parameters over their sd, and what is left."""
-        weight, count = 1.0 / self._sigma[None, :, None], len(target)
+    def _fitted(self, theta: Array, target: Array, sd: Array, louder: float) -> tuple[Array, Array]:
+        """Fit the beginning of the recordings from a start; return the parameters over their sd, and what is left."""
+        weight, count = 1.0 / (louder * self._sigma[None, :, None]), len(target)
 
         def missed(theta: Array) -> tuple[Array, float, Array]:
             outputs = self._simulated(theta * sd)
-            rest = ((target - outputs[:count, :, runs]) * weight).reshape(-1)
+            rest = ((target - outputs[:count]) * weight).reshape(-1)
             return rest, float(rest @ rest + theta @ theta), outputs
 
         def scaled(J: Array) -> Array:
-            return np.asarray((J[:count, :, runs] * weight[..., None]).reshape(-1, len(sd)) * sd)
+            return np.asarray((J[:count] * weight[..., None]).reshape(-1, len(sd)) * sd)
 
         rest, cost, outputs = missed(theta)
         J, is_fresh = scaled(self._J), not np.any(theta)
