@@ -6,12 +6,13 @@ Of a run one response is drawn, and nothing is moved apart; how figures look is 
 import pytest
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from vlab.views import documents
+from vlab.views import documents, run_report, run_view
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def quick_figures():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(documents, "PICTURES", 1)
+        for module in (documents, run_report, run_view):  # each has the name, so that none keeps the changed one
+            patch.setattr(module, "PICTURES", 1)
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: {})
         yield

@@ -22,7 +22,7 @@ from vlab.proof.generator.hidden import Hidden, Scale
 from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.law import DryFriction, Sliders, Static
 from vlab.proof.generator.library import LIBRARY
-from vlab.proof.generator.march import Feedback, march
+from vlab.proof.generator.march import Feedback, Poles, march, port_rows
 from vlab.proof.generator.plan import plan
 from vlab.proof.generator.rigs import SHAFT, SLIDER, shaft, slider
 from vlab.proof.generator.simulate import Setup, scale_at
@@ -403,6 +403,15 @@ def test_names_are_the_vocabulary_of_the_catalogue():
         assert set(kind.accepted) <= set(EFFECTS)
         if kind not in LIBRARY and not kind.accepted:
             assert kind.name not in EFFECTS  # out of library
+
+
+@pytest.mark.parametrize(("blueprint", "seed"), [(beam(), 1), (beam(), 5), (grid(), 1)], ids=["beam", "beam", "grid"])
+def test_coils_stay_where_their_sensors_are_linear(blueprint, seed):
+    """Half the quarter inch of travel, on which the nominal model's sensors lose nothing."""
+    bench, commands = blueprint.build({}, {}), plan(blueprint, np.random.default_rng(seed)).commands[::10]
+    rows = np.array([port_rows(s.row, 0) for s in bench.sensors.values()])
+    travel = Poles.of(bench).response(bench.loads, commands, rows, 10 / blueprint.rate_hz)
+    assert np.abs(travel).max() < 0.0254 / 8
 
 
 @pytest.mark.slow

@@ -132,7 +132,7 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
     fitted = _finished(narrow, fitted)
     report(0.5, "fitting single effects")
     if fitted and min(h.level for h in fitted) > ENOUGH:
-        fitted += _finished(narrow, _pairs(screen, rough, fitted, effects, report))
+        fitted += _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, report))
         fitted.sort(key=lambda h: -h.score)
     report(0.85, "fitting whole recordings")
     fitted, before = _on_whole_runs(whole, narrow, fitted, before)
@@ -294,12 +294,13 @@ def _pairs(
     screen: Screen,
     refiner: Refiner,
     fitted: Sequence[Hypothesis],
+    shortlist: Sequence[Candidate],
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
 ) -> list[Hypothesis]:
     """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
     report(0.55, "screening for a second effect")
-    seeds = list(fitted[:SEEDS])
+    seeds = _seeds(screen, fitted, shortlist)
     tables = side_by_side(lambda h: besides(screen, h.fit, list(effects))[:MOST_SECONDS], seeds)
     pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
     for seed, table in zip(seeds, tables, strict=True):
@@ -320,6 +321,22 @@ def _pairs(
         return _scored(own, own.fit(terms, start, QUICK), seed.gain + second.gain)
 
     return side_by_side(fit, list(pairs.values()))
+
+
+def _seeds(screen: Screen, fitted: Sequence[Hypothesis], shortlist: Sequence[Candidate]) -> list[Hypothesis]:
+    """Return what a second effect is sought beside: the best fit, and as screened the forces that stood out there.
+
+    Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
+    constant force that carries a free mass away.
+    """
+    out = [fitted[0]]
+    known = {h.label: h for h in fitted}
+    for candidate in shortlist:
+        alone = known.get(candidate.label)
+        if len(out) > SEEDS or alone is None or alone is fitted[0] or isinstance(candidate.effect, SensorEffect):
+            continue
+        out.append(replace(alone, fit=replace(alone.fit, terms=tuple(_terms([candidate])), theta=screen.theta)))
+    return out
 
 
 def _other_places(
