@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from rig_folder import Channel, Record, Rig, multisine, write_case
-from rigs import GRAVITY, PENDULUM, TWO_LINK
+from rigs import GRAVITY, PENDULUM, TWO_LINK, arm_rate
 from scipy.integrate import solve_ivp
 
 RATE = 100.0
@@ -128,7 +128,7 @@ def driven_arm(folder, effect="none", *, seed=0, noise=0.002):
     """Write the case of a hanging arm of two links driven by torques at both joints; Spong, Robot Modeling, 6.4."""
     rng = np.random.default_rng([seed, 12])
     hidden = ARM_CASES[effect]
-    p, (c1, c2), upper = hidden.values, (0.2, 0.15), 0.4
+    p = hidden.values
     m1, m2 = np.array([1.2, 0.7]) * (1 + BENIGN * 0.015 * rng.standard_normal(2))
     i1, i2 = np.array([0.018, 0.006]) * (1 + BENIGN * 0.02 * rng.standard_normal(2))
     d1, d2 = np.array([0.12, 0.05]) * (1 + BENIGN * 0.2 * rng.standard_normal(2))
@@ -154,21 +154,7 @@ def driven_arm(folder, effect="none", *, seed=0, noise=0.002):
             one = fade * first(t) * (1 + p.get("gain", 0.0))
             return (np.clip(one, -p["limit"], p["limit"]) if "limit" in p else one), fade * second(t)
 
-        def rate(t, x, torque=torque):
-            a, b, v, w = x
-            coupling = m2 * upper * c2
-            m22 = i2 + m2 * c2**2
-            m12 = m22 + coupling * cos(b)
-            m11 = i1 + m1 * c1**2 + m22 + m2 * upper**2 + 2 * coupling * cos(b)
-            h = coupling * sin(b)
-            weight2 = m2 * GRAVITY * c2 * sin(a + b)
-            weight1 = (m1 * c1 + m2 * upper) * GRAVITY * sin(a) + weight2
-            drive = torque(t)
-            f1 = drive[0] - d1 * v + h * (2 * v * w + w * w) - weight1
-            f2 = drive[1] - d2 * w + extra(b, w) - h * v * v - weight2
-            det = m11 * m22 - m12 * m12
-            return [v, w, (m22 * f1 - m12 * f2) / det, (m11 * f2 - m12 * f1) / det]
-
+        rate = arm_rate((m1, m2), (i1, i2), (d1, d2), extra, torque)
         late = np.maximum(time - p.get("delay", 0.0), 0.0)
         angles = _solved(rate, np.zeros(4), time, 0.02)[:2]
         if "delay" in p:

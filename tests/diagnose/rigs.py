@@ -119,8 +119,11 @@ _CREEP = 0.02
 """Speed over which the friction turns round [rad/s]: the law of the rig is smooth, F tanh(v/creep)."""
 
 
-def _arm(masses, inertias, damping, coulomb, torque):
-    """Return the rate of [q1, q2, q1', q2'] of a double pendulum with relative angles; Spong, Robot Modeling, 6.4."""
+def arm_rate(masses, inertias, damping, elbow, torque):
+    """Return the rate of [q1, q2, q1', q2'] of a double pendulum with relative angles; Spong, Robot Modeling, 6.4.
+
+    `elbow(angle, speed)` is what acts in the elbow besides its damper [N m]; `torque(t)` are both drives.
+    """
     (m1, m2), (i1, i2), (c1, c2) = masses, inertias, _CENTRES
 
     def rate(t, x):
@@ -134,7 +137,7 @@ def _arm(masses, inertias, damping, coulomb, torque):
         weight1 = (m1 * c1 + m2 * _UPPER) * GRAVITY * sin(a) + weight2
         drive = torque(t)
         f1 = drive[0] - damping[0] * v + h * (2 * v * w + w * w) - weight1
-        f2 = drive[1] - damping[1] * w - coulomb * tanh(w / _CREEP) - h * v * v - weight2
+        f2 = drive[1] - damping[1] * w + elbow(b, w) - h * v * v - weight2
         det = m11 * m22 - m12 * m12
         return [v, w, (m22 * f1 - m12 * f2) / det, (m11 * f2 - m12 * f1) / det]
 
@@ -167,7 +170,7 @@ def two_link_case(folder: Path | str, *, effect: bool = True, seed: int = 0, ben
             return fade * first(t), fade * second(t)
 
         motion = solve_ivp(
-            _arm(masses, inertias, damping, coulomb, torque),
+            arm_rate(masses, inertias, damping, lambda b, w: -coulomb * tanh(w / _CREEP), torque),
             (0, time[-1]),
             np.zeros(4),
             "DOP853",
