@@ -242,7 +242,8 @@ def test_the_example_is_a_plan():
 
 
 @pytest.mark.slow
-def test_control_c_leaves_whole_records(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_control_c_and_a_kill_leave_whole_records(tmp_path, number):
     path, out = plan_file(tmp_path, seconds="20.0", plant='"composite"'), tmp_path / "out"
     words = [sys.executable, "-m", "vlab", "experiment", "--plan", str(path), "--out", str(out)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env={**os.environ})
@@ -250,7 +251,7 @@ def test_control_c_leaves_whole_records(tmp_path):
         assert process.poll() is None
         time.sleep(0.1)
     time.sleep(1.0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "1 of 2 records are whole" in err

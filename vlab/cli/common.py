@@ -60,7 +60,7 @@ def _show(cell: Any) -> str:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[Callable[[], None]]:
-    """Yield a check that raises after Ctrl-C, for Python drops the exception where it comes up in a callback of its own."""
+    """Yield a check that raises after Ctrl-C or a polite kill, for Python drops an exception that comes up in a callback."""
     pressed: list[int] = []
 
     def note(number: int, frame: Any) -> None:
@@ -71,15 +71,18 @@ def _interrupts() -> Iterator[Callable[[], None]]:
         if pressed:
             raise KeyboardInterrupt
 
-    is_usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # a job in the background ignores it
-    if not is_usual or threading.current_thread() is not threading.main_thread():
-        yield check
-        return
-    signal.signal(signal.SIGINT, note)
+    usual = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
+    if threading.current_thread() is not threading.main_thread():
+        usual = {}
+    if usual.get(signal.SIGINT) is signal.SIG_IGN:  # a job in the background
+        del usual[signal.SIGINT]
+    for number in usual:
+        signal.signal(number, note)
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, handler in usual.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
