@@ -55,7 +55,7 @@ class Diagnosis:
 
     Parameters
     ----------
-    checked : tuple of Checked
+    checked : tuple of Distance
         Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
         hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
     calibration : dict

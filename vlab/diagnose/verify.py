@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -81,18 +80,15 @@ def amended(problem: Problem, fit: Fit) -> Amended:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Checked:
-    """How far the models are from one recording.
+class Distance:
+    """How far the models are from one set of data.
 
     Parameters
     ----------
     nominal, before, after, noise : float
-        Root mean square over channels of the error over the recording's rms about its mean; infinite where a model
-        cannot follow at all.
+        Relative errors of the model as given, refitted and amended, and what noise leaves.
     channels : dict
         The same by channel: (nominal, before, after, noise).
-    simulated : tuple of Recording or None
-        Of the three models.
     """
 
     name: str
@@ -102,6 +98,24 @@ class Checked:
     after: float
     noise: float
     channels: dict[str, tuple[float, float, float, float]]
+
+    @property
+    def gap_closed(self) -> float | None:
+        """(before - after)/(before - noise); None where before is within the noise."""
+        return gap_closed(self.before, self.after, self.noise)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checked(Distance):
+    """How far the models are from one recording: root mean squares over channels of the error over the recording's rms about
+    its mean; infinite where a model cannot follow at all.
+
+    Parameters
+    ----------
+    simulated : tuple of Recording or None
+        Of the three models.
+    """
+
     measured: Recording
     simulated: tuple[Recording | None, Recording | None, Recording | None]
 
@@ -112,11 +126,6 @@ class Checked:
         }
         nominal, before, _ = self.simulated
         return replace(self, after=self.before, channels=channels, simulated=(nominal, before, before))
-
-    @property
-    def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise."""
-        return gap_closed(self.before, self.after, self.noise)
 
 
 def gap_closed(before: float, after: float, noise: float) -> float | None:
@@ -198,7 +207,7 @@ def _try(model: Amended | None, run: Run) -> Array | None:
         return None
 
 
-def total(checked: Sequence[Any], which: str) -> float:
+def total(checked: Sequence[Distance], which: str) -> float:
     """Return the root mean square over recordings of one of their errors."""
     values = np.array([getattr(c, which) for c in checked])
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

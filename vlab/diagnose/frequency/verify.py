@@ -1,6 +1,6 @@
 """The verdict on data that were never used: the plant with the physics found, linearised by MuJoCo, beside what was measured."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import shape_rows, tracked
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.verify import gap_closed, total
+from vlab.diagnose.verify import Distance, gap_closed, total
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -103,35 +103,21 @@ class ModalAnswer:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CheckedFrequency:
-    """How far the models are from one set of data; `vlab.diagnose.verify.Checked` has the same of a recording.
+class CheckedFrequency(Distance):
+    """How far the models are from responses or from a table of modes.
+
+    Of responses the errors are root mean squares over lines and outputs of the difference over the mean magnitude of both. Of
+    modes they are root mean squares of relative differences, those of damping ratios and shapes in proportion to their
+    uncertainty beside that of frequencies; their channels are "frequency", "damping" and "shape".
 
     Parameters
     ----------
-    nominal, before, after, noise : float
-        Of responses the root mean square over lines and outputs of the difference over the mean magnitude of both. Of
-        modes the root mean square of relative differences, those of damping ratios and shapes in proportion to their
-        uncertainty beside that of frequencies.
-    channels : dict
-        By output, or by "frequency", "damping", "shape": (nominal, before, after, noise).
     answers : tuple
         Of the three models: (n, n_outputs) responses, or modes.
     """
 
-    name: str
-    role: str
-    nominal: float
-    before: float
-    after: float
-    noise: float
-    channels: dict[str, tuple[float, float, float, float]]
     measured: Measured
     answers: tuple[ComplexArray | ModalAnswer, ...]
-
-    @property
-    def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise."""
-        return gap_closed(self.before, self.after, self.noise)
 
 
 def check_frequency(models: Sequence[FrequencyAmended], measured: Sequence[Measured]) -> list[CheckedFrequency]:
@@ -184,14 +170,24 @@ def _checked_response(data: Response, answers: list[ComplexArray]) -> CheckedFre
     noise = np.sqrt(np.nanmean(noise_apart(data), axis=0))
     total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
     channels = {name: tuple(float(e[k]) for e in (*errors, noise)) for k, name in enumerate(data.outputs)}
+    return _checked(data, total, channels, answers)
+
+
+def _checked(
+    data: Measured,
+    total: Sequence[float],
+    channels: Mapping[str, Sequence[float]],
+    answers: Sequence[ComplexArray | ModalAnswer],
+) -> CheckedFrequency:
+    nominal, before, after, noise = total
     return CheckedFrequency(
         name=data.name,
         role=data.role,
-        nominal=total[0],
-        before=total[1],
-        after=total[2],
-        noise=total[3],
-        channels=channels,  # type: ignore[arg-type]
+        nominal=nominal,
+        before=before,
+        after=after,
+        noise=noise,
+        channels={name: tuple(errors) for name, errors in channels.items()},  # type: ignore[misc]
         measured=data,
         answers=tuple(answers),
     )
@@ -236,17 +232,7 @@ def _checked_modes(data: Modes, answers: list[ModalAnswer]) -> CheckedFrequency:
     channels = {name: (*(e[name] for e in errors), floor[name]) for name in errors[0]}
     unit = floor["frequency"]
     total = [unit * float(np.sqrt(np.mean([(e[n] / floor[n]) ** 2 for n in e]))) for e in errors]
-    return CheckedFrequency(
-        name=data.name,
-        role=data.role,
-        nominal=total[0],
-        before=total[1],
-        after=total[2],
-        noise=unit,
-        channels=channels,  # type: ignore[arg-type]
-        measured=data,
-        answers=tuple(answers),
-    )
+    return _checked(data, [*total, unit], channels, answers)
 
 
 # ---- leaving out ----------------------------------------------------------------------------------------------------
