@@ -9,7 +9,7 @@ from rigs import oscillator_case
 from vlab.cases import load_case
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import _shortlist
+from vlab.diagnose.search import shortlisted
 from vlab.physics.catalogue import EFFECTS
 
 SOME = (
@@ -54,7 +54,7 @@ def test_the_names_are_the_catalogues():
 def test_the_hidden_effect_comes_first_at_its_place(tmp_path, effect, tolerance):
     rig, _, candidates = screened(tmp_path, effect=effect)
     assert all(a.gain >= b.gain for a, b in pairwise(candidates))
-    first = _shortlist(candidates)[0]  # laws that contain another one gain as much as it and are left out
+    first = shortlisted(candidates)[0]  # laws that contain another one gain as much as it and are left out
     assert first.label == f"{effect}@{rig.place}"
     elsewhere = [c for c in candidates if c.effect.name == effect and c.place.name != rig.place]
     assert all(c.gain < first.gain - 20 for c in elsewhere)  # odds of e^20 for the place
@@ -77,4 +77,4 @@ def test_the_effect_taken_as_present_leaves_nothing_to_the_others(tmp_path):
 def test_no_effect_of_the_whole_catalogue_comes_before_the_hidden_one(tmp_path):
     oscillator_case(tmp_path, effect="coulomb-friction")
     candidates = Screen(prepare(load_case(tmp_path))).candidates(list(EFFECTS.values()))
-    assert _shortlist(candidates)[0].label == "coulomb-friction@joint:mass2"
+    assert shortlisted(candidates)[0].label == "coulomb-friction@joint:mass2"

@@ -119,6 +119,11 @@ class Run:
         return self.measured.select([c.channel for c in self.compared])
 
 
+def compared_names(runs: Sequence[Run]) -> list[str]:
+    """Return the channels that are compared in any of some runs, commands aside."""
+    return list(dict.fromkeys(c.channel for run in runs for c in run.compared if c.actuator is None))
+
+
 # ---- finding names --------------------------------------------------------------------------------------------------
 
 

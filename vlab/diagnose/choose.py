@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from vlab.diagnose.search import Hypothesis
+from vlab.diagnose.hypothesis import Found, Hypothesis
 
 EXPLAINED = 0.5
 """An effect must explain this share of what stood above the noise before it."""
@@ -19,22 +18,6 @@ BEYOND_PRIOR = 10.0
 parameters that are less likely than the effect by e^-10."""
 ALIKE = 1.05
 """Hypotheses that leave within this factor of the best one's difference cannot be told apart by the recordings."""
-
-
-class Ranked(Protocol):
-    """What a search gives to choose from; see `vlab.diagnose.search.Found`."""
-
-    @property
-    def before(self) -> Hypothesis:
-        """The same physics with its uncertain parameters refitted."""
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """All others, best first."""
-
-    @property
-    def places(self) -> dict[str, Hypothesis]:
-        """The best one with its first effect at other places."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +52,7 @@ def _excess(hypothesis: Hypothesis) -> float:
     return max(hypothesis.level**2 - 1.0, 0.0)
 
 
-def choose(found: Ranked) -> Choice:
+def choose(found: Found) -> Choice:
     """Choose the hypothesis that explains the fit recordings with the fewest effects."""
     before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
     doubles = [h for h in found.hypotheses if len(h.terms) == 2]
@@ -113,7 +96,7 @@ def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
     return tuple(sorted(t.effect.name for t in hypothesis.terms))
 
 
-def _probabilities(found: Ranked, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
+def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
     """Return the probability of the chosen effects and the ranking of the others with the same number of effects."""
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
     by_effect: dict[tuple[str, ...], Hypothesis] = {}
@@ -125,13 +108,13 @@ def _probabilities(found: Ranked, best: Hypothesis) -> tuple[float, tuple[tuple[
     return weights[0], tuple(ranking)
 
 
-def _ranking(found: Ranked, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
+def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
     options = [best, *found.hypotheses[:6]]
     weights = _shares(options)
     return tuple(zip(options[1:], weights[1:], strict=True))
 
 
-def _places(found: Ranked, best: Hypothesis) -> dict[str, float]:
+def _places(found: Found, best: Hypothesis) -> dict[str, float]:
     first = best.terms[0].place.name
     options = {k: h for k, h in found.places.items() if _names(h) == _names(best)} or {first: best}
     weights = _shares(list(options.values()))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vlab.cases.wiring import Compared, Run
+from vlab.cases.wiring import Compared, Run, compared_names
 from vlab.recordings.quality import findings, flat_tops, held_samples
 from vlab.signals import Array
 
@@ -82,7 +82,7 @@ def assess(runs: Sequence[Run]) -> Damage:
 def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
     """Return the limits that sensors stop at, the same in all runs that reach them."""
     out = []
-    for channel in _compared(runs):
+    for channel in compared_names(runs):
         tops = [(run, at) for run in runs for at in flat_tops(run.measured[channel]).values()]
         if not tops:
             continue
@@ -123,19 +123,17 @@ def _kept(run: Run) -> NDArray[np.bool_]:
     return ~held_samples(run.measured)
 
 
-def _compared(runs: Sequence[Run]) -> list[str]:
-    return list(dict.fromkeys(c.channel for run in runs for c in run.compared if c.actuator is None))
-
-
 def _dead(runs: Sequence[Run]) -> list[str]:
-    moves = {c: any(np.ptp(run.measured[c]) > 0 for run in runs if c in run.measured.names) for c in _compared(runs)}
+    moves = {
+        c: any(np.ptp(run.measured[c]) > 0 for run in runs if c in run.measured.names) for c in compared_names(runs)
+    }
     if not any(moves.values()):
         return ["no sensor moves in any recording"]
     return [f"{channel} stands still in every recording" for channel, moving in moves.items() if not moving]
 
 
 def _copies(runs: Sequence[Run]) -> list[str]:
-    names = _compared(runs)
+    names = compared_names(runs)
     out = []
     for i, one in enumerate(names):
         for other in names[i + 1 :]:

@@ -22,7 +22,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.search import Found, search
+from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
@@ -109,7 +109,7 @@ class Diagnosed:
 
     diagnosis: Diagnosis
     problem: Problem
-    found: Found
+    found: TimeFound
     choice: Choice
     before: Amended
     after: Amended
@@ -175,7 +175,7 @@ def _is_needed(problem: Problem, without: Amended, after: Amended) -> bool:
     return gap is not None and gap >= LEAST_GAP
 
 
-def _in_mujoco(problem: Problem, found: Found, before: Fit, after: Fit, seen: Seen) -> tuple[Fit, Fit]:
+def _in_mujoco(problem: Problem, found: TimeFound, before: Fit, after: Fit, seen: Seen) -> tuple[Fit, Fit]:
     """Return both fits as MuJoCo confirms them; where the chosen one carries over as it is, so does the other."""
     final = final_fit(problem, found.whole, after, seen.limit)
     if not after.terms:

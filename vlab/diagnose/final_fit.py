@@ -14,10 +14,10 @@ from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import says_something
 from vlab.diagnose.hum import without_hum
+from vlab.diagnose.hypothesis import WORTH
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import LEAST_ERROR, Fit, Refiner, inward, outward
-from vlab.diagnose.search import WORTH
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
@@ -65,8 +65,8 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         Of the commands of a law in the loop.
     """
     targets = _targets(problem, limit)
-    base = _residuals(problem, targets[:1], [fit])[0]
-    left = float(np.sqrt(np.mean((base * targets[0].shares) ** 2)))
+    first = _difference(problem, fit, targets[0])
+    left = float(np.sqrt(np.mean((first * targets[0].shares) ** 2)))
     if left <= max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS):
         return fit
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
@@ -74,7 +74,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     prior = np.zeros(moves.count)
     prior[: moves.r] = refiner.along(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
-    base = _residuals(problem, targets, [fit])[0]
+    base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
     for _ in range(STEPS):
         scale = min(refiner.worth, WORTH * len(targets)) / max(float(base @ base), base.size)
         moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])

@@ -9,10 +9,10 @@ from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.diagnosis import Finding
 from vlab.diagnose.hum import Hum
+from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
-from vlab.diagnose.search import WORTH, Hypothesis
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.cases.wiring import Run
+from vlab.cases.wiring import Run, compared_names
 from vlab.signals import Array
 
 MAINS_HZ = (50.0, 60.0)
@@ -114,7 +114,7 @@ class _Band:
 def find_hum(runs: Sequence[Run]) -> tuple[Hum, ...]:
     """Return the hum on the compared channels of some runs: lines that stand out in more than half of them."""
     out = []
-    for channel in dict.fromkeys(c.channel for run in runs for c in run.compared if c.actuator is None):
+    for channel in compared_names(runs):
         options = []
         for nominal in MAINS_HZ:
             lines = {k: [f for run in runs if (f := _line(run, channel, k * nominal)) is not None] for k in HARMONICS}

@@ -74,15 +74,45 @@ class Problem:
         return [s for s in self.signals if s.role == role]
 
 
-def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
-    """Prepare a case's recordings in some roles.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wired:
+    """The runs of a case that compare the same channels, and what drives them.
+
+    Parameters
+    ----------
+    channels : tuple of Compared
+        Commands aside.
+    load_ports : tuple of str
+        Ports that recordings drive directly.
+    driven : tuple of int
+        Actuators that recordings or laws drive.
+    """
+
+    runs: tuple[Run, ...]
+    channels: tuple[Compared, ...]
+    load_ports: tuple[str, ...]
+    driven: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(c.channel for c in self.channels)
+
+    def highest_hz(self, orders: Sequence[int]) -> float:
+        """Return the frequency below which nearly all power of the recorded velocities lies; orders as `fastest` has them."""
+        data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
+        return max(fastest(y, uniform(time), orders) for y, time in data)
+
+
+def wire(case: Case, roles: Sequence[str]) -> Wired:
+    """Return a case's runs in some roles.
 
     Raises
     ------
     BadCase
         No recording, or runs that compare different channels.
     """
-    runs = case.runs(roles)
+    runs = tuple(case.runs(roles))
     if not runs:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
@@ -92,12 +122,31 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             raise BadCase(
                 f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
             )
+    by_law = {i for run in runs if run.law is not None for i in run.law.actuators}
+    return Wired(
+        runs=runs,
+        channels=channels,
+        load_ports=tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port)),
+        driven=tuple(sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | by_law)),
+    )
+
+
+def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
+    """Prepare a case's recordings in some roles.
+
+    Raises
+    ------
+    BadCase
+        No recording, or runs that compare different channels.
+    """
+    wired = wire(case, roles)
+    runs, channels, names = wired.runs, wired.channels, wired.names
+    load_ports, driven = wired.load_ports, wired.driven
     plant = case.plant
-    names = tuple(c.channel for c in channels)
     orders = [ORDER.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
     linear = plant.linearise()
     rows = channel_rows(plant, channels)
-    highest = max(_fastest(run, channels, orders) for run in runs)
+    highest = wired.highest_hz(orders)
     omega, shapes = linear.eigen
     rate = min(1 / uniform(run.measured.time) for run in runs)
     kept = observable(rows.onto(np.eye(plant.model.nv)), shapes, omega)
@@ -107,8 +156,6 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {0.45 * rate:.3g} Hz")
     basis = shapes[:, kept]
     stepped = _as_stepped(plant, linear, basis)
-    load_ports = tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port))
-    driven = sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | _law_actuators(runs))
     structure, variant = case.structure, case.table.model.variant
     given = case.table.model.uncertain
     parameters: tuple[Uncertain, ...]
@@ -140,12 +187,12 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             len(plant.actuators),
             load_ports,
             orders=orders,
-            commands=_commands(plant, run),
+            commands=recorded_commands(plant, run),
             highest_hz=highest,
         )
         for run in runs
     )
-    places = tuple(places_of(plant, twin, list(names), driven))
+    places = tuple(places_of(plant, twin, list(names), list(driven)))
     return Problem(
         case=case,
         plant=plant,
@@ -153,7 +200,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         parameters=parameters,
         channels=channels,
         names=names,
-        runs=tuple(runs),
+        runs=runs,
         signals=signals,
         places=places,
         hums=hums,
@@ -191,16 +238,7 @@ def _lowest(omega: Array, kept: Array) -> float:
     return float(moving.min() / (2 * np.pi)) if moving.size else 0.0
 
 
-def _fastest(run: Run, channels: Sequence[Compared], orders: Sequence[int]) -> float:
-    data = np.column_stack([run.measured[c.channel] for c in channels])
-    return fastest(data, uniform(run.measured.time), orders)
-
-
-def _law_actuators(runs: Sequence[Run]) -> set[int]:
-    return {i for run in runs if run.law is not None for i in run.law.actuators}
-
-
-def _commands(plant: Plant, run: Run) -> Array | None:
+def recorded_commands(plant: Plant, run: Run) -> Array | None:
     """Return what the law in the loop commanded, (n_samples, n_actuators): recorded, or replayed on the recorded sensors."""
     if run.law is None:
         return None

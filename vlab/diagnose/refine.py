@@ -248,7 +248,7 @@ class Refiner:
             Channels, zero beyond a run's end.
         """
         twin, h, n_sets = self.twin, runs[0].h, len(theta)
-        M, C, K, actuator_gain, sensor_gain = twin.matrices(theta)
+        M, C, K, actuator_gain, _ = twin.matrices(theta)
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, LinearPortEffect):
                 mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness)
@@ -272,13 +272,36 @@ class Refiner:
         forces = self._inputs(runs, terms, values, n_sets)
         with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
             y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
-        y *= sensor_gain[:, None, :]
+        return self._read(y, runs, terms, theta, values)
+
+    def _read(
+        self,
+        y: Array,
+        runs: Sequence[Signals],
+        terms: Sequence[Term],
+        theta: Array,
+        values: Sequence[Mapping[str, Array]],
+    ) -> Array:
+        """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
+        for i, change in enumerate(self.twin.changes):
+            if change.sensor is not None:
+                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
                 _mix(y, term, own, runs)
             elif isinstance(term.effect, SensorEffect):
-                _each_set(y, term, own, runs)
+                self._sense(y, term.effect, term.place.index, own, runs)
         return y
+
+    def _sense(
+        self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array], runs: Sequence[Signals]
+    ) -> None:
+        """Let a sensor effect act on its channel, set by set and run by run."""
+        t = np.arange(len(y)) * runs[0].h
+        for s in range(y.shape[1]):
+            p = {k: float(v[s]) for k, v in given.items()}
+            for j, run in enumerate(runs):
+                y[:, s, j, index] = effect.sense(y[:, s, j, index], p, run.h, run.t0 + t)
 
     def _inputs(
         self, runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
@@ -578,17 +601,6 @@ def inward(parameter: Parameter, value: float) -> float:
 def outward(parameter: Parameter, x: Array) -> Array:
     """Return the values of fitted entries."""
     return x if parameter.signed else np.exp(np.clip(x, -80, 80))
-
-
-def _each_set(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
-    """Let a sensor effect act on its channel, set by set and run by run."""
-    effect = term.effect
-    assert isinstance(effect, SensorEffect)
-    t = np.arange(len(y)) * runs[0].h
-    for s in range(y.shape[1]):
-        p = {k: float(v[s]) for k, v in own.items()}
-        for j, run in enumerate(runs):
-            y[:, s, j, term.place.index] = effect.sense(y[:, s, j, term.place.index], p, run.h, run.t0 + t)
 
 
 def _mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:

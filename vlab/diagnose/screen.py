@@ -67,7 +67,15 @@ class Candidate:
 
 @dataclass(eq=False)
 class Group:
-    """Runs of one sample period, filtered side by side."""
+    """Runs of one sample period, filtered side by side.
+
+    Parameters
+    ----------
+    e : (n, n_runs, p) array
+        Innovations.
+    white : (p, p) or (n, n_runs, p, p) array
+        What makes their variance one.
+    """
 
     runs: list[Signals]
     system: Discrete
@@ -94,9 +102,8 @@ class Group:
         keep = np.arange(self.first, len(columns))[:, None] < self.lengths[None, :]
         if self.usable is not None:
             keep &= self.usable[self.first :].all(axis=2)
-        return np.asarray(
-            np.einsum("pq,nrqk->nrpk", self.white, columns[self.first :])[keep].reshape(-1, columns.shape[-1])
-        )
+        white = self.white if self.white.ndim == 2 else self.white[self.first :]
+        return np.asarray((white @ columns[self.first :])[keep].reshape(-1, columns.shape[-1]))
 
 
 class Screen:
@@ -289,28 +296,31 @@ class Screen:
         return out + np.swapaxes(seen, 2, 3)
 
     def _nuisance(self) -> Array:
+        """Return the whitened columns of the uncertain parameters, (rows, n_changes)."""
         blocks = []
+        sensors = [(i, change.sensor) for i, change in enumerate(self.twin.changes) if change.sensor is not None]
         for group in self.groups:
-            p, v, a = group.motion
-            modal = np.zeros((*p.shape, len(self.twin.changes)))
             reading = np.zeros((*group.y.shape, len(self.twin.changes)))
-            growth = np.exp(self.theta)  # d(exp(theta) - 1)/d theta
-            for i, change in enumerate(self.twin.changes):
-                for matrix, motion in ((change.M, a), (change.C, v), (change.K, p)):
-                    if matrix is not None:
-                        modal[..., i] -= growth[i] * (motion @ matrix.T)
-                if change.actuator is not None:
-                    modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
-                if change.sensor is not None:
-                    reading[..., change.sensor, i] = group.y[..., change.sensor]
-            left = self.through(group, modal, reading)
-            for i, change in enumerate(self.twin.changes):
-                if (
-                    change.sensor is not None
-                ):  # of its own sample only what was foreseen: the rest is the innovation itself
-                    left[..., change.sensor, i] -= group.e[..., change.sensor]
+            for i, sensor in sensors:
+                reading[..., sensor, i] = group.y[..., sensor]
+            left = self.through(group, self._changed_forces(group), reading)
+            for i, sensor in sensors:  # of its own sample only what was foreseen: the rest is the innovation itself
+                left[..., sensor, i] -= group.e[..., sensor]
             blocks.append(group.rows(left))
         return np.concatenate(blocks)
+
+    def _changed_forces(self, group: Group) -> Array:
+        """Return the modal forces that a unit of every uncertain parameter adds, (n, n_runs, m, n_changes)."""
+        p, v, a = group.motion
+        modal = np.zeros((*p.shape, len(self.twin.changes)))
+        growth = np.exp(self.theta)  # d(exp(theta) - 1)/d theta
+        for i, change in enumerate(self.twin.changes):
+            for matrix, motion in ((change.M, a), (change.C, v), (change.K, p)):
+                if matrix is not None:
+                    modal[..., i] -= growth[i] * (motion @ matrix.T)
+            if change.actuator is not None:
+                modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
+        return modal
 
     def _offsets(self) -> Array:
         """Return the columns of the channels' zeros."""
@@ -492,13 +502,13 @@ class Screen:
             reading = np.zeros((*group.y.shape, 1))
             other = _before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
             recorded = group.y[..., place.index]
-            (values,) = _unit_amplitudes(effect, shape)
+            (values,) = unit_amplitudes(effect, shape)
             reading[..., place.index, 0] = effect.mix(recorded, other, values) - recorded
             return None, reading
         if isinstance(effect, SensorEffect):
             recorded = group.y[..., place.index]
             t = np.arange(len(recorded)) * group.h
-            parts = [recorded - effect.correct(recorded, v, group.h, t) for v in _unit_amplitudes(effect, shape)]
+            parts = [recorded - effect.correct(recorded, v, group.h, t) for v in unit_amplitudes(effect, shape)]
             reading = np.zeros((*group.y.shape, len(parts)))
             reading[..., place.index, :] = np.stack(parts, axis=-1)
             return None, reading
@@ -506,7 +516,7 @@ class Screen:
             modal = np.zeros(())
             for i in place.indices:
                 command = group.u[..., i]
-                parts = [effect.actuate(command, v, group.h) - command for v in _unit_amplitudes(effect, shape)]
+                parts = [effect.actuate(command, v, group.h) - command for v in unit_amplitudes(effect, shape)]
                 modal = modal + self.now.forces[:, i][:, None] * np.stack(parts, axis=-1)[..., None, :]
             return modal, None
         if isinstance(effect, LinearPortEffect):
@@ -514,7 +524,7 @@ class Screen:
         assert isinstance(effect, PortEffect)
         z, v = self.motion(group, place)
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
-        parts = [self._series(group, place, effect, values, z, v, own) for values in _unit_amplitudes(effect, shape)]
+        parts = [self._series(group, place, effect, values, z, v, own) for values in unit_amplitudes(effect, shape)]
         return place.rows[0][:, None] * np.stack(parts, axis=-1)[..., None, :], None
 
     def _series(
@@ -543,7 +553,7 @@ class Screen:
     def _linear_columns(self, group: Group, place: Place, effect: LinearPortEffect) -> Array:
         p, v, a = group.motion
         out = np.zeros((*p.shape, 1))
-        (values,) = _unit_amplitudes(effect, {})
+        (values,) = unit_amplitudes(effect, {})
         mass, damping, stiffness = effect.impedance(values, place.stiffness)
         for row in place.rows:
             force = mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row)
@@ -570,7 +580,7 @@ def _before(u: Array) -> Array:
     return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
 
 
-def _unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
+def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
     """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
     names = [p.name for p in effect.amplitudes]
     return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]

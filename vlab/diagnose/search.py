@@ -1,10 +1,11 @@
 """The search: hypotheses from the screening, fitted in windows, scored, and the best ones fitted over whole runs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vlab.diagnose.hypothesis import Found, Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS, Fit, Refiner, Term
@@ -34,74 +35,32 @@ ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
 QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
-WORTH = 40.0
-"""Independent samples that a score counts at most. The recordings hold many more, but what a model leaves of them is its own
-error, which does not average out: five per cent less of it are odds of e^2, not of e^50."""
 PLACES = 5
 """Places at which the chosen effect is fitted again."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis:
-    """A fitted set of effects.
+class TimeFound(Found):
+    """What the search in recordings found.
 
     Parameters
     ----------
-    fit : Fit
-        In windows.
-    score : float
-        Log evidence by Schwarz's approximation, of at most `WORTH` samples; larger is better.
-    level : float
-        Root mean square of the remaining difference over the noise.
-    gain : float
-        Log-likelihood gained in the screening.
-    """
-
-    fit: Fit
-    score: float
-    level: float
-    gain: float = 0.0
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Its effects."""
-        return self.fit.terms
-
-    @property
-    def label(self) -> str:
-        """Its effects and places in one string."""
-        return " + ".join(t.label for t in self.terms) or "nothing"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """What the search found.
-
-    Parameters
-    ----------
-    before : Hypothesis
-        The same physics with its uncertain parameters refitted.
-    hypotheses : tuple of Hypothesis
-        All that were fitted, best first, without `before`.
-    places : mapping of str to Hypothesis
-        The best hypothesis with its first effect at other places, by place.
+    windows, whole : Refiner
+        Fits in windows and over whole runs.
     candidates : tuple of Candidate
         The screening's table, best first.
-    whole : Refiner
-        Fits over whole runs.
     """
 
     problem: Problem
     screen: Screen
     windows: Refiner
     whole: Refiner
-    before: Hypothesis
-    hypotheses: tuple[Hypothesis, ...]
-    places: dict[str, Hypothesis] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
 
 
-def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None) -> Found:
+def search(
+    problem: Problem, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+) -> TimeFound:
     """Search what is missing on a problem's fit runs.
 
     Parameters
@@ -112,17 +71,17 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
         Called with the share done and what is being done.
     """
     report = progress or (lambda share, what: None)
-    effects = [effect for effect in effects if _shows(problem, effect)]
+    effects = [effect for effect in effects if shows(problem, effect)]
     screen = Screen(problem)
     candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
     narrow, whole = in_windows(screen), Refiner(screen)
-    before = _scored(narrow, narrow.fit(), 0.0)
-    shortlist = _shortlist(candidates)
+    before = scored_by(narrow, narrow.fit())
+    shortlist = shortlisted(candidates)
     if before.level > ENOUGH:
         report(0.2, "screening with a slower observer")
         slow = Screen(problem, screen.runs, trust=SLOW, like=screen)
         known, among = {c.label for c in shortlist}, _best_places(candidates, PLACES)
-        slowly = _shortlist(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+        slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
         shortlist += [c for c in slowly if c.label not in known]
     screen.forget()
     report(0.25, "fitting single effects")
@@ -135,10 +94,10 @@ def search(problem: Problem, effects: Sequence[Effect], progress: Callable[[floa
         fitted += _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, report))
         fitted.sort(key=lambda h: -h.score)
     report(0.85, "fitting whole recordings")
-    fitted, before = _on_whole_runs(whole, narrow, fitted, before)
-    places = _other_places(narrow, fitted[0], candidates, before) if fitted else {}
+    fitted, before = on_whole_runs(whole, narrow, fitted, before)
+    places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
     report(0.95, "choosing")
-    return Found(
+    return TimeFound(
         problem=problem,
         screen=screen,
         windows=narrow,
@@ -156,13 +115,15 @@ def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis
 
     def finished(item: tuple[int, Hypothesis]) -> Hypothesis:
         own = _for(refiner, item[1].terms)
-        return _scored(own, own.fit(item[1].terms, item[1].fit, ITERATIONS if item[0] < FINISHED else 0), item[1].gain)
+        return scored_by(
+            own, own.fit(item[1].terms, item[1].fit, ITERATIONS if item[0] < FINISHED else 0), item[1].gain
+        )
 
     done = side_by_side(finished, list(enumerate(order)))
     return sorted(done, key=lambda h: -h.score)
 
 
-def _shows(problem: Problem, effect: Effect) -> bool:
+def shows(problem: Problem, effect: Effect) -> bool:
     """Return whether an effect leaves any trace in a problem's recordings.
 
     Of a release seen by one sensor, the sensor's own gain, delay or low-pass only changes what the first state seems to be.
@@ -173,7 +134,7 @@ def _shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def _on_whole_runs(
+def on_whole_runs(
     whole: Refiner, narrow: Refiner, fitted: list[Hypothesis], before: Hypothesis
 ) -> tuple[list[Hypothesis], Hypothesis]:
     """Return hypotheses with scores from windows and from whole runs, half and half.
@@ -185,8 +146,8 @@ def _on_whole_runs(
         return fitted, before
     chosen = [h for count in (1, 2) for h in [x for x in fitted if len(x.terms) == count][:WHOLE_FINISHED]]
     fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), [before, *chosen])
-    scored = [_scored(whole, fit, 0.0) for fit in fits]
-    both = [replace(h, score=0.5 * (h.score + w.score)) for h, w in zip([before, *chosen], scored, strict=True)]
+    long = [scored_by(whole, fit) for fit in fits]
+    both = [replace(h, score=0.5 * (h.score + w.score)) for h, w in zip([before, *chosen], long, strict=True)]
     worst = min((b.score - h.score for b, h in zip(both, [before, *chosen], strict=True)), default=0.0)
     known = {h.label: b for h, b in zip(chosen, both[1:], strict=True)}
     rest = [known.get(h.label, replace(h, score=h.score + worst)) for h in fitted]
@@ -216,7 +177,7 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
     return Refiner(screen, chosen)
 
 
-def _shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
+def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the best place of the effects that gained most, and of the best of other families."""
     best: dict[str, Candidate] = {}
     for candidate in candidates:
@@ -264,14 +225,15 @@ def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
     return out
 
 
-def _terms(candidates: Sequence[Candidate]) -> list[Term]:
+def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
+    """Return candidates as terms of a hypothesis."""
     return [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
 
 
 def _fitted(refiner: Refiner, candidates: Sequence[Candidate], before: Fit, iterations: int = ITERATIONS) -> Hypothesis:
-    terms = _terms(candidates)
+    terms = terms_of(candidates)
     own = _for(refiner, terms, 2)
-    return _scored(own, own.fit(terms, before, iterations), sum(c.gain for c in candidates))
+    return scored_by(own, own.fit(terms, before, iterations), sum(c.gain for c in candidates))
 
 
 def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
@@ -281,13 +243,9 @@ def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
     )
 
 
-def _scored(refiner: Refiner, fit: Fit, gain: float) -> Hypothesis:
-    samples = sum(run.y.size for run in refiner.runs)
-    level = float(np.sqrt(fit.cost / samples))
-    count = sum(len(t.effect.parameters) for t in fit.terms)
-    worth = min(refiner.worth, WORTH)
-    score = -worth * np.log(max(level, 1.0)) - 0.5 * (fit.chi2 - fit.cost) - 0.5 * count * np.log(worth)
-    return Hypothesis(fit=fit, score=float(score), level=level, gain=gain)
+def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
+    """Return a refiner's fit as a hypothesis with its score."""
+    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain)
 
 
 def _pairs(
@@ -315,10 +273,10 @@ def _pairs(
 
     def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
         seed, second = pair
-        terms = [*seed.terms, *_terms([second])]
+        terms = [*seed.terms, *terms_of([second])]
         own = _for(refiner, terms, 2)
         start = replace(seed.fit, cost=own.fit(seed.terms, seed.fit, 0).cost)
-        return _scored(own, own.fit(terms, start, QUICK), seed.gain + second.gain)
+        return scored_by(own, own.fit(terms, start, QUICK), seed.gain + second.gain)
 
     return side_by_side(fit, list(pairs.values()))
 
@@ -335,23 +293,33 @@ def _seeds(screen: Screen, fitted: Sequence[Hypothesis], shortlist: Sequence[Can
         alone = known.get(candidate.label)
         if len(out) > SEEDS or alone is None or alone is fitted[0] or isinstance(candidate.effect, SensorEffect):
             continue
-        out.append(replace(alone, fit=replace(alone.fit, terms=tuple(_terms([candidate])), theta=screen.theta)))
+        out.append(replace(alone, fit=replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)))
     return out
 
 
-def _other_places(
-    refiner: Refiner, best: Hypothesis, candidates: Sequence[Candidate], before: Hypothesis
+def other_places(
+    own_of: Callable[[Sequence[Term]], Refiner],
+    best: Hypothesis,
+    candidates: Sequence[Candidate],
+    start: Fit,
+    iterations: int = QUICK + 2,
 ) -> dict[str, Hypothesis]:
-    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    """Fit the best hypothesis again with its first effect at the other places where the screening gained most.
+
+    Parameters
+    ----------
+    own_of : callable
+        Gives the refiner of some terms.
+    """
     first, others = best.terms[0], best.terms[1:]
-    alternatives = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+    elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+    chosen = elsewhere[: PLACES - 1]
 
     def fitted(candidate: Candidate) -> Hypothesis:
-        terms = [Term(effect=candidate.effect, place=candidate.place, values=candidate.values), *others]
-        own = _for(refiner, terms)
-        return _scored(own, own.fit(terms, before.fit, QUICK + 2), candidate.gain)
+        terms = [*terms_of([candidate]), *others]
+        own = own_of(terms)
+        return scored_by(own, own.fit(terms, start, iterations), candidate.gain)
 
-    chosen = alternatives[: PLACES - 1]
     found = side_by_side(fitted, chosen)
-    here = _scored(_for(refiner, best.terms), best.fit, best.gain)  # as the others: in windows only
+    here = scored_by(own_of(best.terms), best.fit, best.gain)  # as the others: in windows only
     return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

@@ -1,7 +1,7 @@
 """The search in frequency: all effects at all places tried, the best fitted, pairs on top of them, and the places compared."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from vlab.diagnose.frequency.measured import Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.screen import Screen, Tried, screened
 from vlab.diagnose.frequency.trials import candidates
+from vlab.diagnose.hypothesis import Found, Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
 from vlab.diagnose.refine import Fit, Term
-from vlab.diagnose.search import ENOUGH, WORTH, Hypothesis
+from vlab.diagnose.search import ENOUGH
 from vlab.physics.effect import Effect
 from vlab.signals import Array
 
@@ -33,26 +34,17 @@ QUICK = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FrequencyFound:
-    """What the search in frequency found; `vlab.diagnose.search.Found` has the same of recordings in time.
+class FrequencyFound(Found):
+    """What the search in frequency found.
 
     Parameters
     ----------
-    before : Hypothesis
-        The same physics with its uncertain parameters refitted.
-    hypotheses : tuple of Hypothesis
-        All that were fitted, best first, without `before`.
-    places : mapping of str to Hypothesis
-        The best hypothesis with its first effect at other places, by place.
     tried : int
         How many effects at how many places were tried.
     """
 
     problem: FrequencyProblem
     fitter: Fitter
-    before: Hypothesis
-    hypotheses: tuple[Hypothesis, ...]
-    places: dict[str, Hypothesis] = field(default_factory=dict)
     tried: int = 0
 
 
@@ -74,10 +66,10 @@ def search_frequency(
     before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
     pairs = candidates(problem, effects)
 
-    def scored(fit: Fit, gain: float = 0.0) -> Hypothesis:
-        return _scored(fit, worth, len(pairs), gain)
+    def priced(fit: Fit, gain: float = 0.0) -> Hypothesis:
+        return scored(fit, worth, worth, gain, tried=len(pairs))
 
-    before = scored(before_fit)
+    before = priced(before_fit)
     progress(0.1, "screening")
     by_lines = screened(Screen(fitter, Point(theta=before_fit.theta, terms=())), pairs)
     by_bands: list[Tried] = []
@@ -87,17 +79,17 @@ def search_frequency(
     progress(0.35, "fitting single effects")
     from_afar = {t.label for t in by_bands[:FAR]}
     fits = side_by_side(lambda item: _quick_fit(fitter, item, before_fit.theta, from_afar), shortlist)
-    singles = sorted((scored(fit, t[0].gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score)
+    singles = sorted((priced(fit, t[0].gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score)
     fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[:FINISHED])
-    singles = [scored(fit, h.gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
+    singles = [priced(fit, h.gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
     singles.sort(key=lambda h: -h.score)
     hypotheses = list(singles)
     if singles and singles[0].level > ENOUGH:
         progress(0.55, "fitting pairs of effects")
-        hypotheses += [scored(fit) for fit in _pairs(fitter, singles, pairs)]
+        hypotheses += [priced(fit) for fit in _pairs(fitter, singles, pairs)]
         hypotheses.sort(key=lambda h: -h.score)
     progress(0.85, "comparing places")
-    places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, scored)
+    places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, priced)
     return FrequencyFound(
         problem=problem,
         fitter=fitter,
@@ -106,16 +98,6 @@ def search_frequency(
         places=places,
         tried=len(pairs),
     )
-
-
-def _scored(fit: Fit, worth: float, tried: int, gain: float) -> Hypothesis:
-    """Score a fit by Schwarz's approximation; every effect also pays for having been picked among all that were tried."""
-    level = float(np.sqrt(fit.cost / worth))
-    count = sum(len(t.effect.parameters) for t in fit.terms)
-    counted = min(worth, WORTH)
-    score = -counted * np.log(max(level, 1.0)) - 0.5 * (fit.chi2 - fit.cost)
-    score -= 0.5 * count * np.log(counted) + len(fit.terms) * np.log(max(tried, 1))
-    return Hypothesis(fit=fit, score=float(score), level=level, gain=gain)
 
 
 def _shortlist(by_lines: Sequence[Tried], by_bands: Sequence[Tried]) -> list[list[Tried]]:
@@ -172,7 +154,7 @@ def _places(
     hypotheses: Sequence[Hypothesis],
     tried: Sequence[Tried],
     theta: Array,
-    scored: Callable[[Fit], Hypothesis],
+    priced: Callable[[Fit], Hypothesis],
 ) -> dict[str, Hypothesis]:
     """Fit the best hypothesis again with its first effect at the other places."""
     if not hypotheses:
@@ -197,4 +179,4 @@ def _places(
 
     fits = side_by_side(fitted, todo)
     out = {first.place.name: best, **{n: h for n, h in known.items() if n != first.place.name}}
-    return {**out, **{name: scored(fit) for name, fit in zip(todo, fits, strict=True)}}
+    return {**out, **{name: priced(fit) for name, fit in zip(todo, fits, strict=True)}}

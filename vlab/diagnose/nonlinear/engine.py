@@ -8,7 +8,7 @@ from vlab.diagnose.nonlinear.prepare import Moving, prepare_moving
 from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.nonlinear.search import search_moving
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.search import Found
+from vlab.diagnose.search import TimeFound
 from vlab.physics.effect import Effect
 
 
@@ -24,7 +24,7 @@ class AlongMotion:
         """What a diagnosis says of the road that it took."""
         return "the recorded motion leaves the range in which the model is linear, so the search went along that motion"
 
-    def search(self, effects: Sequence[Effect], report: Callable[[float, str], None]) -> Found:
+    def search(self, effects: Sequence[Effect], report: Callable[[float, str], None]) -> TimeFound:
         """Search what is missing; see `vlab.diagnose.search.search`."""
         return search_moving(self.problem, self.moving, effects, report)
 

@@ -7,19 +7,17 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.playback import Bench
-from vlab.cases.wiring import Compared, Run
+from vlab.cases.wiring import Compared
 from vlab.diagnose.hum import find_hum, without_hum
 from vlab.diagnose.linear_view import ChannelRows, actuator_forces
 from vlab.diagnose.nonlinear.course import Course, Motion, course_of, first_motion
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import places_of
-from vlab.diagnose.prepare import Problem
-from vlab.diagnose.prepare import _commands as recorded_commands
-from vlab.diagnose.signals import Signals, fastest, uniform
+from vlab.diagnose.prepare import Problem, recorded_commands, wire
+from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Change, Twin
 from vlab.diagnose.uncertain import MOST_ELEMENTS, OWN_SHARE, Uncertain, uncertain_parameters
-from vlab.errors import BadCase
 from vlab.plants.base import Plant
 
 GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
@@ -94,25 +92,13 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
     BadCase
         No recording, or runs that compare different channels.
     """
-    runs = case.runs(("fit",))
-    if not runs:
-        raise BadCase(f"{case.path}: no [[recording]] has the role fit; mark at least one")
-    channels = tuple(c for c in runs[0].compared if c.actuator is None)
-    for run in runs[1:]:
-        if tuple(c for c in run.compared if c.actuator is None) != channels:
-            raise BadCase(
-                f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
-            )
-    plant, names = case.plant, tuple(c.channel for c in channels)
-    load_ports = tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port))
-    driven = sorted(
-        {d.actuator for run in runs for d in run.drives if d.actuator is not None}
-        | {i for run in runs if run.law is not None for i in run.law.actuators}
-    )
+    wired = wire(case, ("fit",))
+    plant, runs, channels, names = case.plant, wired.runs, wired.channels, wired.names
+    load_ports, driven = wired.load_ports, wired.driven
     stepper = Stepper(plant, channels, load_ports)
     rest = Bench(plant).rest_values(channels)
     hums = find_hum([run for run in runs if run.measured.is_uniform])
-    highest = max(_fastest(run, names) for run in runs)
+    highest = wired.highest_hz([0] * len(names))
     courses = [
         course_of(
             without_hum(run, hums),
@@ -144,9 +130,9 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         parameters=parameters,
         channels=channels,
         names=names,
-        runs=tuple(runs),
+        runs=runs,
         signals=tuple(_signals(course, h) for course in courses),
-        places=tuple(places_of(plant, twin, list(names), driven)),
+        places=tuple(places_of(plant, twin, list(names), list(driven))),
         hums=hums,
         highest_hz=highest,
     )
@@ -154,14 +140,9 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         courses=tuple(courses),
         motions=tuple(motions),
         load_ports=load_ports,
-        driven=tuple(driven),
+        driven=driven,
         substeps=substeps,
     )
-
-
-def _fastest(run: Run, names: Sequence[str]) -> float:
-    data = np.column_stack([run.measured[name] for name in names])
-    return fastest(data, uniform(run.measured.time), [0] * len(names))
 
 
 def _signals(course: Course, h: float) -> Signals:

@@ -17,9 +17,8 @@ from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
 from vlab.diagnose.nonlinear.tangent import FINE, stacked
 from vlab.diagnose.places import Place
 from vlab.diagnose.refine import Fit, Refiner, Term
-from vlab.diagnose.refine import _mix as mix
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
-from vlab.physics.effect import ActuatorEffect, PickUp, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
 
 WINDOWS, LEAST_WINDOW = 12, 60
@@ -197,15 +196,7 @@ class MovingRefiner(Refiner):
         assert len(runs) == len(self.parts)
         with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
             y = self._marched(terms, theta, values, starts)
-        for i, change in enumerate(self.twin.changes):
-            if change.sensor is not None:
-                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
-        for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, PickUp):
-                mix(y, term, own, runs)
-            elif isinstance(term.effect, SensorEffect):
-                self._sense(y, term.effect, term.place.index, own)
-        return y
+        return self._read(y, runs, terms, theta, values)
 
     def _marched(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
@@ -294,7 +285,9 @@ class MovingRefiner(Refiner):
             changed[:, s] = self._cut(series)
         return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
 
-    def _sense(self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array]) -> None:
+    def _sense(
+        self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array], runs: Sequence[Signals]
+    ) -> None:
         """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
         h = self.moving.runs[0].h
         for r, course in enumerate(self.moving.moving.courses):

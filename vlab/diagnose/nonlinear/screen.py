@@ -27,8 +27,7 @@ from vlab.diagnose.observer import Smoothed, stack_runs
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.screen import Group, Screen
-from vlab.diagnose.screen import _unit_amplitudes as unit_amplitudes
+from vlab.diagnose.screen import Group, Screen, unit_amplitudes
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete
 from vlab.diagnose.uncertain import Uncertain
@@ -91,7 +90,6 @@ class MovingScreen(Screen):
     """Deviations at the next sample that they let expect."""
     smooth: Array
     """Smoothed deviations."""
-    white: Array
     L: Array
     B: Array
 
@@ -138,22 +136,23 @@ class MovingScreen(Screen):
         left, predicted = innovations(s, self.gains)
         self.now_known = filtered(s, self.gains, left, predicted)
         self.smooth = smoothed(s, self.gains, left, predicted)
-        self.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
         self.L = s.A - self.gains.K @ s.C
         self.B = s.G - self.gains.K @ s.D
         self.next_known = np.einsum("krab,krb->kra", s.A, self.now_known) - s.defect
         u, lengths = stack_runs(runs, [run.u for run in runs])
         y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
-        e = np.einsum("krpq,krq->krp", self.white, left)
-        states = Smoothed(e=e, x=self.smooth, filtered=self.now_known, predicted=y, lengths=lengths, loglik=0.0)
+        states = Smoothed(e=left, x=self.smooth, filtered=self.now_known, predicted=y, lengths=lengths, loglik=0.0)
         steady = SteadyGains(K=self.gains.K[-1:, 0], S=self.gains.S[-1:, 0], P=self.gains.P[-1:, 0])
         last = Discrete(A=s.A[-1:, 0], B=s.G[-1:, 0], C=s.C[-1:, 0], D=s.D[-1:, 0])
-        group = Group(runs, last, steady, states, u, np.zeros((*y.shape[:2], self.twin.m)), y, lengths, s.usable, e=e)
-        group.first, group.white = min(SETTLED, int(lengths.min()) // 4), np.eye(y.shape[2])
+        group = Group(
+            runs, last, steady, states, u, np.zeros((*y.shape[:2], self.twin.m)), y, lengths, s.usable, e=left
+        )
+        group.first = min(SETTLED, int(lengths.min()) // 4)
+        group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
         return group
 
     def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
-        """See `Screen`: generalised forces take the place of modal ones; what comes back is white already."""
+        """See `Screen`: generalised forces take the place of modal ones."""
         s, K = self.stack, self.gains.K
         part = modal if modal is not None else reading
         assert part is not None
@@ -172,7 +171,7 @@ class MovingScreen(Screen):
         for i in range(n):
             states[i] = state
             state = self.L[i] @ state + drive[i]
-        return np.asarray(self.white @ (out + s.C @ states))
+        return np.asarray(out + s.C @ states)
 
     # ---- what is uncertain ------------------------------------------------------------------------------------------
 
@@ -207,13 +206,8 @@ class MovingScreen(Screen):
         column = list(self.moving.driven).index(actuator)
         return stacked([a.drives[:, :, column] for a in self.alongs])
 
-    def _nuisance(self) -> Array:
-        (group,) = self.groups
-        reading = np.zeros((*group.y.shape, len(self.twin.changes)))
-        for i, change in enumerate(self.twin.changes):
-            if change.sensor is not None:
-                reading[..., change.sensor, i] = group.y[..., change.sensor]
-        return group.rows(self.through(group, self.changes, reading))
+    def _changed_forces(self, group: Group) -> Array:
+        return self.changes
 
     # ---- places along the motion ------------------------------------------------------------------------------------
 

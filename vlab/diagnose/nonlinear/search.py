@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.nonlinear.polish import SimulatedRefiner
 from vlab.diagnose.nonlinear.prepare import Moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
@@ -14,37 +15,37 @@ from vlab.diagnose.search import (
     ENOUGH,
     FINISHED,
     LEAST_GAIN,
-    PLACES,
     QUICK,
     SECONDS,
     SEEDS,
     SLOW,
     SLOW_SHORTLIST,
-    Found,
-    Hypothesis,
-    _on_whole_runs,
-    _scored,
-    _shortlist,
-    _shows,
+    TimeFound,
+    on_whole_runs,
+    other_places,
+    scored_by,
+    shortlisted,
+    shows,
+    terms_of,
 )
 from vlab.physics.effect import Effect, SensorEffect
 
 
 def search_moving(
     problem: Problem, moving: Moving, effects: Sequence[Effect], report: Callable[[float, str], None]
-) -> Found:
+) -> TimeFound:
     """Search what is missing on a problem's fit runs, along their motion; see `vlab.diagnose.search.search`."""
-    effects = [effect for effect in effects if _shows(problem, effect)]
+    effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "finding the motion")
     screen = MovingScreen(problem, moving)
     candidates = screen.candidates(effects, lambda share: report(0.3 + 0.15 * share, "screening"))
     narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
-    before = _scored(narrow, narrow.fit(), 0.0)
-    shortlist = _shortlist(candidates)
+    before = scored_by(narrow, narrow.fit())
+    shortlist = shortlisted(candidates)
     if before.level > ENOUGH:
         report(0.45, "screening with a slower observer")
         known = {c.label for c in shortlist}
-        slow = _shortlist(screen.slower(SLOW).candidates(effects))[:SLOW_SHORTLIST]
+        slow = shortlisted(screen.slower(SLOW).candidates(effects))[:SLOW_SHORTLIST]
         shortlist += [c for c in slow if c.label not in known]
     screen.forget()
     report(0.5, "fitting single effects")
@@ -59,10 +60,10 @@ def search_moving(
         screen = screen.at(fitted[0].fit.theta)
         narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
         fitted = _finished(narrow, fitted)
-        before = _scored(narrow, narrow.fit((), before.fit), 0.0)
-    fitted, before = _on_whole_runs(whole, narrow, fitted, before)
-    places = _other_places(narrow, fitted[0], candidates, before.fit) if fitted else {}
-    return Found(
+        before = scored_by(narrow, narrow.fit((), before.fit))
+    fitted, before = on_whole_runs(whole, narrow, fitted, before)
+    places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
+    return TimeFound(
         problem=problem,
         screen=screen,
         windows=narrow,
@@ -81,9 +82,9 @@ def _for(refiner: MovingRefiner, terms: Sequence[Term]) -> MovingRefiner:
 
 
 def _fitted(refiner: MovingRefiner, candidates: Sequence[Candidate], start: Fit) -> Hypothesis:
-    terms = [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
+    terms = terms_of(candidates)
     own = _for(refiner, terms)
-    return _scored(own, own.fit(terms, start, QUICK), sum(c.gain for c in candidates))
+    return scored_by(own, own.fit(terms, start, QUICK), sum(c.gain for c in candidates))
 
 
 def _finished(refiner: MovingRefiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
@@ -92,7 +93,7 @@ def _finished(refiner: MovingRefiner, hypotheses: list[Hypothesis]) -> list[Hypo
 
     def finished(h: Hypothesis) -> Hypothesis:
         own = _for(refiner, h.terms)
-        return _scored(own, own.fit(h.terms, h.fit, ITERATIONS), h.gain)
+        return scored_by(own, own.fit(h.terms, h.fit, ITERATIONS), h.gain)
 
     done = side_by_side(finished, order[:FINISHED])
     return sorted([*done, *order[FINISHED:]], key=lambda h: -h.score)
@@ -119,26 +120,8 @@ def _pairs(
 
     def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
         seed, second = pair
-        terms = [*seed.terms, Term(effect=second.effect, place=second.place, values=second.values)]
+        terms = [*seed.terms, *terms_of([second])]
         own = _for(refiner, terms)
-        return _scored(own, own.fit(terms, seed.fit, QUICK), seed.gain + second.gain)
+        return scored_by(own, own.fit(terms, seed.fit, QUICK), seed.gain + second.gain)
 
     return side_by_side(fit, list(pairs.values()))
-
-
-def _other_places(
-    refiner: MovingRefiner, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
-) -> dict[str, Hypothesis]:
-    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
-    first, others = best.terms[0], best.terms[1:]
-    elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
-
-    def fitted(c: Candidate) -> Hypothesis:
-        terms = [Term(effect=c.effect, place=c.place, values=c.values), *others]
-        own = _for(refiner, terms)
-        return _scored(own, own.fit(terms, start, QUICK + 2), c.gain)
-
-    chosen = elsewhere[: PLACES - 1]
-    found = side_by_side(fitted, chosen)
-    here = _scored(_for(refiner, best.terms), best.fit, best.gain)  # as the others: in windows only
-    return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}
