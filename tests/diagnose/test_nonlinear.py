@@ -232,8 +232,9 @@ def test_a_short_swing_is_diagnosed(tmp_path, effect):
 @pytest.mark.parametrize("rig", sorted(CASES))
 @pytest.mark.parametrize("seed", [0, 1])
 def test_hidden_effects_are_named_and_placed(tmp_path, rig, seed):
+    """Every effect once: half of them on rigs of the first seed, half on those of the second."""
     wrong = []
-    for effect, hidden in CASES[rig].items():
+    for effect, hidden in list(CASES[rig].items())[seed::2]:
         found, _, _ = answers(tmp_path / effect, rig, effect, seed=seed)
         if (found and (len(found) > 1 or found[0] not in hidden.right)) or bool(found) != bool(hidden.right):
             wrong.append((effect, found))
