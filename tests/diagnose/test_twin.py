@@ -156,6 +156,13 @@ def test_the_twin_has_the_eigenvalues_of_an_implicit_step_within_a_tree(tmp_path
     np.testing.assert_allclose(ours, nearest, rtol=1e-6)
 
 
+def twin_differences(twin, theta, step=1e-5):
+    """Return the derivatives of M, C and K by every uncertain parameter by central differences, lists of each."""
+    sets = np.concatenate([theta + step * np.eye(len(theta)), theta - step * np.eye(len(theta))])
+    n = len(theta)
+    return [(part[:n] - part[n:]) / (2 * step) for part in twin.matrices(sets)[:3]]
+
+
 def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
     case = short()
     problem = prepare(case)
@@ -166,8 +173,13 @@ def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
     M, C, K, gain, _ = (part[0] for part in twin.matrices(theta[None]))
     together = [basis.T @ part @ basis for part in (linear.M, linear.C, linear.K)]
     for ours, rebuilt in zip((M, C, K), together, strict=True):
-        # One element has two factors: their product is exp(a + b), the twin adds them, off by (0.1)^2 of the change.
-        np.testing.assert_allclose(ours, rebuilt, atol=0.03 * np.abs(rebuilt).max())
+        # an element under two factors has their product; central differences as below
+        np.testing.assert_allclose(ours, rebuilt, atol=1e-6 * np.abs(rebuilt).max())
+    for part, after in zip(zip(*twin.slopes(theta), strict=True), twin_differences(twin, theta), strict=True):
+        for slope, difference in zip(part, after, strict=True):
+            np.testing.assert_allclose(
+                0.0 if slope is None else slope, difference, atol=1e-5 * np.abs(together[2]).max()
+            )
     names = [c.name for c in twin.changes]
     alone = np.zeros(len(theta))
     alone[names.index("tendon:spring2:stiffness")] = 0.3

@@ -313,11 +313,11 @@ class Screen:
         """Return the modal forces that a unit of every uncertain parameter adds, (n, n_runs, m, n_changes)."""
         p, v, a = group.motion
         modal = np.zeros((*p.shape, len(self.twin.changes)))
-        growth = np.exp(self.theta)  # d(exp(theta) - 1)/d theta
+        slopes = self.twin.slopes(self.theta)
         for i, change in enumerate(self.twin.changes):
-            for matrix, motion in ((change.M, a), (change.C, v), (change.K, p)):
+            for matrix, motion in zip(slopes[i], (a, v, p), strict=True):
                 if matrix is not None:
-                    modal[..., i] -= growth[i] * (motion @ matrix.T)
+                    modal[..., i] -= motion @ matrix.T
             if change.actuator is not None:
                 modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
         return modal

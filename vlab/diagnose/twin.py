@@ -8,30 +8,55 @@ from scipy import linalg
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.signals import Array
 
+MOST = 3.0
+"""Log-factors beyond this size are taken for it."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """What one uncertain parameter changes, in modal coordinates, per unit of it.
+    """One uncertain parameter, the logarithm of a factor.
 
     Parameters
     ----------
     name : str
-        Of the parameter, for reports: ``"stiffness"``, ``"joint:hinge:damping"``, ``"gain:motor"``.
+        For reports: ``"stiffness"``, ``"joint:hinge:damping"``, ``"gain:motor"``.
     sd : float
         Its prior standard deviation about zero.
-    M, C, K : (m, m) array or None
-        Matrices added per unit.
     actuator, sensor : int or None
-        The gain of this actuator or channel grows by one per unit.
+        The actuator or channel whose gain it multiplies; what it multiplies of the matrices is in the twin's parts.
     """
 
     name: str
     sd: float
+    actuator: int | None = None
+    sensor: int | None = None
+
+
+Matrices = tuple[Array | None, Array | None, Array | None]
+"""M, C and K of something, None where it has none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """The share of the matrices that the same uncertain parameters multiply: one spring, under a factor of its own and of all.
+
+    Parameters
+    ----------
+    by : tuple of int
+        Indices of the parameters; it grows with the product of their factors.
+    M, C, K : (m, m) array or None
+        In modal coordinates.
+    """
+
+    by: tuple[int, ...]
     M: Array | None = None
     C: Array | None = None
     K: Array | None = None
-    actuator: int | None = None
-    sensor: int | None = None
+
+    @property
+    def matrices(self) -> Matrices:
+        """M, C and K."""
+        return self.M, self.C, self.K
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +79,8 @@ class Twin:
         The channels per modal coordinate.
     changes : tuple of Change
         What is uncertain.
+    parts : tuple of Part
+        What that multiplies of the matrices.
     """
 
     omega: Array
@@ -65,6 +92,7 @@ class Twin:
     loads: Array
     rows: ChannelRows
     changes: tuple[Change, ...]
+    parts: tuple[Part, ...] = ()
 
     @property
     def m(self) -> int:
@@ -82,20 +110,33 @@ class Twin:
         Parameters
         ----------
         theta : (n_sets, n_changes) array
-            Log-factors of positive quantities: a matrix enters with exp(theta) - 1, a gain with exp(theta).
+            Log-factors.
         """
-        factor = np.expm1(np.clip(theta, -3, 3))
         out = [np.repeat(x[None], len(theta), axis=0) for x in (self.M, self.C, self.K)]
+        for part in self.parts:
+            more = np.expm1(np.clip(theta[:, part.by].sum(axis=1), -MOST, MOST))[:, None, None]
+            for whole, own in zip(out, part.matrices, strict=True):
+                if own is not None:
+                    whole += more * own
         gains = [np.ones((len(theta), self.forces.shape[1])), np.ones((len(theta), len(self.rows.at_q)))]
-        for i, change in enumerate(self.changes):
-            for whole, part in zip(out, (change.M, change.C, change.K), strict=True):
-                if part is not None:
-                    whole += factor[:, i, None, None] * part
+        for change, factor in zip(self.changes, np.exp(np.clip(theta, -MOST, MOST)).T, strict=True):
             if change.actuator is not None:
-                gains[0][:, change.actuator] *= 1.0 + factor[:, i]
+                gains[0][:, change.actuator] *= factor
             if change.sensor is not None:
-                gains[1][:, change.sensor] *= 1.0 + factor[:, i]
+                gains[1][:, change.sensor] *= factor
         return out[0], out[1], out[2], gains[0], gains[1]
+
+    def slopes(self, theta: Array) -> list[Matrices]:
+        """Return the derivatives of M, C and K by every uncertain parameter at (n_changes,) log-factors."""
+        out: list[list[Array | None]] = [[None, None, None] for _ in self.changes]
+        for part in self.parts:
+            factor = float(np.exp(np.clip(theta[list(part.by)].sum(), -MOST, MOST)))
+            for i in part.by:
+                for k, own in enumerate(part.matrices):
+                    if own is not None:
+                        before = out[i][k]
+                        out[i][k] = factor * own if before is None else before + factor * own
+        return [(M, C, K) for M, C, K in out]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.diagnose.twin import Change
+from vlab.diagnose.twin import Part
 from vlab.diagnose.uncertain import DEFAULT_SD, OWN_SHARE, Uncertain
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -19,6 +19,8 @@ from vlab.structure.model import Structure
 Edit = Callable[[Structure, float], Structure]
 """A structure and a factor to the structure with something multiplied by it."""
 STEP = 1e-3
+ALL_DAMPING = "damping"
+"""The factor of all modes' damping; one of its own has ``:mode`` and its number behind."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +66,10 @@ def structure_parameters(
         out.append(StructureUncertain(name="tension", kind="tension", sd=sd["tension"], edit=_tension))
     if structure.plate:
         out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
-    out.append(StructureUncertain(name="damping", kind="damping", sd=sd["damping"], edit=_damping(None)))
+    out.append(StructureUncertain(name=ALL_DAMPING, kind="damping", sd=sd["damping"], edit=_damping(None)))
     out += [
         StructureUncertain(
-            name=f"damping:mode{i + 1}", kind="damping", sd=OWN_SHARE["damping"] * sd["damping"], edit=_damping(i)
+            name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=OWN_SHARE["damping"] * sd["damping"], edit=_damping(i)
         )
         for i in range(len(structure.damping.ratios))
     ]
@@ -159,15 +161,15 @@ def adjusted_structure(
     return out
 
 
-def structure_changes(
+def structure_parts(
     structure: Structure,
     variant: str,
     parameters: Sequence[Uncertain],
     shapes_at_points: Array,
     omega: Array,
     points: Sequence[str],
-) -> list[Change]:
-    """Return what the uncertain parameters of a structure change in a plant's modes.
+) -> tuple[Part, ...]:
+    """Return what the uncertain parameters of a structure multiply in a plant's modes.
 
     The derivatives are the FE model's; they are carried over to the plant's modes by the shapes at the points, which both
     know and which agree (`vlab modes`).
@@ -182,21 +184,33 @@ def structure_changes(
     fe = build_fe_model(structure, variant)
     carry = _carry(fe, shapes_at_points, omega, points)
     out = []
-    for parameter in parameters:
+    for i, parameter in enumerate(parameters):
         edit = parameter.edit if isinstance(parameter, StructureUncertain) else None
-        if edit is None:
-            out.append(
-                Change(name=parameter.name, sd=parameter.sd, actuator=parameter.actuator, sensor=parameter.sensor)
-            )
+        if edit is None or parameter.kind == "damping":
             continue
         high, low = (build_fe_model(edit(structure, np.exp(s)), variant).linear for s in (STEP, -STEP))
-        if parameter.kind == "damping":
-            change = _modal_damping(structure, fe, parameter.name, carry, omega)
-            out.append(Change(name=parameter.name, sd=parameter.sd, C=change))
-            continue
         M, K = ((a - b) / (2 * STEP) for a, b in ((high.M, low.M), (high.K, low.K)))
         M, K = carry.T @ M @ carry, carry.T @ K @ carry
-        out.append(Change(name=parameter.name, sd=parameter.sd, M=M if np.abs(M).max() > 1e-9 else None, K=K))
+        out.append(Part(by=(i,), M=M if np.abs(M).max() > 1e-9 else None, K=K))
+    return (*out, *_damping_parts(fe, [p.name for p in parameters], carry, omega))
+
+
+def _damping_parts(fe: FeModel, names: Sequence[str], carry: Array, omega: Array) -> list[Part]:
+    """Return the damping of every mode with a factor of its own, and of the others; a common factor multiplies them all."""
+    common = tuple(i for i, name in enumerate(names) if name == ALL_DAMPING)
+    left = np.einsum("ij,ik,kj->j", carry, fe.linear.C, carry)
+    driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
+    out = []
+    for i, name in enumerate(names):
+        number = name.removeprefix(f"{ALL_DAMPING}:mode")
+        if not number.isdigit() or int(number) > len(driven):
+            continue
+        target = fe.linear.M @ fe.linear.eigen[1][:, driven[int(number) - 1]]
+        own = np.abs(np.abs(carry.T @ target) - 1.0) < 1e-6
+        out.append(Part(by=(*common, i), C=np.diag(np.where(own, left, 0.0))))
+        left = np.where(own, 0.0, left)
+    if common:
+        out.append(Part(by=common, C=np.diag(left)))
     return out
 
 
@@ -216,19 +230,3 @@ def _carry(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[
         sign = np.sign(rows[:, visible[i]] @ shapes_at_points[:, j]) or 1.0
         out[:, j] = sign * all_shapes[:, visible[i]]
     return out
-
-
-def _modal_damping(structure: Structure, fe: FeModel, name: str, carry: Array, omega: Array) -> Array:
-    zeta = np.einsum("ij,ik,kj->j", carry, fe.linear.C, carry) / (2 * np.maximum(np.abs(omega), 1e-12))
-    which = np.ones(len(omega), dtype=bool)
-    if name != "damping":
-        number = int(name.removeprefix("damping:mode")) - 1
-        driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
-        target = fe.linear.eigen[1][:, driven[number]] if number < len(driven) else None
-        which = np.array(
-            [
-                target is not None and np.allclose(np.abs(column @ fe.linear.M @ target), 1.0, atol=1e-6)
-                for column in carry.T
-            ]
-        )
-    return np.diag(np.where(which, 2 * zeta * np.abs(omega), 0.0))

@@ -10,10 +10,10 @@ from vlab.diagnose.frequency.evaluate import State
 from vlab.diagnose.frequency.measured import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
-from vlab.diagnose.prepare import change_of
+from vlab.diagnose.prepare import changes_of, parts_of
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, uncertain_parameters
-from vlab.diagnose.uncertain_structure import adjusted_structure, structure_changes, structure_parameters
+from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -80,14 +80,7 @@ class FrequencyProblem:
     def state(self, theta: Array) -> State:
         """Return the matrices at given log-factors, with their derivatives."""
         M, C, K, inputs, outputs = self.twin.matrices(theta[None])
-        factor = np.exp(np.clip(theta, -3, 3))
-
-        def scaled(part: Array | None, by: float) -> Array | None:
-            return None if part is None else by * part
-
-        changes = tuple(
-            (scaled(c.M, f), scaled(c.C, f), scaled(c.K, f)) for c, f in zip(self.twin.changes, factor, strict=True)
-        )
+        changes = tuple(self.twin.slopes(theta))
         return State(M=M[0], C=C[0], K=K[0], changes=changes, input_gain=inputs[0], output_gain=outputs[0])
 
 
@@ -141,24 +134,23 @@ def _uncertain(
     driven = sorted(
         {a for name, a in zip(wires.inputs, wires.actuators, strict=True) if a is not None and name in inputs}
     )
-    parameters: list[Uncertain]
+    measures_damping = responses or any(np.isfinite(d.zeta).any() for d in measured if isinstance(d, Modes))
+    listed: Sequence[Uncertain]
     if structure is None:
-        parameters = list(uncertain_parameters(plant, given, wires.names, driven))
-        changes = [change_of(plant, parameter, view.shapes) for parameter in parameters]
+        listed = uncertain_parameters(plant, given, wires.names, driven)
     else:
-        parameters = list(structure_parameters(structure, given, wires.names, driven))
+        listed = structure_parameters(structure, given, wires.names, driven)
+    parameters = [p for p in listed if measures_damping or p.kind != "damping"]
+    if structure is None:
+        parts = parts_of(plant, parameters, view.shapes)
+    else:
         points = [p.name for p in structure.point if p.name in plant.ports]
         at_points = plant.port_rows(points) @ view.shapes
-        changes = structure_changes(structure, case.table.model.variant, parameters, at_points, view.omega, points)
+        parts = structure_parts(structure, case.table.model.variant, parameters, at_points, view.omega, points)
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
-            gain = Uncertain(
-                name=f"gain:{name}", kind="gain", sd=given.get("gain", DEFAULT_SD["gain"]), actuator=column
-            )
-            parameters.append(gain)
-            changes.append(change_of(plant, gain, view.shapes))
-    measures_damping = responses or any(np.isfinite(d.zeta).any() for d in measured if isinstance(d, Modes))
-    used = [i for i, p in enumerate(parameters) if measures_damping or p.kind != "damping"]
+            sd = given.get("gain", DEFAULT_SD["gain"])
+            parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, actuator=column))
     twin = Twin(
         omega=view.omega,
         shapes=view.shapes,
@@ -168,6 +160,7 @@ def _uncertain(
         forces=view.forces,
         loads=np.zeros((view.m, 0)),
         rows=view.rows,
-        changes=tuple(changes[i] for i in used),
+        changes=changes_of(parameters),
+        parts=parts,
     )
-    return tuple(parameters[i] for i in used), twin
+    return tuple(parameters), twin

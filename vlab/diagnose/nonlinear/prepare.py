@@ -14,9 +14,9 @@ from vlab.diagnose.nonlinear.course import Course, Motion, course_of, first_moti
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import places_of
-from vlab.diagnose.prepare import Problem, recorded_commands, wire
+from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wire
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Change, Twin
+from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import MOST_ELEMENTS, OWN_SHARE, Uncertain, uncertain_parameters
 from vlab.plants.base import Plant
 
@@ -174,5 +174,5 @@ def _twin(plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain
         forces=actuator_forces(plant),
         loads=plant.port_rows(load_ports).T if load_ports else np.zeros((nv, 0)),
         rows=ChannelRows(at_q=zero, at_v=zero, at_a=zero, rest=rest),
-        changes=tuple(Change(name=q.name, sd=q.sd, actuator=q.actuator, sensor=q.sensor) for q in parameters),
+        changes=changes_of(parameters),
     )
