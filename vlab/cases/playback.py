@@ -248,7 +248,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
     load_means, _ = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix
-    every = bool(loads) or plant.dissipation is not None or physics is not None
+    every = bool(loads) or plant.prescribed is not None or physics is not None
     feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
     command = np.zeros(len(plant.actuators))
     out = np.zeros((clock.readings, len(run.compared)))
@@ -314,7 +314,10 @@ def _advance(
         data.ctrl[:] = controls @ row
         if loads is not None:
             applied = bench.applied
-            applied[:] = 0.0 if plant.dissipation is None else -plant.dissipation @ data.qvel
+            if plant.prescribed is None:
+                applied[:] = 0.0
+            else:
+                plant.prescribed(data.qpos, data.qvel, applied)
             for load, drive in zip(loads[i], drives, strict=True):
                 applied += plant.port(drive.port).row(data) * load
             data.qfrc_applied[:] = applied

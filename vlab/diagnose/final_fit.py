@@ -17,7 +17,7 @@ from vlab.diagnose.hum import without_hum
 from vlab.diagnose.hypothesis import WORTH
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import LEAST_ERROR, Fit, Refiner, inward, outward
+from vlab.diagnose.refine import Fit, Refiner, inward, outward
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
@@ -141,7 +141,7 @@ def _target(problem: Problem, run: Run) -> _Target:
         columns=tuple(run.measured.index(name) for name in problem.names),
         measured=measured,
         counts=says_something(run, problem.channels),
-        sigma=np.hypot(noise, LEAST_ERROR * np.std(measured, axis=0)),
+        sigma=np.hypot(noise, problem.model_error * np.std(measured, axis=0)),
     )
 
 

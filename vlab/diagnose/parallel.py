@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -14,6 +15,12 @@ _work: Callable[[int], Any] | None = None
 def _one(index: int) -> Any:
     assert _work is not None
     return _work(index)
+
+
+def _quiet() -> None:
+    """Leave it to the parent to say that it was interrupted, and end without a word when it says so."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
@@ -30,7 +37,7 @@ def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
         return [work(item) for item in items]
     _work = lambda index: work(items[index])  # noqa: E731 - forks know the items: only results are sent
     try:
-        with multiprocessing.get_context("fork").Pool(count) as pool:
+        with multiprocessing.get_context("fork").Pool(count, _quiet) as pool:
             return pool.map(_one, range(len(items)), chunksize=1)
     finally:
         _work = None

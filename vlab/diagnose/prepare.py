@@ -19,12 +19,15 @@ from vlab.diagnose.twin import Change, Part, Twin, observable
 from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters
 from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
 from vlab.errors import BadCase
+from vlab.fe.damping import driven_modes
 from vlab.fe.second_order import SecondOrderModel
 from vlab.physics.running import STAGGERED
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
 MOST_MODES = 24
+MODEL_ERROR, MESH_ERROR = 0.001, 0.005
+"""Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
 BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
 
@@ -60,6 +63,11 @@ class Problem:
     places: tuple[Place, ...]
     hums: tuple[Hum, ...] = ()
     highest_hz: float = np.inf
+
+    @property
+    def model_error(self) -> float:
+        """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+        return MODEL_ERROR if self.case.structure is None else MESH_ERROR
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""
@@ -163,10 +171,14 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         parameters = tuple(uncertain_parameters(plant, given, names, driven))
         parts = parts_of(plant, parameters, basis)
     else:
-        parameters = tuple(structure_parameters(structure, given, names, driven))
+        at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ shapes
+        among = np.cumsum(kept) - 1
+        tuned = [int(among[j]) if kept[j] else -1 for j in driven_modes(at_coils)]
+        last = max((k + 1 for k, j in enumerate(tuned) if j >= 0), default=0)
+        parameters = tuple(structure_parameters(structure, given, names, driven, last))
         points = [p.name for p in structure.point if p.name in plant.ports]
         at_points = plant.port_rows(points) @ basis
-        parts = structure_parts(structure, variant, parameters, at_points, omega[kept], points)
+        parts = structure_parts(structure, variant, parameters, at_points, omega[kept], points, tuned)
     twin = Twin(
         omega=omega[kept],
         shapes=basis,

@@ -39,8 +39,6 @@ REUSED = 3
 CHUNK = 400
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
-LEAST_ERROR = 0.005
-"""Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
 MOST_DIRECTIONS = 16
@@ -133,7 +131,7 @@ class Refiner:
     def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None) -> None:
         self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
         self.runs = list(runs if runs is not None else screen.runs)
-        self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in self.runs])
+        self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)

@@ -9,6 +9,7 @@ from scipy import signal
 
 from vlab.cases.wiring import Compared, Run
 from vlab.diagnose.damage import on_clock, says_something
+from vlab.hardware.output_chain import OutputChain
 from vlab.signals import Array
 
 POINTS_PER_CYCLE = 14.0
@@ -195,10 +196,19 @@ def thinning(count: int, h: float, highest_hz: float) -> int:
     return max(1, min(by_band, count // ENOUGH_SAMPLES))
 
 
-def interval_means(run: Run, name: str, is_held: bool, grid: Array) -> Array:
+def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
+    """Return the mean force of every sample of commands (n,) behind the delay, hold and filter of a run's hardware.
+
+    Without hardware, or sampled at another rate than the converter's, they are the forces themselves.
+    """
+    if run.hardware is None or abs(run.measured.rate / rate_hz - 1) > 1e-6 or not run.measured.is_uniform:
+        return commands
+    converter = run.hardware.at_rate(rate_hz).converter
+    return OutputChain(converter, channels=1).response(commands[:, None])[:, 0]
+
+
+def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
     """Return the mean of an input from every grid time to the next (the last interval repeats its start)."""
-    time = run.measured.time - run.measured.time[0]
-    values = run.measured[name]
     h = grid[1] - grid[0]
     edges = np.append(grid, grid[-1] + h)
     if is_held:
@@ -263,15 +273,18 @@ def signals_of(
     y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
     u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(port_names)))
     for drive in run.drives:
-        mean = interval_means(run, drive.channel, drive.is_held, grid)
+        values, is_held = run.measured[drive.channel], drive.is_held
+        if drive.through_chain and run.hardware is not None:
+            values, is_held = through_chain(run, values, run.hardware.converter.rate), True
+        mean = interval_means(time, values, is_held, grid)
         if drive.actuator is not None:
             u[:, drive.actuator] += mean
         else:
             load[:, list(port_names).index(drive.port)] += mean
     if commands is not None:
         for j in range(n_actuators):
-            at = np.searchsorted(time, grid + 1e-9 * h, side="right") - 1
-            u[:, j] += commands[at, j]
+            values = commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz)
+            u[:, j] += interval_means(time, values, True, grid)
     usable = on_clock(run, says_something(run, compared), grid)
     scale = np.std(y, axis=0)
     scale = np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12)

@@ -7,10 +7,10 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
-from vlab.fe.damping import modal_ratios
+from vlab.fe.damping import modal_factors, modal_ratios
 from vlab.fe.in_plane import Resultants, in_plane_resultants
 from vlab.fe.mesh import Element, Mesh, build_mesh
-from vlab.fe.model import FeModel, Piece, bending_map, torsion_map
+from vlab.fe.model import TUNING, FeModel, Piece, bending_map, torsion_map
 from vlab.fe.one_mode import OneModeBar, one_mode_bar
 from vlab.fe.second_order import SecondOrderModel
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines
@@ -57,8 +57,19 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         one_mode=one_mode,
         pieces=_kept(pieces, keep),
     )
-    zeta = modal_ratios(structure.damping, model.coils.T @ undamped.eigen[1])
-    return replace(model, linear=undamped.with_modal_damping(zeta))
+    model = _tuned(model)
+    zeta = modal_ratios(structure.damping, model.coils.T @ model.linear.eigen[1])
+    return replace(model, linear=model.linear.with_modal_damping(zeta))
+
+
+def _tuned(model: FeModel) -> FeModel:
+    """Return a model with the frequencies that its structure is tuned to; what that takes is a piece of its own."""
+    if model.structure.tuning is None:
+        return model
+    linear = model.linear
+    K = linear.tuning_stiffness(modal_factors(model.structure.tuning, model.coils.T @ linear.eigen[1]))
+    piece = Piece(name=TUNING, columns=tuple(range(linear.n)), M=np.zeros_like(K), K=K)
+    return replace(model, linear=replace(linear, K=linear.K + K), pieces=(*model.pieces, piece))
 
 
 def _kept(pieces: tuple[Piece, ...], keep: list[int]) -> tuple[Piece, ...]:

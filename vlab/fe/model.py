@@ -13,6 +13,9 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 from vlab.structure.places import locate
 
+TUNING = "tuning"
+"""Name of the piece that gives a structure the frequencies that it is tuned to; it holds all coordinates."""
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:

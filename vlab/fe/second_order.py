@@ -77,6 +77,13 @@ class SecondOrderModel:
         omega, shapes = self.eigen
         return np.einsum("ij,ik,kj->j", shapes, self.C, shapes) / (2 * np.maximum(np.abs(omega), 1e-12))
 
+    def tuning_stiffness(self, factors: Array) -> Array:
+        """Return the stiffness that multiplies the modes' frequencies by factors and leaves their shapes, (n, n)."""
+        omega, shapes = self.eigen
+        changed = np.flatnonzero(np.asarray(factors) != 1.0)
+        rows = (self.M @ shapes[:, changed]).T
+        return np.asarray((rows.T * ((np.asarray(factors)[changed] ** 2 - 1.0) * omega[changed] ** 2)) @ rows)
+
     def with_modal_damping(self, zeta: Array) -> "SecondOrderModel":
         """Return the same model with C = M Phi diag(2 zeta omega) Phi^T M, which couples no modes."""
         omega, shapes = self.eigen

@@ -159,7 +159,7 @@ class ControlLoop:
         raw, frames, frame_every = self._raw, self.frames, self.frame_every
         added = [(i, self.added[:, i].tolist()) for i in range(self.added.shape[1]) if np.any(self.added[:, i])]
         limit_forces, give = self._amplifier(), self._outlet()
-        dissipate = None if plant.dissipation is None else (-plant.dissipation).dot
+        prescribed = plant.prescribed
         actuate, sense, push = self._attached()
         tick, per_step, n_steps = self._feedback(), 1.0 / plant.timestep, len(self.added)
         forces = np.zeros((substeps, len(plant.actuators)))  # of the steps until the next sample; a row serves once
@@ -190,8 +190,8 @@ class ControlLoop:
             if actuate is not None:
                 actuate(force)
             give(force)
-            if dissipate is not None:
-                dissipate(qvel, generalised)
+            if prescribed is not None:
+                prescribed(qpos, qvel, generalised)
             if push is not None:
                 push(data)
 
@@ -205,7 +205,7 @@ class ControlLoop:
         if physics is None:
             return None, None, None
         present, ports, period = physics.force, physics.ports, self.substeps * plant.timestep
-        sensordata, generalised, stays = self.data.sensordata, self.data.qfrc_applied, plant.dissipation is not None
+        sensordata, generalised, stays = self.data.sensordata, self.data.qfrc_applied, plant.prescribed is not None
         travel, every = sensordata[plant.travel], plant.sensor_matrix
 
         def actuate(force: Array) -> None:

@@ -108,8 +108,9 @@ class Plant:
         Named coordinates; a structure plant has one at every point of the drawing.
     spec : mujoco.MjSpec
         The whole plant as it is written out, its dissipation as native tendons.
-    dissipation : (nv, nv) array or None
-        Damping matrix that acts as -C qvel while the plant runs; see `vlab.plants.dissipation`.
+    dissipation, restoring : (nv, nv) array or None
+        Damping and stiffness matrix that act as -C qvel - K (qpos - qpos0) while the plant runs; see
+        `vlab.plants.mode_by_mode`.
     travel : slice
         Where the displacements of the velocity sensors' coils stand in ``sensordata``, in the order of those sensors;
         empty where a plant does not know them.
@@ -128,6 +129,7 @@ class Plant:
     sensors: tuple[SensorTap, ...]
     ports: Mapping[str, Port] = field(default_factory=dict)
     dissipation: Array | None = None
+    restoring: Array | None = None
     travel: slice = field(default_factory=lambda: slice(0, 0))
     left_out: tuple[str, ...] = ()
     physics: tuple[Any, ...] = ()
@@ -139,17 +141,36 @@ class Plant:
         return float(self.model.opt.timestep)
 
     def linearise(self) -> SecondOrderModel:
-        """Return M, C and K about the equilibrium, dissipation included."""
+        """Return M, C and K about the equilibrium, what is prescribed mode by mode included."""
         return self._with_added(linearise(self.model))
 
     def _with_added(self, linear: SecondOrderModel) -> SecondOrderModel:
         """Return a linearisation of the bare model with what acts on it as generalised forces."""
         if self.dissipation is not None:
             linear = replace(linear, C=linear.C + self.dissipation)
+        if self.restoring is not None:
+            linear = replace(linear, K=linear.K + self.restoring)
         if self.impedance is None:
             return linear
         M, C, K = self.impedance
         return replace(linear, M=linear.M + M, C=linear.C + C, K=linear.K + K)
+
+    @cached_property
+    def prescribed(self) -> Callable[[Array, Array, Array], Any] | None:
+        """What writes the generalised force of dissipation and restoring, given qpos, qvel and where to; None without any."""
+        if self.restoring is None:
+            if self.dissipation is None:
+                return None
+            damp = (-self.dissipation).dot
+            return lambda qpos, qvel, out: damp(qvel, out)
+        restore, rest = (-self.restoring).dot, self.model.qpos0.copy()
+        loss = np.zeros_like(self.restoring) if self.dissipation is None else -self.dissipation
+
+        def write(qpos: Array, qvel: Array, out: Array) -> None:
+            np.dot(loss, qvel, out)
+            out += restore(qpos - rest)
+
+        return write
 
     def own_stiffness(self, name: str) -> float:
         """Return the stiffness of the elastic element whose deflection a port is; 0 without one."""

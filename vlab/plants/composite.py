@@ -3,7 +3,7 @@
 The vertical bar is a tree of links rooted at its clamp (x right, y out of the plane, z up); every link has its piece of
 the bar and the point masses on it as inertia. Cables are spatial tendons with the stiffness of their wire, stretched so
 that the drawing is the equilibrium: the tension in the bar, its growth with the weight below and its effect on the
-motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.dissipation`.
+motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.mode_by_mode`.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,13 @@ import mujoco
 import numpy as np
 
 from vlab.errors import BadStructure
-from vlab.fe.damping import modal_ratios
 from vlab.fe.one_mode import one_mode_bar
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical_stiffness
 from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
 from vlab.plants.chain import Chain, build_chain
-from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
 from vlab.plants.element_ports import element_ports
 from vlab.plants.linearise import linearise
+from vlab.plants.mode_by_mode import prescribe, with_modal_tendons
 from vlab.signals import Array
 from vlab.structure.model import Bar, Clamp, Section, Structure
 
@@ -324,13 +323,14 @@ def build_composite(
     builder = _Builder(structure, variant, options or CompositeOptions())
     spec = builder.build()
     model = spec.compile()
-    damping = _modal_damping(model, structure, builder.curves) if damped else []
+    prescribed = prescribe(linearise(model), structure, _at_coils(model, structure, builder.curves), damped=damped)
     one_mode = structure.variant_named(variant).one_mode_bar
     return Plant(
         name="composite",
         model=model,
-        spec=with_damping_tendons(spec, damping),
-        dissipation=dissipation_matrix(damping),
+        spec=with_modal_tendons(spec, prescribed.tendons),
+        dissipation=prescribed.dissipation,
+        restoring=prescribed.restoring,
         actuators=tuple(
             ActuatorTap(name=name, at=c.name, controls=(model.actuator(name).id, model.actuator(_curve(name)).id))
             for c in structure.coil
@@ -349,13 +349,11 @@ def build_composite(
     )
 
 
-def _modal_damping(model: Any, structure: Structure, curves: dict[str, dict[str, float]]) -> list[DampingTendon]:
-    """Return the dampers that give the structure's modal ratios."""
-    linear = linearise(model)
+def _at_coils(model: Any, structure: Structure, curves: dict[str, dict[str, float]]) -> Array:
+    """Return the deflections at the coils per joint coordinate, (n_coils, nv)."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    coils = np.array([_port(model, coil.at, curves[coil.at]).row(data) for coil in structure.coil])
-    return modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1]))
+    return np.array([_port(model, coil.at, curves[coil.at]).row(data) for coil in structure.coil])
 
 
 def _addresses(model: Any, name: str) -> tuple[int, ...]:

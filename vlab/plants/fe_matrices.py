@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 from scipy import linalg
 
-from vlab.fe.model import FeModel, Piece
+from vlab.fe.model import TUNING, FeModel, Piece
 from vlab.plants.base import Plant
-from vlab.plants.dissipation import modal_dampers, with_damping_tendons
+from vlab.plants.mode_by_mode import ModalTendon, modal_dampers, with_modal_tendons
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 from vlab.signals import Array
 
@@ -79,8 +79,10 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
         name = fe.linear.coordinates[column]
         bodies[column] = add_carrier(bodies[parents[column]], name)
         bodies[column].add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
+    tuning = next((piece.K for piece in fe.pieces if piece.name == TUNING), None)
     for piece in fe.pieces:
-        _add_piece(spec, piece, fe.linear.coordinates, scaling)
+        if piece.name != TUNING:
+            _add_piece(spec, piece, fe.linear.coordinates, scaling)
     places = dict.fromkeys([p.name for p in fe.structure.point] + fe.structure.transducer_places)
     rows = {place: fe.deflection(place) for place in places}
     add_points(spec, fe.structure, rows, fe.linear.coordinates)
@@ -89,8 +91,11 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
         fe.linear.coordinates.index(model.joint(k).name) for k in range(model.njnt)
     ]  # MuJoCo counts branch by branch
     listed = [fe.linear.coordinates.index(joint.name) for joint in spec.joints]
-    dampers = [replace(d, row=d.row[listed]) for d in modal_dampers(fe.linear, fe.linear.zeta)]
-    written = with_damping_tendons(spec, dampers)
+    tendons = modal_dampers(fe.linear, fe.linear.zeta)
+    if tuning is not None:
+        parts = enumerate(_rank_one(tuning), start=1)
+        tendons += [ModalTendon(f"{TUNING}:{k}", row, stiffness=value) for k, (value, row) in parts]
+    written = with_modal_tendons(spec, [replace(t, row=t.row[listed]) for t in tendons])
     slowed = (f"modes above {0.3 / np.sqrt(scaling) / 2 / np.pi:.0f} Hz are slowed",) if scaling else ()
     left_out = (LINEAR, *slowed)
     ordered = {place: row[order] for place, row in rows.items()}
@@ -103,6 +108,7 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
         elements=fe_element_ports(fe, ordered, lambda row: row[order]),
         written=written,
         dissipation=fe.linear.C[np.ix_(order, order)],
+        restoring=None if tuning is None else tuning[np.ix_(order, order)],
     )
 
 

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from vlab.errors import BadStructure
-from vlab.fe.damping import modal_ratios
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ActuatorTap, Plant, Port, sensor_taps, travel_name
-from vlab.plants.dissipation import DampingTendon, dissipation_matrix, modal_dampers, with_damping_tendons
 from vlab.plants.element_ports import constant_port, element_ports
 from vlab.plants.grillage_spec import GrillageBuilder, GrillageOptions, in_plane_mask
 from vlab.plants.linearise import linearise
+from vlab.plants.mode_by_mode import prescribe, with_modal_tendons
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -64,14 +63,16 @@ def build_grillage(
         p.name: _port(model, p.name, builder.readings[p.name]) for p in structure.point if p.name in builder.readings
     }
     ports |= _element_ports(model, structure, variant, builder, ports)
-    damping = _modal_damping(linear, structure, ports) if damped else []
+    coils = np.array([ports[coil.at].row(None) for coil in structure.coil]).reshape(-1, linear.n)
+    prescribed = prescribe(linear, structure, coils, damped=damped)
     calibrated = not choice.in_plane_moments or choice.moment_boundary_factor != 0.5
     first = int(model.sensor(travel_name(structure.sensor[0])).adr[0]) if structure.sensor else model.nsensordata
     return Grillage(
         name="composite",
         model=model,
-        spec=with_damping_tendons(spec, damping),
-        dissipation=dissipation_matrix(damping),
+        spec=with_modal_tendons(spec, prescribed.tendons),
+        dissipation=prescribed.dissipation,
+        restoring=prescribed.restoring,
         actuators=tuple(
             ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(i,)) for i, c in enumerate(structure.coil)
         ),
@@ -118,12 +119,6 @@ def _element_ports(
         return _port(model, point, {j: c for j, c in turns.items() if j in builder.joints}).row(None)
 
     return element_ports(structure, variant, points, slope)
-
-
-def _modal_damping(linear: SecondOrderModel, structure: Structure, ports: dict[str, Port]) -> list[DampingTendon]:
-    """Return the dampers that give the structure's modal ratios."""
-    coils = np.array([ports[coil.at].row(None) for coil in structure.coil]).reshape(-1, linear.n)
-    return modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1]))
 
 
 def _timestep(options: GrillageOptions, limit: float) -> float:

@@ -73,6 +73,7 @@ def point_plant(
     left_out: tuple[str, ...],
     written: Any = None,
     dissipation: Array | None = None,
+    restoring: Array | None = None,
     elements: Mapping[str, Port] | None = None,
 ) -> Plant:
     """Compile a spec with points into a plant.
@@ -83,8 +84,8 @@ def point_plant(
         Deflection of every point of the drawing per joint coordinate.
     written : mujoco.MjSpec or None
         The spec that is written out, where it has more than the running model (dampers).
-    dissipation : (nv, nv) array or None
-        Acts as -C qvel while the plant runs.
+    dissipation, restoring : (nv, nv) array or None
+        Act as -C qvel - K qpos while the plant runs.
     elements : mapping of str to Port, optional
         The ports of elastic elements.
     """
@@ -98,6 +99,7 @@ def point_plant(
         model=model,
         spec=spec if written is None else written,
         dissipation=dissipation,
+        restoring=restoring,
         actuators=tuple(
             ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(model.actuator(f"coil:{c.name}").id,))
             for c in structure.coil

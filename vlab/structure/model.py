@@ -219,6 +219,16 @@ class Damping:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Tuning:
+    """Factors on the frequencies of the first modes, as a test of the structure itself gives them; the shapes stay.
+
+    No mesh has every frequency to a part in a thousand, and light damping makes much of that.
+    """
+
+    frequencies: tuple[float, ...] = number("1", positive=True)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reduction:
     """The coordinates that reduced models of the structure keep.
 
@@ -307,6 +317,7 @@ class Structure:
     sensor: tuple[Sensor, ...] = ()
     probe: tuple[Sensor, ...] = ()
     damping: Damping
+    tuning: Tuning | None = None
     reduction: Reduction | None = None
     variant: dict[str, Variant]
     provenance: Mapping[str, Provenance] = field(default_factory=dict, init=False, compare=False)

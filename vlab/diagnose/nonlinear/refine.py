@@ -33,8 +33,6 @@ PROBE = 0.02
 """Share of it by which starts are moved to see what they can explain."""
 PAD = 400
 """Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
-LEAST_ERROR = 0.001
-"""Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
 SETTLINGS, MOST_MOVE = 2, 3.0
 """Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""
 CHECK_EVERY = 8
@@ -94,7 +92,7 @@ class MovingRefiner(Refiner):
         self.whole = whole
         self.screen, self.problem, self.twin, self.runs = screen, screen.problem, screen.twin, runs
         self._gather()
-        self.sigma = np.array([np.hypot(run.noise, LEAST_ERROR * run.scale) for run in runs])
+        self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in runs])
         samples = sum(run.y.size for run in runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.active = np.zeros(0, dtype=int)

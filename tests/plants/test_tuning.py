@@ -1,0 +1,76 @@
+"""Frequencies that a structure is tuned to: the same in the FE model and in every plant, shapes and ratios as they were."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from vlab.fe import build_fe_model
+from vlab.modal.mac import mac
+from vlab.plants import build_plant
+from vlab.structure import load_structure
+from vlab.structure.model import Tuning
+from vlab.views.amended_model import structure_toml
+
+FACTORS = (1.01, 0.99, 1.003, 1.0, 1.02)
+
+
+@pytest.fixture(scope="module")
+def tuned(beam):
+    return dataclasses.replace(beam, tuning=Tuning(frequencies=FACTORS))
+
+
+def heard(linear, rows):
+    """Return the modes of a model that move at some rows: frequency, damping ratio, shape there.
+
+    The arms' swing against each other is moved a little (3e-4) where MuJoCo slows the fastest modes of the FE plant.
+    """
+    omega, shapes = linear.eigen
+    at = rows @ shapes
+    which = np.flatnonzero(np.abs(at).max(axis=0) > 1e-3 * np.abs(at).max())[:6]
+    return omega[which], linear.zeta[which], at[:, which]
+
+
+def test_frequencies_of_the_fe_model_are_multiplied(beam, tuned):
+    before, after = (build_fe_model(s, "physical") for s in (beam, tuned))
+    (w0, z0, x0), (w1, z1, x1) = (heard(m.linear, m.coils.T) for m in (before, after))
+    assert w1 / w0 == pytest.approx((*FACTORS, 1.0), rel=1e-9)
+    assert z1 == pytest.approx(z0, rel=1e-9)  # the ratios are prescribed, so the dampers follow
+    assert np.diag(mac(x0, x1)) == pytest.approx(1.0, abs=1e-9)
+    total = np.zeros_like(after.linear.K)
+    for piece in after.pieces:
+        total[np.ix_(piece.columns, piece.columns)] += piece.K
+    assert np.abs(total - after.linear.K).max() < 1e-12 * np.abs(total).max()
+
+
+@pytest.mark.parametrize("plant", ["composite", "fe", "modal"])
+def test_every_plant_has_them(beam, tuned, plant):
+    before, after = (build_plant(s, plant, "physical") for s in (beam, tuned))
+    rows = before.port_rows([coil.at for coil in beam.coil])
+    (w0, z0, _), (w1, z1, _) = (heard(p.linearise(), rows) for p in (before, after))
+    assert w1 / w0 == pytest.approx((*FACTORS, 1.0), rel=1e-6)
+    assert z1 == pytest.approx(z0, rel=1e-6)
+
+
+@pytest.mark.parametrize("plant", ["composite", "fe"])
+def test_native_tendons_equal_the_applied_forces(tuned, plant):
+    """The written-out model carries springs and dampers as tendons; while running they act as matrices: the same motion."""
+    own = build_plant(tuned, plant, "physical")
+    start = own.linearise().eigen[1][:, [0, 2, 5]] @ [1e-4, 1e-4, 1e-4]
+    ends = []
+    for model, prescribed in ((own.spec.compile(), None), (own.model, own.prescribed)):
+        data = mujoco.MjData(model)
+        data.qpos[:] = model.qpos0 + start
+        for _ in range(500):
+            if prescribed is not None:
+                prescribed(data.qpos, data.qvel, data.qfrc_applied)
+            mujoco.mj_step(model, data)
+        ends.append(data.qpos - model.qpos0)
+    assert ends[1] == pytest.approx(ends[0], rel=0, abs=1e-8 * np.abs(start).max())  # summed in another order
+
+
+def test_a_written_structure_keeps_its_tuning(tuned, tmp_path):
+    path = tmp_path / "tuned.toml"
+    path.write_text(structure_toml(tuned))
+    assert load_structure(path).tuning == tuned.tuning

@@ -1,0 +1,125 @@
+"""What is prescribed mode by mode in MuJoCo: damping, and frequencies that a structure is tuned to.
+
+The damping C = sum over modes of (M phi)(2 zeta omega)(M phi)^T couples no modes and is full in joint coordinates.
+MuJoCo carries it natively as one fixed tendon a mode, with coefficients phi^T M and damping 2 zeta omega; the model that
+a plant writes out has these tendons. The stiffness that tunes frequencies is of the same form with (f^2 - 1) omega^2, negative
+where a frequency is lowered. Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the
+same matrices act as a generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two against each other.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.fe.damping import modal_factors, modal_ratios
+from vlab.fe.second_order import SecondOrderModel
+from vlab.signals import Array
+from vlab.structure.model import Structure
+
+
+@dataclass(frozen=True)
+class ModalTendon:
+    """A damper and a spring on a linear combination of joint coordinates.
+
+    Parameters
+    ----------
+    row : (nv,) array
+        Coefficients.
+    damping, stiffness : float
+        Damper [N s/m in the unit of the combination] and spring [N/m], which is relaxed in the initial configuration.
+    """
+
+    name: str
+    row: Array
+    damping: float = 0.0
+    stiffness: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prescribed:
+    """Damping and tuned frequencies of a plant.
+
+    Parameters
+    ----------
+    tendons : list of ModalTendon
+        As they are written out.
+    dissipation, restoring : (nv, nv) array or None
+        The matrices that they add up to, as they act while the plant runs.
+    """
+
+    tendons: list[ModalTendon]
+    dissipation: Array | None
+    restoring: Array | None
+
+
+def prescribe(linear: SecondOrderModel, structure: Structure, coils: Array, *, damped: bool = True) -> Prescribed:
+    """Return what gives a plant the structure's modal damping ratios and the frequencies that it is tuned to.
+
+    Parameters
+    ----------
+    linear : SecondOrderModel
+        Of the plant without.
+    coils : (n_coils, nv) array
+        Deflections at the structure's coils per coordinate.
+    damped : bool
+        Whether to prescribe damping.
+    """
+    springs: list[ModalTendon] = []
+    if structure.tuning is not None:
+        springs = modal_springs(linear, modal_factors(structure.tuning, coils @ linear.eigen[1]))
+    restoring = _sum(springs, [s.stiffness for s in springs])
+    if restoring is not None:
+        linear = replace(linear, K=linear.K + restoring)
+    dampers = modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1])) if damped else []
+    return Prescribed(
+        tendons=[*springs, *dampers], dissipation=_sum(dampers, [d.damping for d in dampers]), restoring=restoring
+    )
+
+
+def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
+    """Return the dampers that give a model's modes their ratios: rows phi^T M, damping 2 zeta omega."""
+    omega, shapes = linear.eigen
+    rows = shapes.T @ linear.M
+    return [
+        ModalTendon(f"damping:{j + 1}", rows[j], damping=2 * zeta[j] * omega[j]) for j in range(linear.n) if zeta[j] > 0
+    ]
+
+
+def modal_springs(linear: SecondOrderModel, factors: Array) -> list[ModalTendon]:
+    """Return the springs that multiply a model's frequencies by factors and leave its shapes."""
+    omega, shapes = linear.eigen
+    rows = shapes.T @ linear.M
+    stiffness = (factors**2 - 1.0) * omega**2
+    return [ModalTendon(f"tuning:{j + 1}", rows[j], stiffness=stiffness[j]) for j in np.flatnonzero(stiffness)]
+
+
+def _sum(tendons: list[ModalTendon], constants: list[float]) -> Array | None:
+    """Return the matrix that tendons with these constants add up to, (nv, nv); None without any."""
+    if not tendons:
+        return None
+    rows = np.array([tendon.row for tendon in tendons])
+    return np.asarray(rows.T * constants @ rows)
+
+
+def with_modal_tendons(spec: Any, tendons: list[ModalTendon]) -> Any:
+    """Return a copy of a spec whose joints carry the dampers and springs as native fixed tendons.
+
+    Raises
+    ------
+    BadStructure
+        A joint has several degrees of freedom, which a fixed tendon cannot take.
+    """
+    copy = spec.copy()
+    names = [joint.name for joint in copy.joints]
+    for tendon in tendons:
+        if len(names) != tendon.row.size:
+            raise BadStructure("what is prescribed mode by mode needs one degree of freedom a joint")
+        added = copy.add_tendon(name=tendon.name)
+        added.damping[0], added.stiffness[0] = tendon.damping, tendon.stiffness
+        largest = np.abs(tendon.row).max()
+        for name, coefficient in zip(names, tendon.row, strict=True):
+            if abs(coefficient) > 1e-12 * largest:
+                added.wrap_joint(name, coefficient)
+    return copy
