@@ -131,7 +131,7 @@ def write_modal_test(
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
     recognised = " (recognised from the samples)" if any(s.is_recognised for s in result.signals) else ""
     summary = [
-        f"{len(result.responses)} recordings; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
+        f"{len(result.responses)} recording{'s' * (len(result.responses) > 1)}; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
     ]
     write_report(folder / "report.html", title=title, sections=sections, summary=[*summary, *doubts(result)])
     for name, (svg, _) in figures.items():
