@@ -1,6 +1,7 @@
 """Parts that many tests share, built once."""
 
 import os
+from collections.abc import Iterator
 
 from vlab.cli import ONE_THREAD
 
@@ -8,6 +9,7 @@ os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # as the command line does, b
 
 import matplotlib as mpl
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
@@ -41,3 +43,14 @@ def modal(beam: Structure) -> Plant:
 @pytest.fixture(scope="session")
 def laboratory() -> Hardware:
     return load_hardware()
+
+
+@pytest.fixture(scope="module")
+def quick_layout() -> Iterator[None]:
+    """Move nothing apart in figures while a page is written: that takes longer than what the page shows.
+
+    How figures look is tested in tests/views/test_views_figures.py.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: {})
+        yield

@@ -7,7 +7,7 @@ import platform
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ def output_folder(path: Path | str) -> Iterator[Path]:
         )
     if target.exists() and not target.is_dir():
         raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
+    made = [folder for folder in target.parents if not folder.exists()]  # the deepest first
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
@@ -58,6 +59,26 @@ def output_folder(path: Path | str) -> Iterator[Path]:
         raise OutputRefused(f"writing the output folder {target} failed: {error.strerror or error}") from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
+        for folder in made:  # goes where nothing came into it
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:
+    """Refuse an output folder that is, or holds, something that is read: replacing the folder would destroy it.
+
+    Raises
+    ------
+    OutputRefused
+        The first such file or folder is named; names of what is not there do not count.
+    """
+    target = Path(out).resolve()
+    for name in (name for name in read if name):
+        given = Path(name).resolve()
+        if given.exists() and (target == given or target in given.parents):
+            raise OutputRefused(
+                f"the output folder {out} holds {name}, which is read here and would be lost; name another with --out"
+            )
 
 
 def _is_ours(folder: Path) -> bool:

@@ -1,6 +1,7 @@
 """Published tables, as printed, with their units."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -98,7 +99,9 @@ class _Tables:
     design: tuple[PublishedDesign, ...] = ()
 
 
+@lru_cache(maxsize=8)
 def _published(structure: str) -> Any:
+    """Read the tables of a structure once; they are frozen, and a reproduction asks for them dozens of times."""
     try:
         path = asset(f"published/{structure}.toml")
     except LookupError:

@@ -146,6 +146,23 @@ def test_experiment_document_names_its_channels(capsys, tmp_path):
     assert "probe:30in" in document["channels"]
 
 
+@pytest.mark.parametrize(
+    ("seconds", "said"), [("0.3", "the record holds 1.5 periods of its excitation (0.2 s)"), ("0.4", "")]
+)
+def test_a_record_too_short_for_its_period_is_said(capsys, tmp_path, seconds, said):
+    words = ["experiment", "beam", "--plant", "modal", "--period", "0.2", "--band", "10", "30", "--seconds", seconds]
+    status, out, err = run(capsys, *words, "--out", str(tmp_path / "run"))
+    assert (status, err) == (0, "")  # a record like that can be wanted: it is no error
+    if said:
+        (line,) = (line for line in out.splitlines() if line.startswith(said))
+        assert line.endswith("give --seconds 0.8, or a shorter --period")
+    else:
+        assert "periods" not in out
+    status, out, _ = run(capsys, "experiment", "beam", "--plant", "modal", "--excite", "release", "--seconds", "0.2",
+                         "--json", "--out", str(tmp_path / "release"))  # fmt: skip
+    assert json.loads(out)["periods"] is None
+
+
 def test_csv_says_the_same_as_parquet(tmp_path):
     words = (
         f"experiment beam --plant modal --seconds 0.2 --period 0.1 --band 10 30 --csv --out {tmp_path / 'run'}".split()
@@ -175,6 +192,9 @@ def test_csv_says_the_same_as_parquet(tmp_path):
         (["experiment", "beam", "--seed", "-1"], "accepted: whole numbers from 0"),
         (["experiment", "beam", "--noise", "-1"], "is negative"),
         (["experiment", "beam", "--noise", "nan"], "not finite"),
+        (["experiment", "beam", "--noise", "1e300"], "accepted: 0 to 1000"),
+        (["experiment", "beam", "--period", "1e30"], "more than 1e+06 lines"),
+        (["experiment", "beam", "--plant", "modal", "--level", "1e300", "--seconds", "1"], "diverged"),
         (["experiment", "beam", "--excite", "release", "--period", "3"], "has no setting 'period_s'"),
         (["experiment", "beam", "--hardware", "nowhere.toml"], "nowhere.toml"),
         (["experiment"], "required: structure"),
@@ -253,6 +273,24 @@ def test_a_folder_with_other_files_is_never_touched(capsys, tmp_path):
     assert status == 2
     assert "files that vlab did not write" in err
     assert [p.name for p in tmp_path.rglob("*")] == ["results", "thesis.txt"]
+
+
+def test_what_is_read_is_never_replaced(capsys, run_folder, tmp_path):
+    before = sorted((p.name, p.stat().st_mtime_ns) for p in run_folder.iterdir())
+    for read, out in ((run_folder, run_folder), (run_folder / "recording.parquet", run_folder)):
+        status, _, err = run(capsys, "modal-test", str(read), "--out", str(out))
+        assert status == 2
+        assert "read here and would be lost" in err
+    assert sorted((p.name, p.stat().st_mtime_ns) for p in run_folder.iterdir()) == before
+    folder = tmp_path / "designed"  # of vlab's own, so it would be replaced
+    with output_folder(folder) as fresh:
+        (fresh / "controller.toml").write_text("")
+        write_manifest(fresh)
+    law = str(folder / "controller.toml")
+    for words in (QUICK, ("design", "beam"), ("compare", law)):
+        status, _, err = run(capsys, *words, *([] if words[0] == "compare" else ["--law", law]), "--out", str(folder))
+        assert (status, "would be lost" in err) == (2, True)
+    assert (folder / "controller.toml").exists()
 
 
 def test_an_output_folder_that_cannot_be_written_is_refused(capsys, tmp_path):

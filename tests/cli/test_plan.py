@@ -92,6 +92,11 @@ def test_what_is_done_is_not_done_again(capsys, tmp_path):
     status, text, _ = run(capsys, "experiment", "--plan", str(path), "--out", str(out))
     assert status == 0
     assert "1 of 3 records performed, 2 had been there" in text
+    assert "no page" not in text
+    assert (
+        "no page was made for what had been there: one, two, three"
+        in run(capsys, "experiment", "--plan", str(path), "--out", str(out), "--report")[1]
+    )
     after = stamps(out)
     assert len(after) == 3
     assert before.items() < after.items()

@@ -41,6 +41,11 @@ def hammer_csv(tmp_path_factory):
     return write_csv(tmp_path_factory.mktemp("hammer") / "hammer.csv", t, force, accelerations(force, t))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def quick(quick_layout):
+    """Figures of pages are not looked at here."""
+
+
 def run(capsys, *words):
     return run_words(capsys, *(str(word) for word in words))
 
@@ -114,6 +119,8 @@ def test_stamps_of_six_decimals_are_a_rate(capsys, tmp_path):
         ((*LABELS, "--signal", "random", "--window-end", "2"), "accepted: above 0 up to 1"),
         ((*LABELS, "--modes", "0"), "0 modes cannot be reported"),
         ((*LABELS, "--segment", "-1"), "segment_s is -1 s"),
+        ((*LABELS, "--signal", "random", "--segment", "1e12"), "0 segments of 1e+12 s"),
+        ((*LABELS, "--signal", "stepped", "--dwell", "1e-4"), "no steps of a sine"),
     ],
 )
 def test_bad_input_is_one_line(capsys, hammer_csv, tmp_path, words, message):
@@ -150,7 +157,7 @@ def test_the_plant_beside_the_test(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(modal_test_report, "DISTORTED", 1)
     for place in ("base", "20in"):
         settings = RunSettings(
-            structure="beam", plant="modal", at=place, level=0.05, low_hz=8.0, high_hz=17.0, period_s=10.0, seconds=60.0, rate_hz=500.0, noise=1e-4
+            structure="beam", plant="modal", at=place, level=0.05, low_hz=8.0, high_hz=17.0, period_s=10.0, seconds=40.0, rate_hz=500.0, noise=1e-4
         )  # fmt: skip
         (tmp_path / place).mkdir()
         perform(settings.prepare(), tmp_path / place)

@@ -1,15 +1,13 @@
-"""The same frequency responses through a public package, sdypy-EMA (LSCF poles, LSFD shapes)."""
+"""One noisy test of the beam's modal plant: its six modes come back, and sdypy-EMA (LSCF poles, LSFD shapes) finds the same."""
 
 import numpy as np
 import pytest
 
 from vlab.lab.experiment import run_experiment
-from vlab.lab.plant_modes import plant_modes
+from vlab.lab.plant_modes import compare_with_plant, plant_modes
 from vlab.lab.run_folder import RunSettings
 from vlab.modal.mac import mac
 from vlab.modal.modal_test import ModalTest, run_modal_test
-
-EMA = pytest.importorskip("sdypy.EMA", reason="sdypy-EMA is not installed (pip install 'vlab[test]')")
 
 BAND = (1.0, 28.0)
 SCALE = 100.0
@@ -27,6 +25,7 @@ def tested():
 
 
 def theirs(result):
+    EMA = pytest.importorskip("sdypy.EMA", reason="sdypy-EMA is not installed (pip install 'vlab[test]')")
     frf = result.mean.between(*BAND)
     # the package wants lines from 0 Hz on: those below the band are filled with the first
     spacing = np.median(np.diff(frf.freq))
@@ -39,6 +38,14 @@ def theirs(result):
     model.select_closest_poles(list(SCALE * result.poles.freq))
     model.get_constants(f_upper=SCALE * grid[-4])
     return model
+
+
+def test_the_modal_plant_of_the_beam_gives_its_six_modes_back(tested):
+    result, true = tested
+    found = compare_with_plant(true, result.poles.to_modal_model())
+    assert len(found) == 6
+    assert all(m.ok for m in found)
+    assert result.poles.freq.size == 6  # and nothing else
 
 
 def test_both_find_the_same_poles_and_shapes(tested):

@@ -28,7 +28,7 @@ def response(plant, freq) -> FrequencyResponse:
 
 @pytest.mark.parametrize("variant", ["published", "physical"])
 def test_composite_matches_the_fe_model(beam, variant):
-    check = cross_check(beam, variant, plants=["composite"])
+    check = cross_check(beam, variant, plants=["composite"], seconds=4.0)
     composite = check.plants["composite"]
     fe_hz = check.fe.linear.freq[check.modes]
     assert composite.freq == pytest.approx(fe_hz, rel=2e-3)  # the discretisation error asked for: 0.2 % on six modes
@@ -38,7 +38,7 @@ def test_composite_matches_the_fe_model(beam, variant):
 
 
 def test_modal_plant_is_the_fe_model_in_its_modes(modal, fe, beam):
-    check = check_plant(modal, fe, np.arange(6))
+    check = check_plant(modal, fe, np.arange(6), seconds=2.0)  # the free run is not looked at
     assert check.freq == pytest.approx(fe.linear.freq[:6], rel=1e-8)  # carrier bodies of 1e-9 kg beside unit masses
     assert check.mac == pytest.approx(1.0, abs=1e-9)
     assert check.zeta == pytest.approx(beam.damping.ratios, rel=1e-6)
@@ -234,7 +234,7 @@ def test_fe_plant_is_the_fe_model_inside_mujoco(name):
     # asked for: 0.1 %; what is left is the selective mass scaling, (omega h/1.8)^2/2 at most: 1.7e-4 at 12 modes
     structure = load_structure(name)
     fe = build_fe_model(structure)
-    check = check_plant(build_plant(structure, "fe"), fe, np.arange(12))
+    check = check_plant(build_plant(structure, "fe"), fe, np.arange(12), seconds=4.0)
     assert check.freq == pytest.approx(fe.linear.freq[:12], rel=5e-4)
     assert check.mac == pytest.approx(1.0, abs=1e-3)  # modes 12 and 13 of the grid are 0.04 % apart
     assert check.zeta == pytest.approx(fe.linear.zeta[:12], rel=1e-2)

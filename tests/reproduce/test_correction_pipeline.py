@@ -16,12 +16,12 @@ from vlab.structure import load_structure
 JOINTS = [f"v:joint{i}" for i in range(1, 13)]
 BOTH = ["joints", pytest.param("bearings", marks=pytest.mark.slow)]
 """Coordinates of the reduced model; those of the bearings are found with a test of five minutes."""
-SHORT = {"period_s": 20.0, "periods": 2}
+SHORT = {"period_s": 10.0, "periods": 2}
 
 
 @pytest.fixture(scope="module")
 def joints():
-    return correct_by_test(seed=3, retained=JOINTS, period_s=50.0, periods=2)
+    return correct_by_test(seed=3, retained=JOINTS, period_s=30.0, periods=2)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_orthogonality_is_as_the_correction_has_it(joints):
 
 
 def test_a_seed_gives_the_same_bits_and_another_seed_does_not():
-    one, same = (correct_by_test(seed=5, modes=2, period_s=10.0, periods=2) for _ in range(2))
+    one, same = (correct_by_test(seed=5, modes=2, retained=JOINTS[:4], period_s=10.0, periods=2) for _ in range(2))
     assert one.as_dict() == same.as_dict()
     assert np.array_equal(one.correction.model.M, same.correction.model.M)
     structure = load_structure("grid")

@@ -106,7 +106,7 @@ def write_rig(folder, friction):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def found(tmp_path_factory, quick_layout):
     base = tmp_path_factory.mktemp("found")
     effects = [EFFECTS[name] for name in ("coulomb-friction", "added-mass")]
     done = diagnose(write_rig(base / "case", FRICTION), effects=effects)
@@ -117,7 +117,7 @@ def found(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def nothing(tmp_path_factory):
+def nothing(tmp_path_factory, quick_layout):
     base = tmp_path_factory.mktemp("nothing")
     done = diagnose(write_rig(base / "case", 0.0), effects=[EFFECTS["coulomb-friction"]])
     folder = base / "out"

@@ -153,7 +153,7 @@ def test_a_mode_that_is_not_there_is_refused(drawn):
         mode_difference_figure(structure, few, modes, 2)
 
 
-def test_the_command_writes_differences_and_comac(tmp_path, capsys):
+def test_the_command_writes_differences_and_comac(tmp_path, capsys, quick_layout):
     folder = tmp_path / "out"
     assert main(["modes", "beam", "--modes", "2", "--out", str(folder), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

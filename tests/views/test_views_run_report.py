@@ -10,7 +10,7 @@ QUICK = ["--plant", "modal", "--seconds", "1.0", "--period", "0.5", "--band", "4
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, quick_layout):
     from vlab.cli import main
 
     out = tmp_path_factory.mktemp("report") / "run"
@@ -45,7 +45,7 @@ def test_without_the_word_there_is_no_page(capsys, tmp_path):
     assert not (tmp_path / "run" / "report.html").exists()
 
 
-def test_a_run_without_excitation_has_a_page_without_responses(capsys, tmp_path):
+def test_a_run_without_excitation_has_a_page_without_responses(capsys, tmp_path, quick_layout):
     words = ["--plant", "modal", "--seconds", "0.5", "--excite", "release", "--report", "--out", str(tmp_path / "run")]
     assert run(capsys, "experiment", "beam", *words)[0] == 0
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

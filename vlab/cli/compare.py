@@ -4,7 +4,7 @@ import argparse
 
 from vlab.cases.compare import compare_case
 from vlab.cli.common import Outcome, text_table
-from vlab.outputs import output_folder, write_manifest
+from vlab.outputs import keep_apart, output_folder, write_manifest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Simulate the case's recordings with its model and say how much they differ."""
+    if arguments.out:
+        keep_apart(arguments.out, [arguments.case])
     comparison = compare_case(arguments.case)
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case

@@ -19,7 +19,7 @@ from controllers.lqr import LqrDesign
 from controllers.mfdrf import MfdrfDesign
 from vlab import units
 from vlab.cli.common import Outcome, finite, text_table
-from vlab.cli.given_law import is_given, laboratory_for, linear_gains, load_given
+from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
 from vlab.design.gain_search import bounded_modes
 from vlab.design.performance import shared_modes
 from vlab.design.state_model import StateModel, state_model
@@ -32,7 +32,7 @@ from vlab.fe.reduced import MODELS, build_reduced_model
 from vlab.hardware.array_controller import array_report, array_text
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report, robustness_text
-from vlab.outputs import output_folder, write_manifest
+from vlab.outputs import keep_apart, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
@@ -111,6 +111,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
     if arguments.with_delay and arguments.law != "lqg":
         raise BadDesign(f"--with-delay is for the law lqg; {arguments.law!r} has no model that the delay could be in")
+    if arguments.out:
+        keep_apart(arguments.out, [arguments.structure, file_of(arguments.law)])
     begun = time.perf_counter()
     made = _judge(arguments, structure) if is_given(arguments.law) else _design(arguments, structure)
     document = made.document

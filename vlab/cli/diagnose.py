@@ -7,7 +7,7 @@ from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.diagnose.diagnosis import Diagnosis
 from vlab.diagnose.engine import diagnose
-from vlab.outputs import output_folder, write_manifest
+from vlab.outputs import keep_apart, output_folder, write_manifest
 
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Say what physics the case's model lacks."""
+    if arguments.out:
+        keep_apart(arguments.out, [arguments.case])
     case = load_case(arguments.case)
     if not arguments.out:
         with share_bar("diagnose") as report:

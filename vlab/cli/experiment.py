@@ -8,14 +8,15 @@ from typing import Any
 
 from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, share_bar
-from vlab.cli.loop_words import loop_facts, loop_text
+from vlab.cli.given_law import file_of
+from vlab.cli.loop_words import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings, perform
-from vlab.outputs import output_folder
+from vlab.outputs import keep_apart, output_folder
 from vlab.recordings import write_recording
 from vlab.views.viewer import PORT, listening, viewer_at
 
@@ -121,6 +122,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.pace is not None and arguments.live is None:
         raise BadExperiment("--pace is for --live; without it a run goes as fast as it is computed")
     out = arguments.out or RUN_OUT
+    keep_apart(out, [arguments.structure, arguments.hardware, file_of(arguments.law or "")])
     settings = RunSettings(
         structure=arguments.structure,
         plant=arguments.plant,
@@ -169,9 +171,11 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "channels": list(names),
     }
     document["faults"] = [asdict(fault) for fault in prepared.faults]
+    document["periods"] = periods_of(prepared.experiment.excitation, settings.seconds)
     document |= loop_facts(done)
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
     text += loop_text(document)
+    text += period_text(prepared.experiment.excitation, settings.seconds)
     text += (
         f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
@@ -203,7 +207,8 @@ def _run_plan(arguments: argparse.Namespace) -> Outcome:
             views=lambda fresh, run: _write_views(fresh, run, report=arguments.report),
             progress=lambda p: bar(p.share, p.record),
         )
-    return Outcome(document=_plan_document(plan, done, folder), text=_plan_text(plan, done, folder))
+    text = _plan_text(plan, done, folder, reports=arguments.report)
+    return Outcome(document=_plan_document(plan, done, folder), text=text)
 
 
 def _plan_document(plan: Plan, done: DonePlan, folder: Path) -> dict[str, Any]:
@@ -214,11 +219,14 @@ def _plan_document(plan: Plan, done: DonePlan, folder: Path) -> dict[str, Any]:
     return {"out": str(folder), "case": str(folder / "case.toml"), "concealed": plan.concealed, "records": records}
 
 
-def _plan_text(plan: Plan, done: DonePlan, folder: Path) -> str:
+def _plan_text(plan: Plan, done: DonePlan, folder: Path, *, reports: bool) -> str:
     before = f", {len(done.kept)} had been there" if done.kept else ""
     text = f"{len(done.performed)} of {len(plan.record)} records performed{before}; written to {folder}"
     if plan.concealed:
         text += f"; what they conceal: {folder}-truth"
+    bare = [name for name in done.kept if not (folder / name / "report.html").exists()] if reports else []
+    if bare:
+        text += f"\nno page was made for what had been there: {', '.join(bare)}; a record's page is written while it is performed"
     if all(record.role == "fit" for record in plan.record):
         text += "\nno record is held out: a diagnosis of this case is not checked on data that it has not seen"
     return text + f"\nvlab compare {folder}   vlab diagnose {folder}"

@@ -24,6 +24,12 @@ def is_given(name: str) -> bool:
     return is_user_law(name) or is_law_file(name)
 
 
+def file_of(name: str) -> str:
+    """Return the file that the name of a law states, ``mine.py`` of ``mine.py:Class``; of any other the name itself."""
+    file, colon, _ = name.rpartition(":")
+    return file if colon and file.endswith(".py") else name
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GivenLaw:
     """A law in the laboratory's sampled loop around a model, with its hold, delay and filter.

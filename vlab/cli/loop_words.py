@@ -5,9 +5,12 @@ from typing import Any
 
 from vlab.cli.common import text_table
 from vlab.errors import BadRecording
-from vlab.lab.excitation import Release
+from vlab.lab.excitation import Excitation, Release
 from vlab.lab.ring_down import ring_down
 from vlab.lab.run_folder import DoneRun
+
+LEAST_PERIODS = 2
+"""Of a periodic excitation in a record: fewer cannot be averaged; of four, the first half is left out to settle."""
 
 
 def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -54,3 +57,21 @@ def loop_text(document: Mapping[str, Any]) -> str:
     elif found.get("why_not"):
         lines += [f"no damping from the release: {found['why_not']}", ""]
     return "".join(f"{line}\n" for line in lines)
+
+
+def periods_of(excitation: Excitation | None, seconds: float) -> float | None:
+    """Return how many periods of a periodic excitation a record of some seconds holds, None of any other."""
+    period = None if excitation is None else excitation.period_s
+    return None if period is None else seconds / period
+
+
+def period_text(excitation: Excitation | None, seconds: float) -> str:
+    """Say in a line that a record is too short for a response without leakage, or nothing where it is not."""
+    periods = periods_of(excitation, seconds)
+    if periods is None or periods >= LEAST_PERIODS - 1e-9:
+        return ""
+    period = seconds / periods
+    return (
+        f"the record holds {periods:.3g} periods of its excitation ({period:g} s): a response without leakage needs "
+        f"{LEAST_PERIODS} at least, and 4 to settle in; give --seconds {2 * LEAST_PERIODS * period:g}, or a shorter --period\n\n"
+    )

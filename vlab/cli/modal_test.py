@@ -13,7 +13,7 @@ from vlab.lab.run_folder import RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
 from vlab.modal.recognise import KINDS
-from vlab.outputs import output_folder, write_manifest
+from vlab.outputs import keep_apart, output_folder, write_manifest
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
@@ -102,6 +102,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         dwell_s=arguments.dwell,
         end_level=arguments.window_end,
     )
+    if arguments.out:
+        keep_apart(arguments.out, arguments.run)
     runs = [_load(path, arguments) for path in arguments.run]
     recordings = [recording for recording, _ in runs]
     if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):

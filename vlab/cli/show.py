@@ -8,6 +8,11 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.errors import BadRecording, OutputRefused
 
+NOT_SHOWN = (
+    "the viewer ended with status {status}, and says why above; it needs a display. The file is whole: it opens on any machine "
+    "with a screen and the same version of Rerun (rerun run.rrd)"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
@@ -54,4 +59,5 @@ def _shown(rrd: Path) -> Outcome:
     with start_viewer(rrd) as viewer, contextlib.suppress(KeyboardInterrupt):
         viewer.wait()
     status = viewer.returncode
-    return Outcome(document={"rrd": str(rrd), "viewer_status": status}, text=f"{rrd} shown", holds=status == 0)
+    text = f"{rrd} shown" if status == 0 else f"{rrd}: {NOT_SHOWN.format(status=status)}"
+    return Outcome(document={"rrd": str(rrd), "viewer_status": status}, text=text, holds=status == 0)

@@ -10,6 +10,8 @@ from vlab.signals import Array
 
 GROUP = 4
 """Odd lines of which one, drawn at random, is left out of an odd multisine to detect distortion."""
+MOST_LINES = 1e6
+"""Of a multisine: four hours and a half of period in the widest band by default; more only fill the memory."""
 RAMP = 0.05
 """Share of a burst over which it is faded in and out, so that it stays in its band."""
 
@@ -67,6 +69,11 @@ class Multisine(Banded):
         super().__post_init__()
         if not (np.isfinite(self.period_s) and self.period_s > 0):
             raise BadExperiment(f"the period {self.period_s} s is not a positive number")
+        if (self.high_hz - self.low_hz) * self.period_s > MOST_LINES:
+            raise BadExperiment(
+                f"a period of {self.period_s:g} s has more than {MOST_LINES:g} lines between {self.low_hz:g} and {self.high_hz:g} Hz; "
+                "shorten it or narrow the band"
+            )
         rng = np.random.default_rng(self.seed)
         lines = np.arange(int(np.ceil(self.low_hz * self.period_s)), int(np.floor(self.high_hz * self.period_s)) + 1)
         if self.odd:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -30,6 +29,8 @@ from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 RECORDING, SETTINGS = "recording.parquet", "run.toml"
+MOST_NOISE = 1e3
+"""Noise of a velocity sensor beyond which squares of it overflow before they mean anything [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +64,9 @@ class RunSettings:
         hardware = load_hardware(self.hardware or None, self.hardware_values)
         if self.rate_hz is not None:
             hardware = hardware.at_rate(self.rate_hz)
-        if not (math.isfinite(self.noise) and self.noise >= 0):
+        if not 0 <= self.noise <= MOST_NOISE:
             raise BadExperiment(
-                f"the noise {self.noise} m/s is negative or not finite; accepted: finite numbers from 0"
+                f"the noise {self.noise} m/s is negative, not finite or beyond reason; accepted: 0 to {MOST_NOISE:g}"
             )
         if self.noise > 0:
             hardware = replace(hardware, velocity_sensor=replace(hardware.velocity_sensor, noise=self.noise))

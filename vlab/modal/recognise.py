@@ -16,6 +16,8 @@ REST_LEVEL, REST_SHARE = 0.05, 0.95
 """An input that is below this part of its peak for more than this share of the time is one of blows."""
 STEADY_SHARE = 0.6
 """A sine in steps has a frequency that stands for at least this share of the time."""
+LEAST_STEP, MOST_STEPS = 10, 5000
+"""Samples of a step, and steps of a recording, below and above which a given dwell is a slip of the pen."""
 DRIFT = 0.2
 """Change of frequency within a step, relative to that between steps, above which the sine slides and has no steps."""
 
@@ -108,6 +110,11 @@ def _sine(recording: Recording, input: str, kind: str, dwell_s: float | None) ->
         whole = Step(start=0, stop=round((drive or length) * recording.rate), hz=float(hz))
         return Signal(kind="dwell", steps=(whole,), drive_s=drive)
     if dwell_s is not None:
+        if dwell_s * recording.rate < LEAST_STEP or length / dwell_s > MOST_STEPS:
+            raise BadRecording(
+                f"steps of {dwell_s:g} s in a recording of {length:g} s at {recording.rate:g} Hz are no steps of a sine; accepted: "
+                f"at least {LEAST_STEP} samples a step and at most {MOST_STEPS} steps"
+            )
         edges = np.arange(0.0, length + 1e-9, dwell_s)
         pairs = zip(edges[:-1], edges[1:], [None] * (len(edges) - 1), strict=True)
     elif "step_hz" in meta and "step_s" in meta:

@@ -75,7 +75,9 @@ def segment_spectra(x: Array, y: Array, dt: float, segment_s: float, overlap: fl
     """Transform windowed, overlapping segments without their means."""
     if not 0 <= overlap < 1:
         raise BadRecording(f"overlap = {overlap:g} is not in [0, 1)")
-    length = round(segment_s / dt)
+    length = round(
+        min(segment_s / dt, len(x) + 1.0)
+    )  # one longer than the record is refused below, whatever its length
     try:
         taper = signal.get_window(window, max(length, 1))
     except ValueError as error:
@@ -84,7 +86,7 @@ def segment_spectra(x: Array, y: Array, dt: float, segment_s: float, overlap: fl
     n = (len(x) - length) // hop + 1 if 2 <= length <= len(x) else 0
     if n < MIN_SEGMENTS * n_in:
         raise BadRecording(
-            f"{n} segments of {length * dt:g} s for {n_in} inputs: coherence would be near 1 by construction; at least "
+            f"{n} segments of {segment_s:g} s for {n_in} inputs: coherence would be near 1 by construction; at least "
             f"{MIN_SEGMENTS} an input are needed: choose a shorter segment_s or record longer"
         )
     pieces = []

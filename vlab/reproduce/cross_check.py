@@ -24,6 +24,8 @@ CLOSE = 0.006
 """Modes within this share of each other are compared as a group: models that agree within 0.6 % cannot tell them apart."""
 SILENT = 1e-6
 """Modes whose motion at every point of the drawing is below this share are not modes of the drawing (bounce on cables)."""
+FREE_RUN_S = 10.0
+"""How long a plant runs free to show the damping of its integration [s]; the longer, the finer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,6 +131,7 @@ def cross_check(
     model: str = "full",
     modes: int | None = None,
     plants: Sequence[str] = (),
+    seconds: float = FREE_RUN_S,
 ) -> CrossCheck:
     """Compare frequencies and shapes of the FE model, every plant and the published table; as many modes as published.
 
@@ -146,12 +149,18 @@ def cross_check(
         modes=driven,
         published=None if table is None else table.column("analytical"),
         measured=None if table is None else table.column("experimental"),
-        plants={name: check_plant(build_plant(structure, name, variant), fe, driven) for name in (plants or PLANTS)},
+        plants={
+            name: check_plant(build_plant(structure, name, variant), fe, driven, seconds=seconds)
+            for name in (plants or PLANTS)
+        },
     )
 
 
-def check_plant(plant: Plant, fe: FeModel, modes: Array) -> PlantCheck:
-    """Match a plant's modes to the FE model's by MAC over the points of the drawing."""
+def check_plant(plant: Plant, fe: FeModel, modes: Array, *, seconds: float = FREE_RUN_S) -> PlantCheck:
+    """Match a plant's modes to the FE model's by MAC over the points of the drawing.
+
+    `seconds` is how long the plant runs free to show its numerical damping; see `numerical_damping`.
+    """
     names = [p.name for p in fe.structure.point]
     linear = plant.linearise()
     shapes = plant.port_rows(names) @ linear.eigen[1]
@@ -170,7 +179,7 @@ def check_plant(plant: Plant, fe: FeModel, modes: Array) -> PlantCheck:
         ),
         shapes=matched / scale,
         zeta=linear.zeta[chosen],
-        numerical_damping=numerical_damping(plant, linear, int(chosen[-1])),
+        numerical_damping=numerical_damping(plant, linear, int(chosen[-1]), seconds=seconds),
         real_time_factor=real_time_factor(plant),
     )
 
@@ -189,7 +198,7 @@ def _subspace_mac(target: Array, shapes: Array) -> float:
     return float(np.sum((basis.T @ target) ** 2) / np.sum(target**2))
 
 
-def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seconds: float = 10.0) -> float:
+def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seconds: float = FREE_RUN_S) -> float:
     """Return the damping ratio that the integration alone gives to a mode.
 
     The plant runs free from the mode's shape with all its dampers taken out; the modal amplitude is fitted by a

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vlab import units
-from vlab.reproduce.control_figures import ControlFigure, Panel
+from vlab.reproduce.control_figures import MODELS, ControlFigure, Panel
 from vlab.reproduce.control_ring_down import RingDown
 from vlab.views.figures import to_svg
 from vlab.views.figures.style import GREY, as_text, draw_legend, draw_line, stacked_axes, styled
@@ -59,16 +59,24 @@ def control_figure_drawing(figure: ControlFigure) -> Figure:
     unit, si = PRINTED[figure.quantity]
     drawing, axes = stacked_axes(len(figure.panels), each=2.4 if len(figure.panels) == 1 else 1.8)
     handles: dict[str, Any] = {}
+    where = figure.title.partition(",")[0]
     for row, panel in zip(axes, figure.panels, strict=True):
         levels = []
-        for k, curve in enumerate(panel.curves):
+        for curve in panel.curves:
             size = np.asarray(units.from_si(np.abs(curve.response.H[:, 0, 0]), unit, si))
             levels.append(size[size > 0])
+            k = (
+                0 if curve.is_measured else 2 if curve.label.endswith(MODELS["corrected-guyan"]) else 1
+            )  # alike in all figures
             own = {"color": GREY, "linestyle": "-", "lw": 1.6} if curve.is_measured else {"lw": 1.0}
             handles[curve.label] = draw_line(row, curve.response.freq, np.where(size > 0, size, np.nan), k, **own)
         every = np.concatenate(levels)
-        row.set(yscale="log", ylabel=f"magnitude\n[{unit}]", ylim=(0.5 * np.percentile(every, 0.5), 1.6 * every.max()))
-        row.set_title(as_text(panel.title if len(axes) > 1 else figure.title), loc="left")
+        row.set(
+            yscale="log",
+            ylabel=f"{figure.quantity}\nper force [{unit}]",
+            ylim=(0.5 * np.percentile(every, 0.5), 1.6 * every.max()),
+        )
+        row.set_title(as_text(f"{where}, {panel.title}" if len(axes) > 1 else figure.title), loc="left")
         row.set_xlim(min(c.response.freq[0] for c in panel.curves), max(c.response.freq[-1] for c in panel.curves))
     axes[-1].set_xlabel("frequency [Hz]")
     draw_legend(drawing, list(handles.values()), list(handles))

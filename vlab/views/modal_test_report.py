@@ -52,6 +52,16 @@ def doubts(result: ModalTestResult) -> list[str]:
         out.append(
             f"Nine tenths of what the fit leaves lie from {low:.4g} to {high:.4g} Hz; where that is noise, leave it out with --band."
         )
+    short = {
+        s.period_s
+        for s, skip in zip(result.signals, result.skipped_s, strict=True)
+        if s.kind == "periodic" and skip is None
+    }
+    for period in sorted(p for p in short if p is not None):
+        out.append(
+            f"Fewer than two periods of the excitation ({period:g} s) were recorded: the response leaks, and damping is biased; record "
+            f"at least {2 * period:g} s."
+        )
     left = result.still_ringing()
     if left.size and left.max() > RINGING:
         j = int(np.argmax(left))
@@ -121,7 +131,7 @@ def write_modal_test(
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
     recognised = " (recognised from the samples)" if any(s.is_recognised for s in result.signals) else ""
     summary = [
-        f"{len(result.responses)} recordings; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
+        f"{len(result.responses)} recording{'s' * (len(result.responses) > 1)}; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
     ]
     write_report(folder / "report.html", title=title, sections=sections, summary=[*summary, *doubts(result)])
     for name, (svg, _) in figures.items():
