@@ -12,7 +12,18 @@ from vlab.signals import KIND_UNITS
 Role = Literal["fit", "holdout"]
 Matrix = tuple[tuple[float, ...], ...]
 
-UNCERTAIN_KINDS = ("stiffness", "damping", "mass", "inertia", "length", "tension", "gain", "sensor", "delay")
+UNCERTAIN_KINDS = (
+    "stiffness",
+    "damping",
+    "mass",
+    "inertia",
+    "length",
+    "tension",
+    "frequency",
+    "gain",
+    "sensor",
+    "delay",
+)
 """Kinds of what may be off in a model; anything more particular is named as type:name:quantity."""
 
 HELD_KINDS = ("command", "voltage", "current")

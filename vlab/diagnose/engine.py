@@ -31,8 +31,9 @@ from vlab.physics.effect import Effect
 
 ABOVE_NOISE = 1.5
 """Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""
-LEAST_MISFIT = 5.0
-"""...and more than this multiple of the error of the simulation itself."""
+LEAST_MISFIT, MESH_MISFIT = 0.005, 0.025
+"""...and more than this share of their rms: what integration and interpolation leave of a user's model; what the mesh and the
+places of the sensors leave of one of the two structures."""
 LEAST_GAP = 0.4
 """An effect is reported as found where it closes at least this share of the held-out gap."""
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
@@ -155,7 +156,7 @@ def diagnose(
     runs: list[Run] = list(holdouts) or list(problem.runs)
     is_amended = bool(choice.best.terms) or seen.is_missing
     checked = check(case, runs, before, after if is_amended else None, seen.benign_hums)
-    verdict = _verdict(choice, checked, seen, problem.model_error)
+    verdict = _verdict(choice, checked, seen, case.structure is not None)
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
@@ -183,12 +184,13 @@ def _in_mujoco(problem: Problem, found: TimeFound, before: Fit, after: Fit, seen
     return (before if final is after else final_fit(problem, found.whole, before, seen.limit)), final
 
 
-def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, model_error: float) -> Verdict:
+def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structure: bool) -> Verdict:
     if seen.damage.fatal:
         return "bad-recording"
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = gap_closed(errors["before"], errors["after"], errors["noise"])
-    unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT * model_error)
+    floor = MESH_MISFIT if is_structure else LEAST_MISFIT
+    unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
     if (choice.best.terms or seen.is_missing) and gap is not None and gap >= LEAST_GAP:
         return "missing-physics"
     if not unexplained:

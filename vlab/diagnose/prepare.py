@@ -26,7 +26,7 @@ from vlab.plants.base import Plant
 from vlab.signals import Array
 
 MOST_MODES = 24
-MODEL_ERROR, MESH_ERROR = 0.001, 0.005
+MODEL_ERROR, MESH_ERROR = 0.002, 0.005
 """Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
 BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
