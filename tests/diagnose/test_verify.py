@@ -102,6 +102,7 @@ def test_side_by_side_nested_and_failing():
 # ---- the whole way --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_loop_with_a_limited_voltage_is_diagnosed():
     done = diagnose(load_case(asset("cases/avc_cantilever/closed_loop_identified_observer.toml")))
     diagnosis = done.diagnosis
