@@ -217,7 +217,7 @@ class Refiner:
             return run.start
         for group in self.screen.groups:
             for i, other in enumerate(group.runs):
-                if other is run:
+                if other.name == run.name:  # the screening may have looked at its first part only
                     return np.asarray(group.smoothed.x[0, i])
         return np.zeros(2 * self.twin.m)
 

@@ -74,7 +74,7 @@ def search(
     effects = [effect for effect in effects if shows(problem, effect)]
     screen = Screen(problem)
     candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
-    narrow, whole = in_windows(screen), Refiner(screen)
+    narrow, whole = in_windows(screen), Refiner(screen, problem.in_role("fit"))
     before = scored_by(narrow, narrow.fit())
     shortlist = shortlisted(candidates)
     if before.level > ENOUGH:
