@@ -376,7 +376,7 @@ class Refiner:
             damping = max(lams[pick] * 0.1, 1e-8)
             if (small >= 2 and shapes_too) or spread_is_noise(raw, layout.r + layout.n_channels):
                 break
-        return self._result(layout, terms, x, raw, jacobian)
+        return self._result(layout, terms, x, raw, slopes * self._weight(layout, raw)[:, None])
 
     def _shape_entries(self, layout: _Layout, terms: Sequence[Term]) -> list[int]:
         """Return the entries of parameters that a law is not linear in, of laws that have others."""
@@ -568,7 +568,10 @@ class Refiner:
             at += run.y.size
         data = float(residual[priors:] @ residual[priors:])
         normal = jacobian.T @ jacobian
-        covariance = np.linalg.pinv(normal + 1e-12 * np.diag(np.diag(normal)))
+        size = np.sqrt(np.diag(normal))  # a gap in metres must not push all others below the cutoff
+        size = np.where(size > 0, size, 1.0)
+        scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
+        covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
         first = x.size - len(layout.effects)
         sd = {
             f"{terms[i].label}:{p.name}": float(np.sqrt(max(covariance[first + k, first + k], 0.0)))
