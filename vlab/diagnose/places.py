@@ -1,5 +1,6 @@
 """Where physics can be missing: the places of a plant, in the twin's modal coordinates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -108,7 +109,7 @@ def reported_name(name: str, effect: Effect, driven: int) -> str:
     return f"coil:{bare}" if effect.family == "gain" else f"amplifier:{bare}"
 
 
-def places_of(plant: Plant, twin: Twin, channels: list[str], driven: list[int]) -> list[Place]:
+def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequence[int]) -> list[Place]:
     """Return the places of a plant.
 
     Parameters
@@ -157,7 +158,7 @@ def places_of(plant: Plant, twin: Twin, channels: list[str], driven: list[int]) 
     return out + _pick_ups(plant, channels, sensors, driven)
 
 
-def _pick_ups(plant: Plant, channels: list[str], sensors: list[str], driven: list[int]) -> list[Place]:
+def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:
     """Return sensors with what they may pick up: the command of a coil, or what another sensor sees."""
     own = [i for i, name in enumerate(channels) if tap_index(plant.sensors, name) is not None]
     out = [
@@ -175,7 +176,7 @@ def _pick_ups(plant: Plant, channels: list[str], sensors: list[str], driven: lis
     ]
 
 
-def _coil(twin: Twin, row: Array, driven: list[int]) -> int | None:
+def _coil(twin: Twin, row: Array, driven: Sequence[int]) -> int | None:
     """Return the actuator whose force acts along a port's row."""
     for i in driven:
         force = twin.forces[:, i]

@@ -205,7 +205,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         )
         for run in runs
     )
-    places = tuple(places_of(plant, twin, list(names), list(driven)))
+    places = tuple(places_of(plant, twin, names, driven))
     return Problem(
         case=case,
         plant=plant,

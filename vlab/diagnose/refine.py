@@ -281,9 +281,7 @@ class Refiner:
         values: Sequence[Mapping[str, Array]],
     ) -> Array:
         """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
-        for i, change in enumerate(self.twin.changes):
-            if change.sensor is not None:
-                y[..., change.sensor] *= np.exp(theta[:, i])[None, :, None]
+        y *= self.twin.gains(theta)[1][:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
                 _mix(y, term, own, runs)

@@ -118,13 +118,17 @@ class Twin:
             for whole, own in zip(out, part.matrices, strict=True):
                 if own is not None:
                     whole += more * own
-        gains = [np.ones((len(theta), self.forces.shape[1])), np.ones((len(theta), len(self.rows.at_q)))]
+        return out[0], out[1], out[2], *self.gains(theta)
+
+    def gains(self, theta: Array) -> tuple[Array, Array]:
+        """Return actuator gains and channel gains (n_sets, ...) for parameter sets (n_sets, n_changes)."""
+        actuators, channels = (np.ones((len(theta), k)) for k in (self.forces.shape[1], len(self.rows.at_q)))
         for change, factor in zip(self.changes, np.exp(np.clip(theta, -MOST, MOST)).T, strict=True):
             if change.actuator is not None:
-                gains[0][:, change.actuator] *= factor
+                actuators[:, change.actuator] *= factor
             if change.sensor is not None:
-                gains[1][:, change.sensor] *= factor
-        return out[0], out[1], out[2], gains[0], gains[1]
+                channels[:, change.sensor] *= factor
+        return actuators, channels
 
     def slopes(self, theta: Array) -> list[Matrices]:
         """Return the derivatives of M, C and K by every uncertain parameter at (n_changes,) log-factors."""

@@ -36,7 +36,7 @@ def modal_ratios(damping: Damping, at_coils: Array) -> Array:
     return _of_driven(damping.ratios, damping.higher, at_coils)
 
 
-def modal_factors(tuning: Tuning | None, at_coils: Array) -> Array:
+def modal_factors(tuning: Tuning, at_coils: Array) -> Array:
     """Return the factor on the frequency of every mode of a model; those that the coils do not drive have one.
 
     Parameters
@@ -44,7 +44,7 @@ def modal_factors(tuning: Tuning | None, at_coils: Array) -> Array:
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """
-    return _of_driven(() if tuning is None else tuning.frequencies, 1.0, at_coils)
+    return _of_driven(tuning.frequencies, 1.0, at_coils)
 
 
 def _of_driven(values: tuple[float, ...], others: float, at_coils: Array) -> Array:

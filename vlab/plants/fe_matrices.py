@@ -17,9 +17,8 @@ from scipy import linalg
 
 from vlab.fe.model import TUNING, FeModel, Piece
 from vlab.plants.base import Plant
-from vlab.plants.mode_by_mode import ModalTendon, modal_dampers, with_modal_tendons
+from vlab.plants.mode_by_mode import modal_dampers, rank_one, tuning_springs, with_modal_tendons
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
-from vlab.signals import Array
 
 ROOM = 1.8
 """Highest circular frequency times the step that is let into MuJoCo; the explicit limit is 2."""
@@ -93,8 +92,7 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     listed = [fe.linear.coordinates.index(joint.name) for joint in spec.joints]
     tendons = modal_dampers(fe.linear, fe.linear.zeta)
     if tuning is not None:
-        parts = enumerate(_rank_one(tuning), start=1)
-        tendons += [ModalTendon(f"{TUNING}:{k}", row, stiffness=value) for k, (value, row) in parts]
+        tendons += tuning_springs(tuning)
     written = with_modal_tendons(spec, [replace(t, row=t.row[listed]) for t in tendons])
     slowed = (f"modes above {0.3 / np.sqrt(scaling) / 2 / np.pi:.0f} Hz are slowed",) if scaling else ()
     left_out = (LINEAR, *slowed)
@@ -119,8 +117,8 @@ def _add_piece(spec: Any, piece: Piece, names: tuple[str, ...], scaling: float) 
         rows = (piece.M @ vectors).T
         parts = [(value, 1.0 + scaling * max(value, 0.0), row) for value, row in zip(values, rows, strict=True)]
     else:  # no mass in some coordinate: stiffness and mass by themselves
-        parts = [(value, 0.0, row) for value, row in _rank_one(piece.K)] + [
-            (0.0, value, row) for value, row in _rank_one(piece.M)
+        parts = [(value, 0.0, row) for value, row in rank_one(piece.K)] + [
+            (0.0, value, row) for value, row in rank_one(piece.M)
         ]
     for k, (stiffness, inertia, row) in enumerate(parts):
         tendon = spec.add_tendon(name=f"{piece.name}:{k + 1}")
@@ -128,9 +126,3 @@ def _add_piece(spec: Any, piece: Piece, names: tuple[str, ...], scaling: float) 
         for column, coefficient in zip(piece.columns, row, strict=True):
             if abs(coefficient) > 1e-14 * np.abs(row).max():
                 tendon.wrap_joint(names[column], coefficient)
-
-
-def _rank_one(matrix: Array) -> list[tuple[float, Array]]:
-    values, vectors = np.linalg.eigh(matrix)
-    keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
-    return [(float(v), x) for v, x in zip(values[keep], vectors.T[keep], strict=True)]

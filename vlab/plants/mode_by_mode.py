@@ -66,16 +66,16 @@ def prescribe(linear: SecondOrderModel, structure: Structure, coils: Array, *, d
     damped : bool
         Whether to prescribe damping.
     """
-    springs: list[ModalTendon] = []
+    restoring = dissipation = None
     if structure.tuning is not None:
-        springs = modal_springs(linear, modal_factors(structure.tuning, coils @ linear.eigen[1]))
-    restoring = _sum(springs, [s.stiffness for s in springs])
-    if restoring is not None:
+        restoring = linear.tuning_stiffness(modal_factors(structure.tuning, coils @ linear.eigen[1]))
         linear = replace(linear, K=linear.K + restoring)
     dampers = modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1])) if damped else []
-    return Prescribed(
-        tendons=[*springs, *dampers], dissipation=_sum(dampers, [d.damping for d in dampers]), restoring=restoring
-    )
+    if dampers:
+        rows = np.array([damper.row for damper in dampers])
+        dissipation = np.asarray(rows.T * [damper.damping for damper in dampers] @ rows)
+    springs = [] if restoring is None else tuning_springs(restoring)
+    return Prescribed(tendons=[*springs, *dampers], dissipation=dissipation, restoring=restoring)
 
 
 def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
@@ -87,20 +87,16 @@ def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
     ]
 
 
-def modal_springs(linear: SecondOrderModel, factors: Array) -> list[ModalTendon]:
-    """Return the springs that multiply a model's frequencies by factors and leave its shapes."""
-    omega, shapes = linear.eigen
-    rows = shapes.T @ linear.M
-    stiffness = (factors**2 - 1.0) * omega**2
-    return [ModalTendon(f"tuning:{j + 1}", rows[j], stiffness=stiffness[j]) for j in np.flatnonzero(stiffness)]
+def tuning_springs(restoring: Array) -> list[ModalTendon]:
+    """Return the springs that add up to the stiffness which tunes a plant."""
+    return [ModalTendon(f"tuning:{k}", row, stiffness=value) for k, (value, row) in enumerate(rank_one(restoring), 1)]
 
 
-def _sum(tendons: list[ModalTendon], constants: list[float]) -> Array | None:
-    """Return the matrix that tendons with these constants add up to, (nv, nv); None without any."""
-    if not tendons:
-        return None
-    rows = np.array([tendon.row for tendon in tendons])
-    return np.asarray(rows.T * constants @ rows)
+def rank_one(matrix: Array) -> list[tuple[float, Array]]:
+    """Return values and rows with matrix = sum of value row^T row, for a symmetric matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
+    return [(float(v), x) for v, x in zip(values[keep], vectors.T[keep], strict=True)]
 
 
 def with_modal_tendons(spec: Any, tendons: list[ModalTendon]) -> Any:

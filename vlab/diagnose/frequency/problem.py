@@ -111,7 +111,7 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
             raise BadCase(f"{case.path}: {data.name} lists {data.n} modes, the model has {int(np.sum(view.omega > 0))}")
     parameters, twin = _uncertain(case, plant, wires, view, measured)
     driven = sorted({a for a in wires.actuators if a is not None})
-    places = places_of(plant, replace(twin, forces=twin.forces[:, : len(plant.actuators)]), list(wires.names), driven)
+    places = places_of(plant, replace(twin, forces=twin.forces[:, : len(plant.actuators)]), wires.names, driven)
     return FrequencyProblem(
         case=case,
         plant=plant,

@@ -132,7 +132,7 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         names=names,
         runs=runs,
         signals=tuple(_signals(course, h) for course in courses),
-        places=tuple(places_of(plant, twin, list(names), list(driven))),
+        places=tuple(places_of(plant, twin, names, driven)),
         hums=hums,
         highest_hz=highest,
     )
