@@ -66,7 +66,8 @@ def choose(found: Found) -> Choice:
         two = doubles[0]
         gained = _excess(one) - _excess(two)
         first_is_enough = one.level <= ABOVE_NOISE
-        if not first_is_enough and gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before):
+        explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
+        if (explains and not first_is_enough) or two.score - one.score > BEYOND_PRIOR:
             best = two
     if best is before:
         return Choice(

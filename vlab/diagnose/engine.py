@@ -16,7 +16,7 @@ from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.final_fit import final_fit
-from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms, place_of
+from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms, of_zero, place_of
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.nonlinear.engine import prepared
@@ -26,6 +26,7 @@ from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
+from vlab.diagnose.zeros import Zero, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -44,7 +45,7 @@ BENIGN_STOP = 0.002
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """What recordings show without any model.
+    """What recordings show without any law of physics fitted.
 
     Parameters
     ----------
@@ -56,6 +57,8 @@ class Seen:
         On sensors: where it matters, and elsewhere.
     damage : Damage
         Of the recordings.
+    zeros : tuple of Zero
+        Of channels that are far off, as the last fit has them.
     """
 
     limit: CommandLimit | None
@@ -63,11 +66,12 @@ class Seen:
     hums: tuple[Hum, ...]
     benign_hums: tuple[Hum, ...]
     damage: Damage
+    zeros: tuple[Zero, ...] = ()
 
     @property
     def is_missing(self) -> bool:
         """Whether any of it is physics that the model lacks."""
-        return self.limit is not None or bool(self.stops) or bool(self.hums)
+        return self.limit is not None or bool(self.stops) or bool(self.hums) or bool(self.zeros)
 
     def on(self, model: Amended) -> Amended:
         """Return a model with it."""
@@ -81,7 +85,8 @@ class Seen:
         """Return what sensors show as findings."""
         units = {c.name: c.unit for c in problem.runs[0].measured.channels}
         out = [of_stop(stop, units[stop.channel]) for stop in self.stops]
-        return out + [of_hum(hum, units[hum.channel]) for hum in self.hums]
+        out += [of_hum(hum, units[hum.channel]) for hum in self.hums]
+        return out + [of_zero(zero, units[zero.channel]) for zero in self.zeros]
 
 
 def look(problem: Problem, damage: Damage) -> Seen:
@@ -145,13 +150,15 @@ def diagnose(
     found = find(sought, lambda share, what: report(0.8 * share, what))
     choice = choose(found)
     report(0.8, "fitting whole recordings")
-    fit_before = found.whole.fit((), found.before.fit)
-    fit_after = found.whole.fit(choice.best.terms, choice.best.fit, 6) if choice.best.terms else fit_before
+    fit_before = found.whole.fit((), found.before.long_fit)
+    fit_after = found.whole.fit(choice.best.terms, choice.best.long_fit, 6) if choice.best.terms else fit_before
     if along is None:
         fit_before, fit_after = _in_mujoco(problem, found, fit_before, fit_after, seen)
-    before, after = amended(problem, fit_before), seen.on(amended(problem, fit_after))
-    if seen.is_missing and fit_after.terms and not _is_needed(problem, seen.on(before), after):
-        fit_after, after = fit_before, seen.on(before)
+    seen = replace(seen, zeros=shifted_zeros(problem, fit_after))
+    before, after = amended(problem, fit_before, seen.zeros), seen.on(amended(problem, fit_after))
+    without = seen.on(amended(problem, fit_before))
+    if seen.is_missing and fit_after.terms and not _is_needed(problem, without, after):
+        fit_after, after = fit_before, without
     report(0.9, "checking in MuJoCo")
     runs: list[Run] = list(holdouts) or list(problem.runs)
     is_amended = bool(choice.best.terms) or seen.is_missing

@@ -13,6 +13,7 @@ from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
+from vlab.diagnose.zeros import Zero
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -145,6 +146,14 @@ def of_stop(stop: SensorLimit, unit: str) -> Finding:
     """Return the finding of a sensor that stops at the end of its range."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
     return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+
+
+def of_zero(zero: Zero, unit: str) -> Finding:
+    """Return the finding of a sensor's zero that is off."""
+    spread = 1.645 * zero.sd
+    interval = [zero.offset - spread, zero.offset + spread]
+    parameters = {"offset": {"value": zero.offset, "unit": unit, "ci90": interval}}
+    return _seen("sensor-offset", zero.channel, parameters, "the fit to all recordings puts its zero there")
 
 
 def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:

@@ -25,12 +25,25 @@ class Hypothesis:
         Root mean square of the remaining difference over the noise.
     gain : float
         Log-likelihood gained in the screening.
+    whole : Fit or None
+        Over whole runs, where it was fitted to them.
     """
 
     fit: Fit
     score: float
     level: float
     gain: float = 0.0
+    whole: Fit | None = None
+
+    @property
+    def long_fit(self) -> Fit:
+        """The fit over the longest stretches that there is."""
+        return self.fit if self.whole is None else self.whole
+
+    @property
+    def calibration(self) -> float:
+        """How much less likely its uncertain parameters are than their priors' means, as a logarithm."""
+        return 0.5 * (self.fit.chi2 - self.fit.cost)
 
     @property
     def terms(self) -> tuple[Term, ...]:

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete
 from vlab.signals import Array
 
 MOST_RICCATI = 4000
+SETTLED = 1e-6
+"""Change of the covariance from one sample to the next, as a share of its largest entry, at which it has settled."""
 TUNING_SAMPLES = 2500
 """Samples of every run on which the intensity is tuned."""
 
@@ -64,7 +67,7 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
         gains.append((K, S, P))
         new = A @ P @ A.T + Q - K @ S @ K.T
         new = 0.5 * (new + new.T)
-        settled = np.abs(new - P).max() <= 1e-7 * np.abs(new).max()
+        settled = np.abs(new - P).max() <= SETTLED * np.abs(new).max()
         P = new
         if settled:
             break
@@ -131,15 +134,18 @@ def run_filter(
     predicted, e = np.zeros((n, n_runs, A.shape[0])), np.zeros((n, n_runs, p))
     AT, CT = A.T.copy(), C.T.copy()
     KT = np.transpose(gains.K, (0, 2, 1)).copy()
-    weight = alive[:, :, None] if usable is None else alive[:, :, None] * usable
-    everywhere = bool(np.all(weight))
-    for k in range(n):
+    settled = min(len(gains.K) - 1, n) if usable is None else n  # from then on one gain
+    for k in range(settled):
         predicted[k] = x
         innovation = direct[k] - x @ CT
-        if not everywhere:
-            innovation *= weight[k]
+        innovation *= alive[k][:, None] if usable is None else alive[k][:, None] * usable[k]
         e[k] = innovation
         x = x @ AT + innovation @ KT[gains.at(k)] + driven[k]
+    L = A[None] - gains.K @ C
+    if settled < n:
+        drive = direct[settled:] @ KT[-1] + driven[settled:]
+        predicted[settled:] = states_of(L[-1].T[None], drive[:, None], x[None])[:, 0]
+        e[settled:] = (direct[settled:] - predicted[settled:] @ CT) * alive[settled:, :, None]
     inverse = np.linalg.inv(gains.S)
     which = np.minimum(np.arange(n), len(gains.S) - 1)
     logdet = np.linalg.slogdet(gains.S)[1]
@@ -151,9 +157,15 @@ def run_filter(
     filtered = predicted + np.einsum("kap,krp->kra", own[which], e)
     guess = predicted @ C.T + forces @ D.T
     weighted = np.einsum("krp,kpq->krq", e, inverse[which])
-    r = np.zeros_like(x)
-    L = A[None] - gains.K @ C
-    for k in range(n - 1, -1, -1):
+    if settled < n:  # backwards: r(k-1) = weighted(k) C + r(k) L(k)
+        later = (weighted[settled:] @ C)[::-1]
+        back = states_of(L[-1][None], later[:, None], np.zeros((1, *x.shape)))[:, 0]
+        back = np.concatenate([back[1:], (back[-1] @ L[-1] + later[-1])[None]])[::-1]
+        predicted[settled:] += back @ gains.P[-1]
+        r = back[0]
+    else:
+        r = np.zeros_like(x)
+    for k in range(settled - 1, -1, -1):
         i = which[k]
         r = weighted[k] @ C + r @ L[i]
         predicted[k] += r @ gains.P[i]

@@ -69,6 +69,12 @@ class Problem:
         """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
         return MODEL_ERROR if self.case.structure is None else MESH_ERROR
 
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """How often every channel is the derivative of a position."""
+        measured = self.runs[0].measured
+        return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
+
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""
         if self.case.structure is None:

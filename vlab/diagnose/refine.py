@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.places import Place
+from vlab.diagnose.recursion import states_of
 from vlab.diagnose.screen import Candidate, Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.twin import discretise
@@ -37,11 +38,13 @@ REUSED = 3
 """Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
 1965) while they keep half of their promise."""
 CHUNK = 400
+CHECKED, RUNAWAY = 8, 1e12
+"""Every so many samples states are looked at whether they ran away."""
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
-MOST_DIRECTIONS = 16
+MOST_DIRECTIONS = 40
 PRIOR_BOUND = 3.0
 """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
 INFORMED = 0.1
@@ -126,12 +129,15 @@ class Refiner:
     ----------
     screen : Screen
         Gives the uncertain parameters' informed directions and the first states.
+    model_error : float or None
+        Error of the simulation itself that the weights allow for, as a share of a channel's rms; the problem's by default.
     """
 
-    def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None) -> None:
+    def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None, model_error: float | None = None) -> None:
         self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
         self.runs = list(runs if runs is not None else screen.runs)
-        self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in self.runs])
+        self.model_error = self.problem.model_error if model_error is None else model_error
+        self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
@@ -631,6 +637,19 @@ def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequ
     return memory
 
 
+@dataclass(eq=False)
+class _Law:
+    """A port's law in the march: what its force does to the states (n_sets, 1, 2m) and to what all ports see."""
+
+    effect: PortEffect
+    values: Mapping[str, Array]
+    push: Array
+    felt: Array
+    mobility: Array
+    coil: int | None
+    memory: Any
+
+
 def _march(
     system: Any,
     forces: Array,
@@ -644,54 +663,104 @@ def _march(
 ) -> Array:
     """March parameter sets through all samples: exact for the linear part, port forces held over a step at its middle."""
     n, n_sets, n_runs = len(forces), len(starts), starts.shape[1]
-    m = starts.shape[2] // 2
     AT = np.ascontiguousarray(np.swapaxes(system.A, 1, 2))
-    BT = np.swapaxes(system.B, 1, 2)[:, :known]
-    x = starts.copy()
-    out = np.zeros((n, n_sets, n_runs, system.C.shape[1]))
-    h = runs[0].h
-    step, late = h / substeps, np.array([run.t0 for run in runs])
-    laws = []
-    for k, i in enumerate(ports):
-        row = terms[i].place.rows[0]
-        push = system.B[:, :, known + k]  # (n_sets, 2m)
-        gain = push[:, m:] @ row
-        p = {name: np.asarray(v)[:, None] for name, v in values[i].items()}
-        effect = terms[i].effect
-        assert isinstance(effect, PortEffect)
-        memory = _remember(effect, row, p, runs, n_sets)
-        laws.append((effect, row, push[:, None, :], gain[:, None], p, memory, terms[i].place.coil))
+    BT, CT, DT = (np.swapaxes(part, 1, 2) for part in (system.B, system.C, system.D))
+    seen = _seen_by([terms[i].place.rows[0] for i in ports], starts.shape[2] // 2)
+    laws = [_law(terms[i], values[i], system.B[:, :, known + k], seen, k, runs, n_sets) for k, i in enumerate(ports)]
+    x, out = starts.copy(), np.zeros((n, n_sets, n_runs, system.C.shape[1]))
     for first in range(0, n, CHUNK):
         part = forces[first : first + CHUNK]
-        drive = np.matmul(part, BT)  # (chunk, n_sets, n_runs, 2m)
-        states = np.zeros((len(part), n_sets, n_runs, 2 * m))
-        pushed = np.zeros((len(part), n_sets, n_runs, len(laws)))
-        for k in range(len(part)):
-            states[k] = x
-            for sub in range(substeps):
-                free = np.matmul(x, AT) + drive[k]
-                for j, (effect, row, push, gain, p, memory, coil) in enumerate(laws):
-                    z = 0.5 * (x[..., :m] + free[..., :m]) @ row
-                    after = free[..., m:] @ row
-                    v = 0.5 * (x[..., m:] @ row + after)
-                    command = part[k][..., coil] if coil is not None else 0.0
-                    now = Step(
-                        h=step,
-                        t=late + (first + k) * h + (sub + 0.5) * step,
-                        mobility=gain,
-                        free_velocity=after,
-                        command=command,
-                    )
-                    force, memory = effect.force(z, v, p, now, memory)
-                    laws[j] = (effect, row, push, gain, p, memory, coil)
-                    free = free + force[..., None] * push
-                    if sub == 0:
-                        pushed[k, ..., j] = force
-                x = free
-            if not np.isfinite(x[0, 0, 0]) or np.abs(x).max() > 1e12:
-                x = np.clip(np.nan_to_num(x, nan=1e9, posinf=1e9, neginf=-1e9), -1e9, 1e9)
-        out[first : first + CHUNK] = np.matmul(states, np.swapaxes(system.C, 1, 2))
-        if np.any(system.D):
+        drive = np.matmul(part, BT[:, :known])  # (chunk, n_sets, n_runs, 2m)
+        if laws:
+            states, pushed, x = _march_laws(AT, drive, part, x, laws, seen, runs, first, substeps)
+        else:
+            states, pushed = states_of(AT, drive, x), np.zeros((len(part), n_sets, n_runs, 0))
+            x = _contained(np.matmul(states[-1], AT) + drive[-1])
+        out[first : first + CHUNK] = np.matmul(states, CT)
+        if np.any(DT):
             whole = np.concatenate([np.broadcast_to(part, (len(part), n_sets, n_runs, known)), pushed], axis=3)
-            out[first : first + CHUNK] += np.matmul(whole, np.swapaxes(system.D, 1, 2))
+            out[first : first + CHUNK] += np.matmul(whole, DT)
     return out
+
+
+def _seen_by(rows: Sequence[Array], m: int) -> Array:
+    """Return what makes displacements, then velocities, of ports of states, (2m, 2 n_ports)."""
+    out = np.zeros((2 * m, 2 * len(rows)))
+    for j, row in enumerate(rows):
+        out[:m, j], out[m:, len(rows) + j] = row, row
+    return out
+
+
+def _law(
+    term: Term, values: Mapping[str, Array], push: Array, seen: Array, k: int, runs: Sequence[Signals], n_sets: int
+) -> _Law:
+    assert isinstance(term.effect, PortEffect)
+    p = {name: np.asarray(v)[:, None] for name, v in values.items()}
+    felt = push @ seen
+    return _Law(
+        effect=term.effect,
+        values=p,
+        push=push[:, None, :],
+        felt=felt[:, None, :],
+        mobility=felt[:, seen.shape[1] // 2 + k][:, None],
+        coil=term.place.coil,
+        memory=_remember(term.effect, term.place.rows[0], p, runs, n_sets),
+    )
+
+
+def _march_laws(
+    AT: Array,
+    drive: Array,
+    part: Array,
+    x: Array,
+    laws: Sequence[_Law],
+    seen: Array,
+    runs: Sequence[Signals],
+    first: int,
+    substeps: int,
+) -> tuple[Array, Array, Array]:
+    """Return the states at the samples of a chunk, the forces of the laws from them on, and the states at its end.
+
+    The laws see only their ports' motion, so that alone is worked out again after every force.
+    """
+    h, count = runs[0].h, len(laws)
+    step, late = h / substeps, np.array([run.t0 for run in runs])
+    states, pushed = np.zeros(drive.shape), np.zeros((*drive.shape[:3], count))
+    at = x @ seen
+    for k in range(len(part)):
+        states[k] = x
+        for sub in range(substeps):
+            x = np.matmul(x, AT)
+            x += drive[k]
+            after = x @ seen
+            t = late + ((first + k) * h + (sub + 0.5) * step)
+            for j, law in enumerate(laws):
+                now = Step(
+                    h=step,
+                    t=t,
+                    mobility=law.mobility,
+                    free_velocity=after[..., count + j],
+                    command=0.0 if law.coil is None else part[k][..., law.coil],
+                )
+                middle = 0.5 * (at + after)
+                force, law.memory = law.effect.force(
+                    middle[..., j], middle[..., count + j], law.values, now, law.memory
+                )
+                force = force[..., None]
+                x += force * law.push
+                after += force * law.felt
+                if sub == 0:
+                    pushed[k, ..., j] = force[..., 0]
+            at = after
+        if k % CHECKED == 0:
+            contained = _contained(x)
+            if contained is not x:
+                x, at = contained, contained @ seen
+    return states, pushed, x
+
+
+def _contained(x: Array) -> Array:
+    """Return states, brought back to large numbers where they ran away."""
+    if np.abs(x).max() < RUNAWAY:
+        return x
+    return np.clip(np.nan_to_num(x, nan=1e9, posinf=1e9, neginf=-1e9), -1e9, 1e9)

@@ -14,21 +14,41 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from vlab.diagnose.observer import Gains, Smoothed, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.places import Place, admissible
 from vlab.diagnose.prepare import Problem
+from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete, Twin, discretise
-from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import (
+    ActuatorEffect,
+    Effect,
+    LinearPortEffect,
+    Parameter,
+    PickUp,
+    PortEffect,
+    SensorEffect,
+    Step,
+    Values,
+)
 from vlab.signals import Array
 
+RUNAWAY = 1e12
 REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 
 
-OFFSET_SD = 0.02
-"""Prior standard deviation of a channel's zero, as a share of its rms."""
+OFFSET_SD = (0.005, 0.05, 0.05)
+"""Prior standard deviation of a channel's zero, as a share of its rms: of displacements, where a constant force shows as well,
+of velocities and of accelerations, where it does not."""
+TONES, TONE_WIDTH = 3, 4.0
+"""Frequencies that are read off what is left of the recordings, and how far apart they lie at least, in lines of a recording."""
+HIGHEST_TONE = 0.3
+"""...and up to what share of the sample rate they are looked for."""
+WORTH = 500.0
+"""Independent values that the innovations count as in the estimate of the uncertain parameters."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
@@ -97,13 +117,18 @@ class Group:
         """Sample period [s]."""
         return self.runs[0].h
 
-    def rows(self, columns: Array) -> Array:
-        """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
-        keep = np.arange(self.first, len(columns))[:, None] < self.lengths[None, :]
+    @property
+    def counts(self) -> Array:
+        """Which samples count from the first that does, (n - first, n_runs) array of bool."""
+        keep = np.arange(self.first, len(self.e))[:, None] < self.lengths[None, :]
         if self.usable is not None:
             keep &= self.usable[self.first :].all(axis=2)
+        return np.asarray(keep)
+
+    def rows(self, columns: Array) -> Array:
+        """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
         white = self.white if self.white.ndim == 2 else self.white[self.first :]
-        return np.asarray((white @ columns[self.first :])[keep].reshape(-1, columns.shape[-1]))
+        return np.asarray((white @ columns[self.first :])[self.counts].reshape(-1, columns.shape[-1]))
 
 
 class Screen:
@@ -141,6 +166,8 @@ class Screen:
         self.runs = self._shortened(self.runs)
         self._cache: dict[str, _Plan] = {}
         self._marched: dict[tuple[Any, ...], Array] = {}
+        self._spectra: tuple[Group, Array, Any] | None = None
+        self._tones: dict[str, tuple[float, ...]] = {}
         start = np.zeros(len(self.twin.changes)) if like is None else like.theta
         self.theta = start if theta is None else theta
         for _ in range(REFITS if like is None else 1):
@@ -169,14 +196,27 @@ class Screen:
         self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
-        self._step = step[: len(self.theta)]
         self.base = self.e - self.nuisance @ step
         self.variance = float(np.mean(self.base**2))
+        self._step = self._believed(self.nuisance, precision, precision * present)[: len(self.theta)]
         self._plain = (self.nuisance, precision)
+
+    def _believed(self, columns: Array, precision: Array, pull: Array) -> Array:
+        """Return the coefficients of columns that explain the innovations, as of no more than `WORTH` independent values.
+
+        What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
+        taken at their number, directions that scale nearly everything drift many standard deviations away.
+        """
+        share = WORTH / len(self.e) / max(self.variance, 1.0)
+        normal = share * columns.T @ columns + np.diag(precision)
+        size = np.sqrt(np.diag(normal))  # columns of very different units must not fall to the inverse's cutoff
+        inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        return np.asarray(inverse @ (share * (columns.T @ self.e) - pull))
 
     def given(self, candidates: Sequence[Candidate]) -> "Screen":
         """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
         other = copy.copy(self)
+        other._spectra, other._tones = None, {}
         columns = [self.columns_of(candidate) for candidate in candidates]
         nuisance, precision = self._plain
         other.nuisance = np.hstack([nuisance, *columns])
@@ -189,7 +229,7 @@ class Screen:
         solution = other._gram @ (other.nuisance.T @ self.e - pull)
         other.base = self.e - other.nuisance @ solution
         other.variance = float(np.mean(other.base**2))
-        other.estimate = self._estimate(candidates, solution)
+        other.estimate = self._estimate(candidates, other._believed(other.nuisance, free, pull))
         return other
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
@@ -239,8 +279,21 @@ class Screen:
             start += width
         for group in self.groups:
             modal, reading = self._columns(group, candidate.place, candidate.effect, shape)
-            blocks.append(group.rows(self.through(group, modal, reading)))
+            left = self.through(group, modal, reading)
+            self._foreseen(group, candidate.place, candidate.effect, shape, left)
+            blocks.append(group.rows(left))
         return np.concatenate(blocks)
+
+    def _foreseen(
+        self, group: Group, place: Place, effect: Effect, values: Mapping[str, float], columns: Array
+    ) -> None:
+        """Take the innovations themselves off the columns (n, n_runs, p, k) of a pick-up: of their own sample signals count as
+        far as they were foreseen, or what is left of one sensor would explain what is left of another."""
+        if not isinstance(effect, PickUp):
+            return
+        other = 0.0 if place.tag == "command" else group.e[..., place.other]
+        (unit,) = unit_amplitudes(effect, dict(values))
+        columns[..., place.index, 0] -= effect.mix(group.e[..., place.index], other, unit) - group.e[..., place.index]
 
     def _group(self, runs: list[Signals]) -> Group:
         twin = self.now
@@ -279,7 +332,6 @@ class Screen:
         part = modal if modal is not None else reading
         assert part is not None
         n, n_runs, _, k = part.shape
-        state = np.zeros((n_runs, k, A.shape[0]))
         out = np.zeros((n, n_runs, len(C), k))
         drive = np.zeros((n, n_runs, k, A.shape[0]))
         if modal is not None:
@@ -288,11 +340,8 @@ class Screen:
         if reading is not None:
             drive -= np.einsum("ap,nrpk->nrka", K, reading, optimize=True)
             out += reading
-        seen = np.zeros((n, n_runs, k, len(C)))
-        LT, CT = L.T.copy(), C.T.copy()
-        for i in range(n):
-            seen[i] = state @ CT
-            state = state @ LT + drive[i]
+        states = states_of(L.T[None], drive.reshape(n, 1, n_runs * k, -1), np.zeros((1, n_runs * k, len(A))))
+        seen = (states.reshape(n * n_runs * k, -1) @ C.T).reshape(n, n_runs, k, len(C))
         return out + np.swapaxes(seen, 2, 3)
 
     def _nuisance(self) -> Array:
@@ -335,7 +384,8 @@ class Screen:
     @property
     def offset_sd(self) -> Array:
         """Prior standard deviation of the channels' zeros."""
-        return np.asarray(OFFSET_SD * np.max([run.scale for run in self.runs], axis=0))
+        share = np.array([OFFSET_SD[order] for order in self.problem.orders])
+        return np.asarray(share * np.max([run.scale for run in self.runs], axis=0))
 
     def _left(self, columns: Array) -> Array:
         """Return columns with what the uncertain parameters explain of them taken off."""
@@ -385,7 +435,12 @@ class Screen:
                 [self._wide(c[1], group, w, 1) for c, w in zip(columns, widths, strict=True)], axis=-1
             )
             forced = bool(np.any(modal))
-            parts.append(group.rows(self.through(group, modal if forced else None, None if forced else reading)))
+            left = self.through(group, modal if forced else None, None if forced else reading)
+            start = 0
+            for (effect, values), width in zip(plans, widths, strict=True):
+                self._foreseen(group, place, effect, values, left[..., start : start + width])
+                start += width
+            parts.append(group.rows(left))
         return _Plan(plans, widths, np.concatenate(parts).astype(np.float32))
 
     def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
@@ -481,10 +536,56 @@ class Screen:
             return max(g.h for g in self.groups)
         return 1.0
 
+    def tones(self, place: Place) -> tuple[float, ...]:
+        """Return the frequencies [Hz] at which a force at a port would explain most of what is left, the strongest first."""
+        if place.name in self._tones:
+            return self._tones[place.name]
+        if self._spectra is None:
+            self._spectra = self._spectra_left()
+        group, frequency, left = self._spectra
+        answer = self._answer(group, place, frequency)
+        seen = np.abs(np.einsum("fp,frp->fr", answer.conj(), left)) ** 2
+        power = seen.sum(axis=1) / np.maximum(np.sum(np.abs(answer) ** 2, axis=1), 1e-300)
+        apart = TONE_WIDTH / (len(group.e) * group.h)
+        power[(frequency < apart) | (frequency > HIGHEST_TONE / group.h)] = 0.0
+        out = []
+        for _ in range(TONES):
+            out.append(float(frequency[np.argmax(power)]) or apart)
+            power[np.abs(frequency - out[-1]) < apart] = 0.0
+        self._tones[place.name] = tuple(out)
+        return tuple(out)
+
+    def _spectra_left(self) -> tuple[Group, Array, Any]:
+        """Return the largest group, frequencies (nf,) and the spectra (nf, n_runs, p) of what nothing uncertain explains."""
+        sizes = [len(g.rows(g.e[..., None])) for g in self.groups]
+        which = int(np.argmax(sizes))
+        group = self.groups[which]
+        left = np.zeros_like(group.e)
+        left[group.first :][group.counts] = self.base[sum(sizes[:which]) :][: sizes[which]].reshape(-1, left.shape[2])
+        size = next_fast_len(4 * len(left), real=True)
+        return group, np.fft.rfftfreq(size, group.h), np.fft.rfft(left, size, axis=0)
+
+    def _answer(self, group: Group, place: Place, frequency: Array) -> Any:
+        """Return the whitened innovations that a unit force at a port leaves at some frequencies, (nf, p)."""
+        system, K = group.system, group.gains.K[-1]
+        C, D, row = system.C[0], system.D[0], place.rows[0]
+        poles, vectors = np.linalg.eig(system.A[0] - K @ C)
+        push = np.linalg.solve(vectors, (system.B[0] - K @ D) @ row)
+        z = np.exp(2j * np.pi * frequency * group.h)
+        seen = (push / (z[:, None] - poles)) @ (C @ vectors).T + D @ row
+        return seen @ group.white.T
+
+    def _grid(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
+        """Return the values of a shape that are tried; frequencies of forces are read off the recordings besides."""
+        values = [g * self._reference_of(effect, parameter.name, place) for g in parameter.grid]
+        if isinstance(effect, PortEffect) and parameter.name == "frequency":
+            values += self.tones(place)
+        return values
+
     def _shapes(self, effect: Effect, place: Place) -> list[dict[str, float]]:
         if not effect.shapes:
             return [{}]
-        grids = [[g * self._reference_of(effect, p.name, place) for g in p.grid] for p in effect.shapes]
+        grids = [self._grid(effect, p, place) for p in effect.shapes]
         return [dict(zip((p.name for p in effect.shapes), values, strict=True)) for values in product(*grids)]
 
     def _reference_of(self, effect: Effect, name: str, place: Place) -> float:
@@ -541,14 +642,15 @@ class Screen:
         if at < 0 or shape not in shapes[at]:
             return port_series(effect, z, v, values, group.h, command)
         which = shapes[at].index(shape)
-        key = (id(group), effect.name, which, unit)
-        if key not in self._marched:
+        key = (id(group), effect.name, unit)
+        if key not in self._marched:  # of all ports and shapes side by side: samples are what takes time
             motion = [self.motion(group, p) for p in ports]
-            both = [np.stack([m[i] for m in motion], axis=-1) for i in range(2)]
-            own = {p.name: np.array([s[which][p.name] for s in shapes]) for p in effect.shapes}
+            both = [np.stack([m[i] for m in motion], axis=-1)[..., None] for i in range(2)]
+            own = {p.name: np.array([[s[p.name] for s in of_port] for of_port in shapes]) for p in effect.shapes}
             amplitudes = {p.name: values[p.name] for p in effect.amplitudes}
-            self._marched[key] = port_series(effect, both[0], both[1], {**own, **amplitudes}, group.h)
-        return np.asarray(self._marched[key][..., at])
+            wide = np.zeros((1, 1, 1, len(shapes[at])))
+            self._marched[key] = port_series(effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h)
+        return np.asarray(self._marched[key][..., at, which])
 
     def _linear_columns(self, group: Group, place: Place, effect: LinearPortEffect) -> Array:
         p, v, a = group.motion
@@ -593,6 +695,7 @@ def port_series(effect: PortEffect, z: Array, v: Array, values: Values, h: float
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
     out = np.zeros(z.shape)
-    for k in range(len(z)):
-        out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=(k + 0.5) * h), memory)
-    return out
+    with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
+        for k in range(len(z)):
+            out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=(k + 0.5) * h), memory)
+        return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))

@@ -22,17 +22,22 @@ LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
 WHOLE = 3000
 """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
-WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
+WHOLE_ITERATIONS, WHOLE_SINGLES, WHOLE_FINISHED = 5, 7, 3
 SLOW, SLOW_SHORTLIST = 1e-3, 5
 """Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
 well: it forgets slowly and sees what only adds up over many cycles."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
 SECONDS, MOST_SECONDS = 4, 60
+SIBLINGS = 3
 SEEDS = 2
 """Second effects, of a family each, tried on top of each of the best single ones."""
 ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
+FAR_FETCHED = 20.0
+"""...unless it takes uncertain parameters that are less likely than their priors' means by e to this power."""
+FINER = 0.5
+"""Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
 QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
 PLACES = 5
@@ -74,8 +79,8 @@ def search(
     effects = [effect for effect in effects if shows(problem, effect)]
     screen = Screen(problem)
     candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
-    narrow, whole = in_windows(screen), Refiner(screen, problem.in_role("fit"))
-    before = scored_by(narrow, narrow.fit())
+    narrow, before = _refitted(screen)
+    whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     shortlist = shortlisted(candidates)
     if before.level > ENOUGH:
         report(0.2, "screening with a slower observer")
@@ -85,16 +90,17 @@ def search(
         shortlist += [c for c in slowly if c.label not in known]
     screen.forget()
     report(0.25, "fitting single effects")
-    rough = in_windows(screen, every=2)
-    start = replace(before.fit, cost=rough.fit((), before.fit, 1).cost)
-    fitted = side_by_side(lambda c: _fitted(rough, [c], start, QUICK), shortlist)
+    rough = in_windows(screen, every=2, model_error=narrow.model_error)
+    fitted = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), shortlist)
     fitted = _finished(narrow, fitted)
-    report(0.5, "fitting single effects")
-    if fitted and min(h.level for h in fitted) > ENOUGH:
-        fitted += _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, report))
+    report(0.4, "fitting whole recordings")
+    (before,) = on_whole_runs(whole, narrow, [before])
+    fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), WHOLE_SINGLES)
+    if fitted and (min(h.level for h in fitted) > ENOUGH or fitted[0].calibration > FAR_FETCHED):
+        pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, report))
+        report(0.85, "fitting whole recordings")
+        fitted += on_whole_runs(whole, narrow, pairs)
         fitted.sort(key=lambda h: -h.score)
-    report(0.85, "fitting whole recordings")
-    fitted, before = on_whole_runs(whole, narrow, fitted, before)
     places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
     report(0.95, "choosing")
     return TimeFound(
@@ -107,6 +113,20 @@ def search(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
+    """Return the fits in windows, and the first of them: the same physics with its uncertain parameters refitted.
+
+    Where that leaves no more than the error that the simulation is allowed, the allowance is what hides the rest, so a smaller
+    one is tried: the verdict in MuJoCo has the last word on what is found within it.
+    """
+    narrow = in_windows(screen)
+    before = scored_by(narrow, narrow.fit())
+    if before.level > ENOUGH:
+        return narrow, before
+    finer = in_windows(screen, model_error=FINER * narrow.model_error)
+    return finer, scored_by(finer, finer.fit((), before.fit))
 
 
 def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
@@ -134,27 +154,47 @@ def shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def on_whole_runs(
-    whole: Refiner, narrow: Refiner, fitted: list[Hypothesis], before: Hypothesis
-) -> tuple[list[Hypothesis], Hypothesis]:
-    """Return hypotheses with scores from windows and from whole runs, half and half.
+def _worth_long_runs(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little
+    the forces that gained most in the screening, for a window knows nothing of what a law remembers from before it."""
+    if not fitted or fitted[0].level <= ENOUGH:
+        return list(fitted)
+    known = {h.label for h in fitted[:WHOLE_FINISHED]}
+    forces = [h for h in fitted if not isinstance(h.terms[0].effect, SensorEffect)]
+    gained = [h for h in sorted(forces, key=lambda h: -h.gain) if h.label not in known]
+    first = [*fitted[:WHOLE_FINISHED], *gained[: WHOLE_SINGLES - WHOLE_FINISHED]]
+    chosen = {h.label for h in first}
+    return [*first, *(h for h in fitted if h.label not in chosen)]
 
-    Windows say how well a law describes the motion at hand, whole runs how well it holds on in the long run. Only the
-    best of every number of effects are fitted again; the others keep the difference that they had in windows.
+
+def on_whole_runs(
+    whole: Refiner, narrow: Refiner, hypotheses: Sequence[Hypothesis], most: int = WHOLE_FINISHED
+) -> list[Hypothesis]:
+    """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
+
+    Windows say how well a law describes the motion at hand; whole runs how well it holds on in the long run, and what a law
+    that remembers makes of all that came before. Only the first `most` are fitted again; to the others happens
+    what happened to the worst of these.
     """
     if narrow.runs == whole.runs:
-        return fitted, before
-    chosen = [h for count in (1, 2) for h in [x for x in fitted if len(x.terms) == count][:WHOLE_FINISHED]]
-    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), [before, *chosen])
-    long = [scored_by(whole, fit) for fit in fits]
-    both = [replace(h, score=0.5 * (h.score + w.score)) for h, w in zip([before, *chosen], long, strict=True)]
-    worst = min((b.score - h.score for b, h in zip(both, [before, *chosen], strict=True)), default=0.0)
-    known = {h.label: b for h, b in zip(chosen, both[1:], strict=True)}
-    rest = [known.get(h.label, replace(h, score=h.score + worst)) for h in fitted]
-    return sorted(rest, key=lambda h: -h.score), both[0]
+        return list(hypotheses)
+    chosen = list(hypotheses)[:most]
+    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), chosen)
+    both = []
+    for h, fit in zip(chosen, fits, strict=True):
+        other = scored_by(whole, fit)
+        level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
+        both.append(replace(h, score=0.5 * (h.score + other.score), level=level, whole=fit))
+    worse = min((b.score - h.score for b, h in zip(both, chosen, strict=True)), default=0.0)
+    more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)
+    rest = [
+        replace(h, score=h.score + worse, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
+        for h in list(hypotheses)[most:]
+    ]
+    return sorted([*both, *rest], key=lambda h: -h.score)
 
 
-def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Refiner:
+def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1, model_error: float | None = None) -> Refiner:
     """Return the refiner of a screening's runs in windows, which start from smoothed states.
 
     Parameters
@@ -163,9 +203,11 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
         A hypothesis; what its sensor effects do to the recordings is taken off before smoothing.
     every : int
         Only one window in n, spread irregularly: motion may repeat itself.
+    model_error : float or None
+        See `Refiner`.
     """
     if max(len(run) for run in screen.runs) <= WHOLE:
-        return Refiner(screen, screen.runs)
+        return Refiner(screen, screen.runs, model_error)
     omega = np.abs(screen.twin.omega)
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
@@ -174,7 +216,7 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1) -> Re
     chosen = [
         w for i, w in enumerate(parts) if every == 1 or (i * 0.6180339887) % 1.0 < 1.0 / every
     ]  # no regular pattern
-    return Refiner(screen, chosen)
+    return Refiner(screen, chosen, model_error)
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -238,9 +280,9 @@ def _fitted(refiner: Refiner, candidates: Sequence[Candidate], before: Fit, iter
 
 def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
     """Return the refiner of a hypothesis: windows of its own where it says that a sensor is wrong."""
-    return (
-        in_windows(refiner.screen, terms, every) if any(isinstance(t.effect, SensorEffect) for t in terms) else refiner
-    )
+    if not any(isinstance(t.effect, SensorEffect) for t in terms):
+        return refiner
+    return in_windows(refiner.screen, terms, every, refiner.model_error)
 
 
 def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
@@ -259,9 +301,12 @@ def _pairs(
     """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
     report(0.55, "screening for a second effect")
     seeds = _seeds(screen, fitted, shortlist)
-    tables = side_by_side(lambda h: besides(screen, h.fit, list(effects))[:MOST_SECONDS], seeds)
+    tables = side_by_side(
+        lambda item: besides(screen, item[0].long_fit, list(effects), item[1])[:MOST_SECONDS],
+        [(seed, trust) for trust in (1.0, SLOW) for seed in seeds],
+    )
     pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
-    for seed, table in zip(seeds, tables, strict=True):
+    for seed, table in zip([*seeds, *seeds], tables, strict=True):
         best: dict[str, Candidate] = {}
         for candidate in table:
             if candidate.effect.name != seed.terms[0].effect.name:  # at two places it is one effect, placed badly
@@ -275,25 +320,41 @@ def _pairs(
         seed, second = pair
         terms = [*seed.terms, *terms_of([second])]
         own = _for(refiner, terms, 2)
-        start = replace(seed.fit, cost=own.fit(seed.terms, seed.fit, 0).cost)
-        return scored_by(own, own.fit(terms, start, QUICK), seed.gain + second.gain)
+        return scored_by(own, own.fit(terms, seed.long_fit, QUICK), seed.gain + second.gain)
 
-    return side_by_side(fit, list(pairs.values()))
+    fits = side_by_side(fit, list(pairs.values()))
+    if not fits:
+        return []
+    chosen, (seed, second) = min(zip(fits, pairs.values(), strict=True), key=lambda item: item[0].level)
+    rows = [c for other, table in zip([*seeds, *seeds], tables, strict=True) if other is seed for c in table]
+    return fits + side_by_side(fit, [(seed, c) for c in _siblings(rows, second) if c.effect.name not in chosen.label])
+
+
+def _siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
+    """Return other effects of a candidate's family at its place, which only a fit can tell apart."""
+    out: dict[str, Candidate] = {}
+    for c in table:
+        if c.effect.family == second.effect.family and c.place.name == second.place.name and c.gain > LEAST_GAIN:
+            out.setdefault(c.effect.name, c)
+    return list(out.values())[:SIBLINGS]
 
 
 def _seeds(screen: Screen, fitted: Sequence[Hypothesis], shortlist: Sequence[Candidate]) -> list[Hypothesis]:
-    """Return what a second effect is sought beside: the best fit, and as screened the forces that stood out there.
+    """Return what a second effect is sought beside: the best fit, the one that leaves least, and as screened the forces that
+    stood out there.
 
     Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
     constant force that carries a free mass away.
     """
-    out = [fitted[0]]
+    least = min(fitted, key=lambda h: h.level)
+    out = [fitted[0]] if least is fitted[0] else [fitted[0], least]
     known = {h.label: h for h in fitted}
     for candidate in shortlist:
         alone = known.get(candidate.label)
-        if len(out) > SEEDS or alone is None or alone is fitted[0] or isinstance(candidate.effect, SensorEffect):
+        if len(out) > SEEDS or alone is None or alone in out or isinstance(candidate.effect, SensorEffect):
             continue
-        out.append(replace(alone, fit=replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)))
+        fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
+        out.append(replace(alone, fit=fit, whole=None))
     return out
 
 

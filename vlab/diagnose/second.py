@@ -21,12 +21,18 @@ ROWS = 0.5
 """The second screening looks at this share of the first one's samples."""
 
 
-def besides(screen: Screen, fit: Fit, effects: list[Effect]) -> list[Candidate]:
-    """Return every effect at every place by what it gains beside a fitted hypothesis, best first."""
+def besides(screen: Screen, fit: Fit, effects: list[Effect], trust: float = 1.0) -> list[Candidate]:
+    """Return every effect at every place by what it gains beside a fitted hypothesis, best first.
+
+    Parameters
+    ----------
+    trust : float
+        See `Screen`: a slower observer sees what only adds up over many cycles.
+    """
     problem = with_effects(screen, fit)
     most = max(int(ROWS * len(run)) for run in screen.runs)
     runs = [run.first(most) for run in problem.in_role("fit")]
-    return Screen(problem, runs, like=screen, theta=fit.theta).candidates(effects)
+    return Screen(problem, runs, like=screen, theta=fit.theta, trust=trust).candidates(effects)
 
 
 def with_effects(screen: Screen, fit: Fit) -> Problem:

@@ -15,6 +15,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import Fit
 from vlab.diagnose.signals import noise_level, uneven_noise
+from vlab.diagnose.zeros import Zero
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -63,8 +64,8 @@ class Amended:
         return replace(recording, data=data)
 
 
-def amended(problem: Problem, fit: Fit) -> Amended:
-    """Return a problem's plant as a fit has it."""
+def amended(problem: Problem, fit: Fit, zeros: Sequence[Zero] = ()) -> Amended:
+    """Return a problem's plant as a fit has it, but for the channels' zeros given."""
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     gains = np.ones(len(problem.names))
@@ -75,7 +76,7 @@ def amended(problem: Problem, fit: Fit) -> Amended:
         plant=attach(plant, effects, channels=problem.names) if effects else plant,
         names=problem.names,
         sensor_gain=gains,
-        offset=np.asarray(fit.offsets),
+        offset=np.where([name in {z.channel for z in zeros} for name in problem.names], 0.0, fit.offsets),
     )
 
 

@@ -185,7 +185,7 @@ class ActuatorDelay(ActuatorEffect):
     law = "force(t) = u(t - tau)"
     words = "commands act later than the model says: processing or transport time"
     parameters: ClassVar = (
-        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.3, 1.0, 3.0)),
+        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
@@ -206,7 +206,7 @@ class ActuatorLag(ActuatorEffect):
     words = "the force lags the command by a time constant: a coil's inductance, a filter with a lower corner"
     parameters: ClassVar = (
         Parameter(
-            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.3, 1.0, 5.0)
+            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 5.0)
         ),
     )
 
@@ -219,6 +219,10 @@ class ActuatorLag(ActuatorEffect):
         return recursion(*lag_weights(float(p["time_constant"]), h))
 
 
+STEPS = tuple(round(0.02 * 1.13**i, 4) for i in range(32))
+"""Steps of a converter that are tried: what is lost to steps an eighth larger looks nothing like it where there are many."""
+
+
 class Quantisation(ActuatorEffect):
     """Few bits of a converter."""
 
@@ -227,7 +231,7 @@ class Quantisation(ActuatorEffect):
     law = "force = q round(u/q)"
     words = "a converter with coarse steps stands before the actuator"
     parameters: ClassVar = (
-        Parameter(name="step", unit="N", low=0.002, high=0.5, role="shape", reference="input", grid=(0.02, 0.06, 0.2)),
+        Parameter(name="step", unit="N", low=0.002, high=1.0, role="shape", reference="input", grid=STEPS),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:

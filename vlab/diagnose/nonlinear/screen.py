@@ -98,7 +98,7 @@ class MovingScreen(Screen):
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
-        self._cache, self._marched = {}, {}
+        self._cache, self._marched, self._spectra, self._tones = {}, {}, None, {}
         self.theta = np.zeros(len(self.twin.changes))
         self._along(1)
 
@@ -106,6 +106,7 @@ class MovingScreen(Screen):
         """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
         other = copy.copy(self)
         other.trust, other._cache, other._marched = trust, {}, {}
+        other._spectra, other._tones = None, {}
         other._linearise()
         return other
 
@@ -126,6 +127,7 @@ class MovingScreen(Screen):
         )
         self.motions = [along.motion for along in self.alongs]
         self.lines, self._cache, self._marched = {}, {}, {}
+        self._spectra, self._tones = None, {}
         self.changes = self._changes()
         self._linearise()
 
@@ -172,6 +174,10 @@ class MovingScreen(Screen):
             states[i] = state
             state = self.L[i] @ state + drive[i]
         return np.asarray(out + s.C @ states)
+
+    def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
+        """See `Screen`: the system varies, so every frequency and channel counts alike."""
+        return np.ones((len(frequency), self.stack.e.shape[2]))
 
     # ---- what is uncertain ------------------------------------------------------------------------------------------
 

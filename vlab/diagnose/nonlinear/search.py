@@ -61,7 +61,9 @@ def search_moving(
         narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
         fitted = _finished(narrow, fitted)
         before = scored_by(narrow, narrow.fit((), before.fit))
-    fitted, before = on_whole_runs(whole, narrow, fitted, before)
+    (before,) = on_whole_runs(whole, narrow, [before])
+    fitted = [h for n in (1, 2) for h in on_whole_runs(whole, narrow, [h for h in fitted if len(h.terms) == n])]
+    fitted.sort(key=lambda h: -h.score)
     places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
     return TimeFound(
         problem=problem,

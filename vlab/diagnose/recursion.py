@@ -1,0 +1,45 @@
+"""Linear recursions of many short states over many samples, in blocks: a loop of two roots of their number, not of all."""
+
+import numpy as np
+
+from vlab.signals import Array
+
+
+def states_of(step: Array, drive: Array, start: Array) -> Array:
+    """Return the states x(0) = start, x(k+1) = x(k) step + drive(k), before every sample.
+
+    The samples are cut into about as many blocks as a block has samples. All blocks are marched side by side from zero, then
+    what every block hands to the next is carried on with the block's own power of the step, and its free response added.
+
+    Parameters
+    ----------
+    step : (g, s, s) array
+        Of g groups, acting on rows from the right.
+    drive : (n, g, r, s) array
+        Of r states in every group.
+    start : (g, r, s) array
+
+    Returns
+    -------
+    (n, g, r, s) array
+    """
+    n, g, r, s = drive.shape
+    size = max(1, round(np.sqrt(n)))
+    count = -(-n // size)
+    padded = np.zeros((count * size, g, r, s))
+    padded[:n] = drive
+    blocks = padded.reshape(count, size, g, r, s).transpose(1, 2, 0, 3, 4).reshape(size, g, count * r, s)
+    out, x = np.empty_like(blocks), np.zeros((g, count * r, s))
+    for j in range(size):
+        out[j] = x
+        x = np.matmul(x, step) + blocks[j]
+    handed, power = x.reshape(g, count, r, s), np.linalg.matrix_power(step, size)
+    first, x = np.empty((g, count, r, s)), start
+    for k in range(count):
+        first[:, k] = x
+        x = np.matmul(x, power) + handed[:, k]
+    x = first.reshape(g, count * r, s)
+    for j in range(size):
+        out[j] += x
+        x = np.matmul(x, step)
+    return out.reshape(size, g, count, r, s).transpose(2, 0, 1, 3, 4).reshape(count * size, g, r, s)[:n]
