@@ -35,7 +35,7 @@ ABOVE_NOISE = 1.5
 LEAST_MISFIT, MESH_MISFIT = 0.005, 0.025
 """...and more than this share of their rms: what integration and interpolation leave of a user's model; what the mesh and the
 places of the sensors leave of one of the two structures."""
-LEAST_GAP = 0.4
+LEAST_GAP = 0.6
 """An effect is reported as found where it closes at least this share of the held-out gap."""
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
 """Hum below this share of its channel's rms, or this multiple of its noise, is what every laboratory has."""

@@ -26,15 +26,15 @@ def states_of(step: Array, drive: Array, start: Array) -> Array:
     n, g, r, s = drive.shape
     size = max(1, round(np.sqrt(n)))
     count = -(-n // size)
-    padded = np.zeros((count * size, g, r, s))
+    padded = np.zeros((count * size, g, r, s), dtype=drive.dtype)
     padded[:n] = drive
     blocks = padded.reshape(count, size, g, r, s).transpose(1, 2, 0, 3, 4).reshape(size, g, count * r, s)
-    out, x = np.empty_like(blocks), np.zeros((g, count * r, s))
+    out, x = np.empty_like(blocks), np.zeros((g, count * r, s), dtype=drive.dtype)
     for j in range(size):
         out[j] = x
         x = np.matmul(x, step) + blocks[j]
     handed, power = x.reshape(g, count, r, s), np.linalg.matrix_power(step, size)
-    first, x = np.empty((g, count, r, s)), start
+    first, x = np.empty((g, count, r, s), dtype=drive.dtype), start
     for k in range(count):
         first[:, k] = x
         x = np.matmul(x, power) + handed[:, k]

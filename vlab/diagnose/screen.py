@@ -8,15 +8,16 @@ beside it under their priors. What remains is a table of likelihood gains, one f
 """
 
 import copy
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.fft import next_fast_len
 
 from vlab.diagnose.observer import Gains, Smoothed, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place, admissible
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.recursion import states_of
@@ -49,6 +50,8 @@ HIGHEST_TONE = 0.3
 """...and up to what share of the sample rate they are looked for."""
 WORTH = 500.0
 """Independent values that the innovations count as in the estimate of the uncertain parameters."""
+SHARES = 2
+"""Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
@@ -146,6 +149,8 @@ class Screen:
         Uncertain parameters to start from instead.
     """
 
+    keeps_plans: ClassVar[bool] = False
+    """Whether the columns of all places are kept for screenings beside some candidates; they are made in this process then."""
     theta: Array
     """The uncertain parameters as the filters have them."""
     estimate: tuple[Array, list[dict[str, float]]]
@@ -198,20 +203,13 @@ class Screen:
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
         self.base = self.e - self.nuisance @ step
         self.variance = float(np.mean(self.base**2))
-        self._step = self._believed(self.nuisance, precision, precision * present)[: len(self.theta)]
-        self._plain = (self.nuisance, precision)
-
-    def _believed(self, columns: Array, precision: Array, pull: Array) -> Array:
-        """Return the coefficients of columns that explain the innovations, as of no more than `WORTH` independent values.
-
-        What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
-        taken at their number, directions that scale nearly everything drift many standard deviations away.
-        """
+        # What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
+        # taken at their number, directions that scale nearly everything drift many standard deviations away.
         share = WORTH / len(self.e) / max(self.variance, 1.0)
-        normal = share * columns.T @ columns + np.diag(precision)
-        size = np.sqrt(np.diag(normal))  # columns of very different units must not fall to the inverse's cutoff
-        inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
-        return np.asarray(inverse @ (share * (columns.T @ self.e) - pull))
+        believed = share * self.nuisance.T @ self.nuisance + np.diag(precision)
+        pull = share * (self.nuisance.T @ self.e) - precision * present
+        self._step = np.linalg.solve(believed, pull)[: len(self.theta)]
+        self._plain = (self.nuisance, precision)
 
     def given(self, candidates: Sequence[Candidate]) -> "Screen":
         """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
@@ -229,7 +227,7 @@ class Screen:
         solution = other._gram @ (other.nuisance.T @ self.e - pull)
         other.base = self.e - other.nuisance @ solution
         other.variance = float(np.mean(other.base**2))
-        other.estimate = self._estimate(candidates, other._believed(other.nuisance, free, pull))
+        other.estimate = self._estimate(candidates, solution)
         return other
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
@@ -332,16 +330,20 @@ class Screen:
         part = modal if modal is not None else reading
         assert part is not None
         n, n_runs, _, k = part.shape
-        out = np.zeros((n, n_runs, len(C), k))
-        drive = np.zeros((n, n_runs, k, A.shape[0]))
+        single = np.float32  # of columns that are compared with noise
+        out = np.zeros((n, n_runs, len(C), k), dtype=single)
+        drive = np.zeros((n, n_runs, k, A.shape[0]), dtype=single)
         if modal is not None:
-            drive += np.einsum("am,nrmk->nrka", G, modal, optimize=True)
-            out += np.einsum("pm,nrmk->nrpk", D, modal, optimize=True)
+            wide = np.ascontiguousarray(np.swapaxes(modal, 2, 3), dtype=single)
+            drive += wide @ G.T.astype(single)
+            if np.any(D):
+                out += np.swapaxes(wide @ D.T.astype(single), 2, 3)
         if reading is not None:
-            drive -= np.einsum("ap,nrpk->nrka", K, reading, optimize=True)
+            drive -= np.swapaxes(reading, 2, 3).astype(single) @ K.T.astype(single)
             out += reading
-        states = states_of(L.T[None], drive.reshape(n, 1, n_runs * k, -1), np.zeros((1, n_runs * k, len(A))))
-        seen = (states.reshape(n * n_runs * k, -1) @ C.T).reshape(n, n_runs, k, len(C))
+        start = np.zeros((1, n_runs * k, len(A)), dtype=single)
+        states = states_of(L.T[None].astype(single), drive.reshape(n, 1, n_runs * k, -1), start)
+        seen = (states.reshape(n * n_runs * k, -1) @ C.T.astype(single)).reshape(n, n_runs, k, len(C))
         return out + np.swapaxes(seen, 2, 3)
 
     def _nuisance(self) -> Array:
@@ -396,7 +398,6 @@ class Screen:
     def candidates(
         self,
         effects: Sequence[Effect],
-        progress: Callable[[float], None] | None = None,
         among: Collection[str] | None = None,
     ) -> list[Candidate]:
         """Return every effect at every place that admits it, best first.
@@ -406,19 +407,24 @@ class Screen:
         among : collection of str or None
             Labels of the candidates to look at; all by default.
         """
-        out: list[Candidate] = []
+
+        def at(places: Sequence[Place]) -> list[Candidate]:
+            out: list[Candidate] = []
+            for place in places:
+                mine = [
+                    effect
+                    for effect in effects
+                    if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
+                ]
+                out += self._at(place, mine) if mine else []
+            return out
+
         places = self.problem.places
-        for done, place in enumerate(places):
-            mine = [
-                effect
-                for effect in effects
-                if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
-            ]
-            if mine:
-                out += self._at(place, mine)
-            if progress is not None:
-                progress((done + 1) / len(places))
-        return sorted(out, key=lambda c: -c.gain)
+        if self.keeps_plans:
+            found = [at([place]) for place in places]
+        else:
+            found = side_by_side(at, [places[i::SHARES] for i in range(SHARES)])
+        return sorted((c for part in found for c in part), key=lambda c: (-c.gain, c.label))
 
     def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
         """Return the columns of some effects at a place, one block for every effect and shape."""

@@ -28,12 +28,16 @@ SLOW, SLOW_SHORTLIST = 1e-3, 5
 well: it forgets slowly and sees what only adds up over many cycles."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
-SECONDS, MOST_SECONDS = 4, 60
+SECONDS, MOST_SECONDS = 3, 60
 SIBLINGS = 3
 SEEDS = 2
 """Second effects, of a family each, tried on top of each of the best single ones."""
 ENOUGH = 1.3
 """A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
+PART, MUCH = 0.2, 3.0
+"""...and something is left that one effect explains this share of, or that is more than this multiple of the noise..."""
+SECOND_PLACES, MOST_PAIRS = 10, 14
+"""Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
 FAR_FETCHED = 20.0
 """...unless it takes uncertain parameters that are less likely than their priors' means by e to this power."""
 FINER = 0.5
@@ -77,8 +81,9 @@ def search(
     """
     report = progress or (lambda share, what: None)
     effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.05, "screening")
     screen = Screen(problem)
-    candidates = screen.candidates(effects, lambda share: report(0.05 + 0.2 * share, "screening"))
+    candidates = screen.candidates(effects)
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     shortlist = shortlisted(candidates)
@@ -96,8 +101,9 @@ def search(
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before])
     fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), WHOLE_SINGLES)
-    if fitted and (min(h.level for h in fitted) > ENOUGH or fitted[0].calibration > FAR_FETCHED):
-        pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, report))
+    if fitted and _wants_a_second(before, fitted):
+        among = _best_places(candidates, SECOND_PLACES)
+        pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, among, report))
         report(0.85, "fitting whole recordings")
         fitted += on_whole_runs(whole, narrow, pairs)
         fitted.sort(key=lambda h: -h.score)
@@ -123,7 +129,9 @@ def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
     """
     narrow = in_windows(screen)
     before = scored_by(narrow, narrow.fit())
-    if before.level > ENOUGH:
+    if (
+        before.level > ENOUGH or screen.problem.case.structure is not None
+    ):  # of a mesh it is known that it errs by as much
         return narrow, before
     finer = in_windows(screen, model_error=FINER * narrow.model_error)
     return finer, scored_by(finer, finer.fit((), before.fit))
@@ -152,6 +160,15 @@ def shows(problem: Problem, effect: Effect) -> bool:
     if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
         return True
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
+
+
+def _wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis]) -> bool:
+    """Return whether single effects leave something to explain, and one of them explains a part or there is much of it."""
+    least = min(h.level for h in fitted)
+    if fitted[0].calibration > FAR_FETCHED:
+        return True
+    explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
+    return least > ENOUGH and (explained > PART or before.level > MUCH)
 
 
 def _worth_long_runs(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -296,17 +313,19 @@ def _pairs(
     fitted: Sequence[Hypothesis],
     shortlist: Sequence[Candidate],
     effects: Sequence[Effect],
+    among: set[str],
     report: Callable[[float, str], None],
 ) -> list[Hypothesis]:
     """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
     report(0.55, "screening for a second effect")
     seeds = _seeds(screen, fitted, shortlist)
     tables = side_by_side(
-        lambda item: besides(screen, item[0].long_fit, list(effects), item[1])[:MOST_SECONDS],
-        [(seed, trust) for trust in (1.0, SLOW) for seed in seeds],
+        lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[:MOST_SECONDS],
+        [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
     )
     pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
-    for seed, table in zip([*seeds, *seeds], tables, strict=True):
+    owners = [seed for seed in seeds for _ in range(2)]
+    for seed, table in zip(owners, tables, strict=True):
         best: dict[str, Candidate] = {}
         for candidate in table:
             if candidate.effect.name != seed.terms[0].effect.name:  # at two places it is one effect, placed badly
@@ -322,11 +341,12 @@ def _pairs(
         own = _for(refiner, terms, 2)
         return scored_by(own, own.fit(terms, seed.long_fit, QUICK), seed.gain + second.gain)
 
-    fits = side_by_side(fit, list(pairs.values()))
+    tried = list(pairs.values())[:MOST_PAIRS]
+    fits = side_by_side(fit, tried)
     if not fits:
         return []
-    chosen, (seed, second) = min(zip(fits, pairs.values(), strict=True), key=lambda item: item[0].level)
-    rows = [c for other, table in zip([*seeds, *seeds], tables, strict=True) if other is seed for c in table]
+    chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
+    rows = [c for other, table in zip(owners, tables, strict=True) if other is seed for c in table]
     return fits + side_by_side(fit, [(seed, c) for c in _siblings(rows, second) if c.effect.name not in chosen.label])
 
 

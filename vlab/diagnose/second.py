@@ -5,6 +5,7 @@ beside its columns still does. So the effect is built in as it was fitted - into
 recordings, or as a known force along the smoothed motion - and the screening starts over.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -21,18 +22,22 @@ ROWS = 0.5
 """The second screening looks at this share of the first one's samples."""
 
 
-def besides(screen: Screen, fit: Fit, effects: list[Effect], trust: float = 1.0) -> list[Candidate]:
+def besides(
+    screen: Screen, fit: Fit, effects: list[Effect], trust: float = 1.0, among: Collection[str] | None = None
+) -> list[Candidate]:
     """Return every effect at every place by what it gains beside a fitted hypothesis, best first.
 
     Parameters
     ----------
     trust : float
         See `Screen`: a slower observer sees what only adds up over many cycles.
+    among : collection of str or None
+        Labels of the candidates to look at; all by default.
     """
     problem = with_effects(screen, fit)
     most = max(int(ROWS * len(run)) for run in screen.runs)
     runs = [run.first(most) for run in problem.in_role("fit")]
-    return Screen(problem, runs, like=screen, theta=fit.theta, trust=trust).candidates(effects)
+    return Screen(problem, runs, like=screen, theta=fit.theta, trust=trust).candidates(effects, among=among)
 
 
 def with_effects(screen: Screen, fit: Fit) -> Problem:

@@ -9,8 +9,8 @@ from vlab.diagnose.refine import Fit
 
 BENIGN_ZERO = 0.01
 """A zero that is off by less than this share of its channel's rms is what every laboratory has..."""
-OVER_NOISE = 0.2
-"""...and one that is off by less than this share of its noise shows nowhere."""
+OVER_ERROR = 1.0
+"""...and one that is off by less than this multiple of what the fit leaves of the channel may be made up by what is wrong there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +32,11 @@ def shifted_zeros(problem: Problem, fit: Fit) -> tuple[Zero, ...]:
     """Return the channels whose zeros a fit puts far off, where no effect of the fit says so already."""
     said = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
     scale = np.max([run.scale for run in problem.signals], axis=0)
-    noise = np.median([run.noise for run in problem.signals], axis=0)
+    error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
     out = []
     for i, (name, offset) in enumerate(zip(problem.names, fit.offsets, strict=True)):
-        if i not in said and abs(offset) > max(BENIGN_ZERO * scale[i], OVER_NOISE * noise[i]):
+        if i not in said and abs(offset) > max(BENIGN_ZERO * scale[i], OVER_ERROR * error[i]):
             samples = sum(len(run) for run in problem.signals)
-            spread = float(np.sqrt(np.mean((fit.error[:, i] * scale[i]) ** 2) / max(samples, 1)))
+            spread = float(error[i] / np.sqrt(max(samples, 1)))
             out.append(Zero(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))
     return tuple(out)

@@ -185,7 +185,9 @@ class ActuatorDelay(ActuatorEffect):
     law = "force(t) = u(t - tau)"
     words = "commands act later than the model says: processing or transport time"
     parameters: ClassVar = (
-        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)),
+        Parameter(
+            name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)
+        ),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
@@ -206,7 +208,13 @@ class ActuatorLag(ActuatorEffect):
     words = "the force lags the command by a time constant: a coil's inductance, a filter with a lower corner"
     parameters: ClassVar = (
         Parameter(
-            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 5.0)
+            name="time_constant",
+            unit="s",
+            low=1e-6,
+            high=1.0,
+            role="shape",
+            reference="step",
+            grid=(0.1, 0.3, 1.0, 5.0),
         ),
     )
 

@@ -146,7 +146,9 @@ class SensorDelay(SensorEffect):
     law = "y(t) = x(t - tau)"
     words = "samples are older than their time stamps: processing or transmission time"
     parameters: ClassVar = (
-        Parameter(name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)),
+        Parameter(
+            name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)
+        ),
     )
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
@@ -180,7 +182,13 @@ class SensorLag(SensorEffect):
     words = "a sensor's low-pass is slower than the model says"
     parameters: ClassVar = (
         Parameter(
-            name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 5.0)
+            name="time_constant",
+            unit="s",
+            low=1e-6,
+            high=1.0,
+            role="shape",
+            reference="step",
+            grid=(0.1, 0.3, 1.0, 5.0),
         ),
     )
 

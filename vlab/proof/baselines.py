@@ -21,6 +21,8 @@ from vlab.plants.mjcf import MjcfPlant
 from vlab.proof.sparse import Named, sparse_terms
 from vlab.signals import Array
 
+HAS_SYSID = hasattr(sysid, "optimize")
+"""Whether mujoco.sysid has what it needs; it comes with an extra."""
 BOUND = 0.7
 """Log-factors of freed parameters stay within +-0.7: a factor of two."""
 MOST_ITERATIONS = 8
@@ -32,7 +34,7 @@ SMOOTH_S = 0.03
 
 def baselines_of(case: Case) -> dict[str, dict[str, Any]]:
     """Return what each method makes of a case: held-out error, what it names, or why it cannot be used."""
-    return {"mujoco.sysid": _guarded(_freed, case), "sparse regression": _guarded(_sparse, case)}
+    return {"mujoco.sysid": _guarded(freed, case), "sparse regression": _guarded(_sparse, case)}
 
 
 def _guarded(method: Callable[[Case], dict[str, Any]], case: Case) -> dict[str, Any]:
@@ -73,9 +75,9 @@ def _free_parameters(model: Any) -> list[_Free]:
     return [f for f in out if f.added or np.any(np.asarray(getattr(model, f.array)[f.index]))]
 
 
-def _freed(case: Case) -> dict[str, Any]:
+def freed(case: Case) -> dict[str, Any]:
     """Fit all parameters to the recordings with mujoco.sysid's optimiser; simulate the hold-outs."""
-    if not hasattr(sysid, "optimize"):
+    if not HAS_SYSID:
         return {"note": "not run: mujoco.sysid needs its extras; pip install 'vlab[sysid]'"}
     plant, runs = case.plant, case.runs(("fit",))
     if not isinstance(plant, MjcfPlant) or any(run.law is not None for run in runs):

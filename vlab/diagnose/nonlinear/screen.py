@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -76,6 +76,7 @@ class MovingScreen(Screen):
     else it would go to its bounds, and hide it. `at` linearises elsewhere once there is a hypothesis.
     """
 
+    keeps_plans: ClassVar[bool] = True
     plant: Plant
     stepper: Stepper
     alongs: list[Along]

@@ -38,7 +38,8 @@ def search_moving(
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "finding the motion")
     screen = MovingScreen(problem, moving)
-    candidates = screen.candidates(effects, lambda share: report(0.3 + 0.15 * share, "screening"))
+    report(0.3, "screening")
+    candidates = screen.candidates(effects)
     narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
     before = scored_by(narrow, narrow.fit())
     shortlist = shortlisted(candidates)
