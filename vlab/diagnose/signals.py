@@ -92,7 +92,7 @@ class Signals:
 
 WINDOWS = 16
 """A run is cut into this many windows for the first fits."""
-CYCLES = 1.0
+CYCLES = 3.0
 """A window holds at least this many cycles of the slowest mode that oscillates; whole runs say more of it."""
 LEAST_WINDOW = 150
 PREROLL = 120
