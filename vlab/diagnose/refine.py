@@ -433,8 +433,11 @@ class Refiner:
             own = [known[t.label] for t in terms]
             return [self._initial(layout, own, theta, start)]
         candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
-        joint, values = self.screen.given(candidates).estimate
-        out = [self._initial(layout, [replace(t, values=v) for t, v in zip(terms, values, strict=True)], joint, start)]
+        given = self.screen.given(candidates)
+        out = [
+            self._initial(layout, [replace(t, values=v) for t, v in zip(terms, values, strict=True)], joint, start)
+            for joint, values in (given.estimate, given.cautious)
+        ]
         options = []
         for size in (1.0, 0.3, 0.05):
             own = []
@@ -445,8 +448,8 @@ class Refiner:
         X = np.array([*out, *options])
         residuals = self._residual(layout, terms, X)
         costs = np.einsum("ij,ij->i", residuals, residuals)
-        small = 1 + int(np.argmin(costs[1:]))
-        return [X[0], X[small]] if costs[0] <= costs[small] else [X[small], X[0]]
+        together, small = int(np.argmin(costs[:2])), 2 + int(np.argmin(costs[2:]))
+        return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
 
     def _layout(self, terms: Sequence[Term]) -> _Layout:
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]

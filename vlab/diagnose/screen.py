@@ -155,6 +155,8 @@ class Screen:
     """The uncertain parameters as the filters have them."""
     estimate: tuple[Array, list[dict[str, float]]]
     """Of `given`: the uncertain parameters and the candidates' values that explain the innovations together."""
+    cautious: tuple[Array, list[dict[str, float]]]
+    """The same with the innovations taken as few independent values, so that the priors weigh more."""
 
     def __init__(
         self,
@@ -203,13 +205,20 @@ class Screen:
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
         self.base = self.e - self.nuisance @ step
         self.variance = float(np.mean(self.base**2))
-        # What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
-        # taken at their number, directions that scale nearly everything drift many standard deviations away.
-        share = WORTH / len(self.e) / max(self.variance, 1.0)
-        believed = share * self.nuisance.T @ self.nuisance + np.diag(precision)
-        pull = share * (self.nuisance.T @ self.e) - precision * present
-        self._step = np.linalg.solve(believed, pull)[: len(self.theta)]
+        self._step = self._believed(precision, precision * present)[: len(self.theta)]
         self._plain = (self.nuisance, precision)
+
+    def _believed(self, precision: Array, pull: Array) -> Array:
+        """Return the coefficients of the uncertain parameters' columns, the innovations taken as few independent values.
+
+        What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
+        taken at their number, directions that scale nearly everything drift many standard deviations away.
+        """
+        share = WORTH / len(self.e) / max(self.variance, 1.0)
+        normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
+        size = np.sqrt(np.diag(normal))  # columns of very different units must not fall to the inverse's cutoff
+        inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        return np.asarray(inverse @ (share * (self.nuisance.T @ self.e) - pull))
 
     def given(self, candidates: Sequence[Candidate]) -> "Screen":
         """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
@@ -228,6 +237,7 @@ class Screen:
         other.base = self.e - other.nuisance @ solution
         other.variance = float(np.mean(other.base**2))
         other.estimate = self._estimate(candidates, solution)
+        other.cautious = self._estimate(candidates, other._believed(free, pull))
         return other
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
