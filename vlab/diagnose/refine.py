@@ -13,7 +13,7 @@ import numpy as np
 
 from vlab.diagnose.places import Place
 from vlab.diagnose.recursion import states_of
-from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.screen import RUNAWAY, Candidate, Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.twin import discretise
 from vlab.physics.effect import (
@@ -38,7 +38,7 @@ REUSED = 3
 """Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
 1965) while they keep half of their promise."""
 CHUNK = 400
-CHECKED, RUNAWAY = 8, 1e12
+CHECKED = 8
 """Every so many samples states are looked at whether they ran away."""
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""

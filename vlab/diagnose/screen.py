@@ -37,6 +37,7 @@ from vlab.physics.effect import (
 from vlab.signals import Array
 
 RUNAWAY = 1e12
+"""Forces and states beyond this have run away."""
 REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 
