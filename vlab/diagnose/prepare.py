@@ -1,8 +1,8 @@
 """From a case to what the search works on: the twin, the runs on one clock, the places."""
 
 import copy
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -50,6 +50,8 @@ class Problem:
         The hum that was found on their channels.
     highest_hz : float
         Frequency below which nearly all power of the recorded velocities lies.
+    intensity : mapping of float to float
+        Of the forces that the twin lacks, by sample period [s], where a filter was tuned before; see `observer.tune`.
     """
 
     case: Case
@@ -63,6 +65,7 @@ class Problem:
     places: tuple[Place, ...]
     hums: tuple[Hum, ...] = ()
     highest_hz: float = np.inf
+    intensity: Mapping[float, float] = field(default_factory=dict)
 
     @property
     def model_error(self) -> float:

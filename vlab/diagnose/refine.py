@@ -324,14 +324,25 @@ class Refiner:
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
 
-    def fit(self, terms: Sequence[Term] = (), start: Fit | None = None, iterations: int = ITERATIONS) -> Fit:
+    def fit(
+        self,
+        terms: Sequence[Term] = (),
+        start: Fit | None = None,
+        iterations: int = ITERATIONS,
+        thetas: Sequence[Array] = (),
+    ) -> Fit:
         """Fit a hypothesis.
 
         It starts from the screening's values and uncertain parameters, or those of `start` for what both know, with new
         terms at several sizes, whichever simulates best.
+
+        Parameters
+        ----------
+        thetas : sequence of (n_changes,) arrays
+            Other log-factors of the uncertain parameters to start from where `start` knows all terms.
         """
         layout = self._layout(terms)
-        first, *others = self._starts(layout, terms, start)
+        first, *others = self._starts(layout, terms, start, thetas)
         best = self._descend(layout, terms, first, iterations)
         samples = sum(run.y.size for run in self.runs)
         for x in others:  # only worth the time where the first one led no way down to the noise
@@ -425,13 +436,15 @@ class Refiner:
         out[:priors] = 1.0
         return out
 
-    def _starts(self, layout: _Layout, terms: Sequence[Term], start: Fit | None) -> list[Array]:
+    def _starts(
+        self, layout: _Layout, terms: Sequence[Term], start: Fit | None, thetas: Sequence[Array]
+    ) -> list[Array]:
         """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
         known = {} if start is None else {t.label: t for t in start.terms}
         theta = self.screen.theta if start is None else start.theta
         if all(t.label in known for t in terms):
             own = [known[t.label] for t in terms]
-            return [self._initial(layout, own, theta, start)]
+            return self._ordered(layout, terms, [self._initial(layout, own, x, start) for x in (theta, *thetas)])
         candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
         given = self.screen.given(candidates)
         out = [
@@ -450,6 +463,14 @@ class Refiner:
         costs = np.einsum("ij,ij->i", residuals, residuals)
         together, small = int(np.argmin(costs[:2])), 2 + int(np.argmin(costs[2:]))
         return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
+
+    def _ordered(self, layout: _Layout, terms: Sequence[Term], starts: list[Array]) -> list[Array]:
+        """Return starts by what they leave, the least first."""
+        if len(starts) == 1:
+            return starts
+        residuals = self._residual(layout, terms, np.array(starts))
+        costs = np.einsum("ij,ij->i", residuals, residuals)
+        return [starts[i] for i in np.argsort(costs, kind="stable")]
 
     def _layout(self, terms: Sequence[Term]) -> _Layout:
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]

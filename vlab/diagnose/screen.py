@@ -169,7 +169,7 @@ class Screen:
         theta: Array | None = None,
     ) -> None:
         self.problem, self.twin, self.trust = problem, problem.twin, trust
-        self._intensity: dict[float, float] = {} if like is None else dict(like._intensity)
+        self._intensity: dict[float, float] = dict(problem.intensity if like is None else like._intensity)
         self.runs = list(signals if signals is not None else problem.in_role("fit"))
         self.runs = self._shortened(self.runs)
         self._cache: dict[str, _Plan] = {}

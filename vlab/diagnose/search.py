@@ -13,6 +13,7 @@ from vlab.diagnose.screen import Candidate, Screen
 from vlab.diagnose.second import besides
 from vlab.diagnose.signals import windows
 from vlab.physics.effect import Effect, SensorEffect
+from vlab.signals import Array
 
 SHORTLIST = 6
 """Effects that are fitted because they gained most in the screening."""
@@ -99,13 +100,14 @@ def search(
     fitted = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), shortlist)
     fitted = _finished(narrow, fitted)
     report(0.4, "fitting whole recordings")
-    (before,) = on_whole_runs(whole, narrow, [before])
-    fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), WHOLE_SINGLES)
+    (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
+    plain = before.long_fit.theta
+    fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), WHOLE_SINGLES, [plain])
     if fitted and _wants_a_second(before, fitted):
         among = _best_places(candidates, SECOND_PLACES)
         pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, among, report))
         report(0.85, "fitting whole recordings")
-        fitted += on_whole_runs(whole, narrow, pairs)
+        fitted += on_whole_runs(whole, narrow, pairs, thetas=[plain])
         fitted.sort(key=lambda h: -h.score)
     places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
     report(0.95, "choosing")
@@ -128,7 +130,7 @@ def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
     one is tried: the verdict in MuJoCo has the last word on what is found within it.
     """
     narrow = in_windows(screen)
-    before = scored_by(narrow, narrow.fit())
+    before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
     if (
         before.level > ENOUGH or screen.problem.case.structure is not None
     ):  # of a mesh it is known that it errs by as much
@@ -156,7 +158,8 @@ def shows(problem: Problem, effect: Effect) -> bool:
 
     Of a release seen by one sensor, the sensor's own gain, delay or low-pass only changes what the first state seems to be.
     """
-    driven = any(np.any(s.u) or np.any(s.load) for s in problem.signals)
+    loaded = any(drive.port for run in problem.runs for drive in run.drives)
+    driven = loaded or any(np.any(s.u) for s in problem.signals)
     if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
         return True
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
@@ -185,18 +188,28 @@ def _worth_long_runs(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 
 def on_whole_runs(
-    whole: Refiner, narrow: Refiner, hypotheses: Sequence[Hypothesis], most: int = WHOLE_FINISHED
+    whole: Refiner,
+    narrow: Refiner,
+    hypotheses: Sequence[Hypothesis],
+    most: int = WHOLE_FINISHED,
+    thetas: Sequence[Array] = (),
 ) -> list[Hypothesis]:
     """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
 
     Windows say how well a law describes the motion at hand; whole runs how well it holds on in the long run, and what a law
     that remembers makes of all that came before. Only the first `most` are fitted again; to the others happens
     what happened to the worst of these.
+
+    Parameters
+    ----------
+    thetas : sequence of (n_changes,) arrays
+        Uncertain parameters to start from besides: short windows leave frequencies open by more than whole runs forgive, for
+        half a cycle further on a fit is lost.
     """
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS), chosen)
+    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS, thetas), chosen)
     both = []
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)

@@ -36,10 +36,16 @@ class SimulatedRefiner(MovingRefiner):
         super().__init__(screen, whole=True)
         self.recorded = [run.y for run in self.runs]
 
-    def fit(self, terms: Sequence[Term] = (), start: Fit | None = None, iterations: int = ITERATIONS) -> Fit:
+    def fit(
+        self,
+        terms: Sequence[Term] = (),
+        start: Fit | None = None,
+        iterations: int = ITERATIONS,
+        thetas: Sequence[Array] = (),
+    ) -> Fit:
         """See `Refiner`."""
         self._compare_with(self.recorded)
-        best = super().fit(terms, start, iterations)
+        best = super().fit(terms, start, iterations, thetas)
         left, bias = self._missed(best)
         for _ in range(CORRECTIONS):
             if bias is None:

@@ -10,6 +10,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.nonlinear.course import Course, Motion
 from vlab.diagnose.observer import run_filter, stack_runs, tune
+from vlab.diagnose.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.prepare import Problem, prepare
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import discretise
@@ -44,9 +45,16 @@ def linear_problem(case: Case) -> Problem | None:
         No recording to fit, or recordings that do not fit the model; or the model is unstable, and the recordings show it
         at rest without any input that would hold it.
     """
-    if case.structure is not None or not case.recordings(("fit",)):
-        return prepare(case, ("fit",))  # flexible structures: their plants are made for small motion
     plant = case.plant
+    if case.structure is not None and case.recordings(
+        ("fit",)
+    ):  # flexible structures: they bend little, and rock by less
+        problem = prepare(case, ("fit",))
+        return (
+            problem if _departure(plant, plant.linearise(), *_large(plant)) < EXACT else with_own_nonlinearity(problem)
+        )
+    if not case.recordings(("fit",)):
+        return prepare(case, ("fit",))
     if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > MOST_COORDINATES:
         return prepare(case, ("fit",))
     try:
@@ -60,7 +68,7 @@ def linear_problem(case: Case) -> Problem | None:
     if _departure(plant, linear, q, v) > FAR:
         return None
     _check_stable(case, problem, linear)
-    return problem
+    return with_own_nonlinearity(problem)
 
 
 def _large(plant: Plant) -> tuple[Array, Array]:

@@ -1,0 +1,153 @@
+"""What a model's own nonlinearity adds to its linear twin, along the recorded motion.
+
+A cable that stretches as a beam swings, or a pendulum at ten degrees: the model knows it, its linear twin does not, and over
+a long lightly damped record a frequency that is off by a thousandth is worth many times the noise. So the states are
+smoothed from the recordings, the model's inverse dynamics is asked for the generalised forces there, and what these have
+that the linear model's have not is a known load on the twin's modes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from scipy import linalg
+
+from vlab.diagnose.observer import run_filter, stack_runs, tune
+from vlab.diagnose.prepare import Problem
+from vlab.diagnose.recursion import states_of
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.twin import Twin, discretise
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+SMALL = 1e-5
+"""Displacements, velocities and accelerations at which the model is taken for linear."""
+LEAST_OMEGA = 1.0
+"""Slower modes that no channel sees stay where they are [rad/s]."""
+PASSES = 2
+"""The first gives the slaves' motion, the second the forces with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """Smoothed motion of a run: modal displacements, velocities and accelerations, (n, m) each."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+def with_own_nonlinearity(problem: Problem) -> Problem:
+    """Return a problem whose twin carries a load on every mode: what its model's own nonlinearity adds to each of its runs."""
+    twin, own = problem.twin, Inverse(problem.plant, problem.twin.shapes)
+    loaded, intensity = {}, {}
+    for h in sorted({run.h for run in problem.signals}):
+        runs = [run for run in problem.signals if run.h == h]
+        motions, intensity[h] = _smoothed(twin, runs)
+        for run, motion in zip(runs, motions, strict=True):
+            slaves = np.zeros((len(run), own.slaves.shape[1]))
+            for _ in range(PASSES):
+                extra = own.extra(motion, slaves, h)
+                slaves = own.followed(extra[:, twin.m :], h)
+            loaded[run.name] = replace(run, load=np.hstack([run.load, -_held(extra[:, : twin.m])]))
+    return replace(
+        problem,
+        twin=replace(twin, loads=np.hstack([twin.loads, np.eye(twin.m)])),
+        signals=tuple(loaded[run.name] for run in problem.signals),
+        intensity=intensity,
+    )
+
+
+class Inverse:
+    """The inverse dynamics of a plant on its modes, without what is proportional to the motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        The model.
+    shapes : (nv, m) array
+        Its modes that are kept; the others are `slaves`: they follow what the nonlinearity drives them by, as the sag of a
+        beam follows the square of its deflection.
+    """
+
+    def __init__(self, plant: Plant, shapes: Array) -> None:
+        self.model, self.rest = plant.model, plant.new_data().qpos.copy()
+        self.data = mujoco.MjData(self.model)
+        linear = plant.linearise()
+        omega, every = linear.eigen
+        is_kept = np.abs(every.T @ linear.M @ shapes).max(axis=1) > 0.5
+        chosen = ~is_kept & (omega > LEAST_OMEGA)
+        self.shapes, self.slaves, self.omega = shapes, every[:, chosen], omega[chosen]
+        self.damping = np.einsum("ij,ik,kj->j", self.slaves, linear.C, self.slaves)
+        self.basis = np.hstack([shapes, self.slaves])
+        nv = self.model.nv
+        self._still = self._forces(*np.zeros((3, nv)))
+        units, none = SMALL * np.eye(nv), np.zeros(nv)
+        self._linear = [
+            np.array([(self._forces(*parts) - self._still) / SMALL for parts in motions])
+            for motions in (
+                [(u, none, none) for u in units],
+                [(none, u, none) for u in units],
+                [(none, none, u) for u in units],
+            )
+        ]
+
+    def _forces(self, q: Array, v: Array, a: Array) -> Array:
+        data = self.data
+        data.qpos[:] = self.rest
+        mujoco.mj_integratePos(self.model, data.qpos, q, 1.0)
+        data.qvel[:], data.qacc[:] = v, a
+        mujoco.mj_inverse(self.model, data)
+        return np.array(data.qfrc_inverse)
+
+    def extra(self, motion: _Motion, slaves: Array, h: float) -> Array:
+        """Return the extra forces on the modes and the slaves, (n, m + n_slaves).
+
+        Parameters
+        ----------
+        slaves : (n, n_slaves) array
+            Modal displacements of the slaves.
+        h : float
+            Sample period [s].
+        """
+        rate = np.gradient(slaves, h, axis=0)
+        parts = (
+            motion.q @ self.shapes.T + slaves @ self.slaves.T,
+            motion.v @ self.shapes.T + rate @ self.slaves.T,
+            motion.a @ self.shapes.T + np.gradient(rate, h, axis=0) @ self.slaves.T,
+        )
+        whole = np.array([self._forces(*now) for now in zip(*parts, strict=True)]) - self._still
+        for part, slope in zip(parts, self._linear, strict=True):
+            whole -= part @ slope
+        return np.asarray(whole @ self.basis)
+
+    def followed(self, force: Array, h: float) -> Array:
+        """Return the modal displacements of the slaves under the reverse of extra forces (n, n_slaves)."""
+        out = np.zeros_like(force)
+        for j, (omega, damping) in enumerate(zip(self.omega, self.damping, strict=True)):
+            A = np.array([[0.0, 1.0], [-(omega**2), -damping]])
+            step = linalg.expm(A * h)
+            drive = np.linalg.solve(A, (step - np.eye(2)) @ np.array([0.0, 1.0]))
+            moved = states_of(step.T[None], -force[:, None, None, j : j + 1] * drive, np.zeros((1, 1, 2)))
+            out[:, j] = moved[:, 0, 0, 0]
+        return out
+
+
+def _smoothed(twin: Twin, runs: Sequence[Signals]) -> tuple[list[_Motion], float]:
+    """Return the motion of runs of one sample period, and the intensity of unknown forces that makes them most likely."""
+    h = runs[0].h
+    system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, h)
+    y, lengths = stack_runs(runs, [run.y for run in runs])
+    forces, _ = stack_runs(runs, [run.u @ twin.forces.T + run.load @ twin.loads.T for run in runs])
+    usable = stack_runs(runs, [run.usable for run in runs])[0] if any(r.valid is not None for r in runs) else None
+    noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0))
+    intensity, gains = tune(system, noise, forces, y, lengths, usable)
+    x = run_filter(system, gains, forces, y, lengths, usable=usable).x
+    states = [x[: len(run), i] for i, run in enumerate(runs)]
+    return [_Motion(s[:, : twin.m], s[:, twin.m :], np.gradient(s[:, twin.m :], h, axis=0)) for s in states], intensity
+
+
+def _held(force: Array) -> Array:
+    """Return a series of samples as means over the step that follows each."""
+    return 0.5 * (force + np.vstack([force[1:], force[-1:]]))
