@@ -31,8 +31,8 @@ MOST_RUNS = 2
 MOST_DIRECTIONS = 5
 STEPS, STEP = 5, 0.02
 DAMPINGS = (1e-3, 0.3, 10.0)
-LONGEST = 10_000
-"""Samples of a recording that are simulated in every trial."""
+LONGEST, MOST_WORK = 10_000, 300_000
+"""Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
 FAR = 1e4
 """Residual of a trial that MuJoCo cannot follow, in standard deviations."""
 
@@ -122,14 +122,15 @@ def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
     size = [max(float(np.std(run.measured[name])) for name in problem.names) for run in fit]
     order = np.argsort(size)
     chosen = [fit[order[-1]], fit[order[0]]][: min(MOST_RUNS, len(fit))]
-    return [_target(problem, _shortened(run if limit is None else limit.on(run))) for run in chosen]
+    most = min(LONGEST, MOST_WORK // problem.plant.model.nv)
+    return [_target(problem, _shortened(run if limit is None else limit.on(run), most)) for run in chosen]
 
 
-def _shortened(run: Run) -> Run:
+def _shortened(run: Run, most: int) -> Run:
     measured = run.measured
-    if len(measured) <= LONGEST:
+    if len(measured) <= most:
         return run
-    return replace(run, measured=replace(measured, time=measured.time[:LONGEST], data=measured.data[:LONGEST]))
+    return replace(run, measured=replace(measured, time=measured.time[:most], data=measured.data[:most]))
 
 
 def _target(problem: Problem, run: Run) -> _Target:

@@ -465,12 +465,12 @@ class Refiner:
         return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
 
     def _ordered(self, layout: _Layout, terms: Sequence[Term], starts: list[Array]) -> list[Array]:
-        """Return starts by what they leave, the least first."""
+        """Return starts by what they leave, the least first; with a law that alone."""
         if len(starts) == 1:
             return starts
         residuals = self._residual(layout, terms, np.array(starts))
         costs = np.einsum("ij,ij->i", residuals, residuals)
-        return [starts[i] for i in np.argsort(costs, kind="stable")]
+        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if terms else None]
 
     def _layout(self, terms: Sequence[Term]) -> _Layout:
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
@@ -569,7 +569,8 @@ class Refiner:
                 difference = y[: len(run), :, j] + offsets - run.y[:, None, :]
                 if run.valid is not None:
                     difference = difference * run.usable[:, None, :]
-                block = (difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1)
+                with np.errstate(over="ignore"):  # what ran away is cut off below
+                    block = (difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1)
                 if i in self.loose:
                     response, solve, _ = self.loose[i]
                     block = np.where(np.isfinite(block), block, 1e8)

@@ -23,7 +23,7 @@ LEAST_GAIN = 3.0
 """Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
 WHOLE = 3000
 """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
-WHOLE_ITERATIONS, WHOLE_SINGLES, WHOLE_FINISHED = 5, 7, 3
+WHOLE_ITERATIONS, WHOLE_SINGLES, WHOLE_PAIRS, WHOLE_FINISHED = 5, 7, 4, 3
 SLOW, SLOW_SHORTLIST = 1e-3, 5
 """Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
 well: it forgets slowly and sees what only adds up over many cycles."""
@@ -33,14 +33,17 @@ SECONDS, MOST_SECONDS = 3, 60
 SIBLINGS = 3
 SEEDS = 2
 """Second effects, of a family each, tried on top of each of the best single ones."""
-ENOUGH = 1.3
-"""A hypothesis that leaves no more than this multiple of the noise needs no second effect."""
+ENOUGH, ENOUGH_OF_MESH = 1.3, 1.6
+"""A hypothesis that leaves no more than this multiple of the noise needs no second effect; of one of the two structures, whose
+meshes err by as much as a small second effect does."""
 PART, MUCH = 0.2, 3.0
 """...and something is left that one effect explains this share of, or that is more than this multiple of the noise..."""
 SECOND_PLACES, MOST_PAIRS = 10, 14
 """Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
 FAR_FETCHED = 20.0
 """...unless it takes uncertain parameters that are less likely than their priors' means by e to this power."""
+HOPELESS = 30.0
+"""Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
 FINER = 0.5
 """Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
 QUICK, FINISHED = 5, 4
@@ -101,13 +104,14 @@ def search(
     fitted = _finished(narrow, fitted)
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
-    plain = before.long_fit.theta
-    fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), WHOLE_SINGLES, [plain])
-    if fitted and _wants_a_second(before, fitted):
+    plain = [before.long_fit.theta] if before.level < MUCH else []  # far off, the refitted parameters make up for physics
+    fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), min(WHOLE_SINGLES, _hopeful(fitted)), plain)
+    enough = ENOUGH if problem.case.structure is None else ENOUGH_OF_MESH
+    if fitted and _wants_a_second(before, fitted, enough):
         among = _best_places(candidates, SECOND_PLACES)
         pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, among, report))
         report(0.85, "fitting whole recordings")
-        fitted += on_whole_runs(whole, narrow, pairs, thetas=[plain])
+        fitted += on_whole_runs(whole, narrow, pairs, WHOLE_PAIRS, plain)
         fitted.sort(key=lambda h: -h.score)
     places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
     report(0.95, "choosing")
@@ -142,15 +146,22 @@ def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
 def _finished(refiner: Refiner, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Return hypotheses by score, the best of them fitted to the end."""
     order = sorted(hypotheses, key=lambda h: -h.score)
+    hopeful = _hopeful(order)
 
     def finished(item: tuple[int, Hypothesis]) -> Hypothesis:
         own = _for(refiner, item[1].terms)
-        return scored_by(
-            own, own.fit(item[1].terms, item[1].fit, ITERATIONS if item[0] < FINISHED else 0), item[1].gain
-        )
+        iterations = ITERATIONS if item[0] < min(FINISHED, hopeful) else 0
+        return scored_by(own, own.fit(item[1].terms, item[1].fit, iterations), item[1].gain)
 
     done = side_by_side(finished, list(enumerate(order)))
     return sorted(done, key=lambda h: -h.score)
+
+
+def _hopeful(order: Sequence[Hypothesis]) -> int:
+    """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
+    if not order or min(h.level for h in order) > ENOUGH:
+        return len(order)
+    return sum(h.score > order[0].score - HOPELESS for h in order)
 
 
 def shows(problem: Problem, effect: Effect) -> bool:
@@ -165,13 +176,13 @@ def shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def _wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis]) -> bool:
-    """Return whether single effects leave something to explain, and one of them explains a part or there is much of it."""
+def _wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
+    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
     least = min(h.level for h in fitted)
     if fitted[0].calibration > FAR_FETCHED:
         return True
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
-    return least > ENOUGH and (explained > PART or before.level > MUCH)
+    return least > enough and (explained > PART or before.level > MUCH)
 
 
 def _worth_long_runs(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -360,7 +371,11 @@ def _pairs(
         return []
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
     rows = [c for other, table in zip(owners, tables, strict=True) if other is seed for c in table]
-    return fits + side_by_side(fit, [(seed, c) for c in _siblings(rows, second) if c.effect.name not in chosen.label])
+    known = {frozenset(t.label for t in h.terms) for h in fits}
+    siblings = [c for c in _siblings(rows, second) if c.effect.name not in chosen.label]
+    return fits + side_by_side(
+        fit, [(seed, c) for c in siblings if frozenset((*(t.label for t in seed.terms), c.label)) not in known]
+    )
 
 
 def _siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:

@@ -47,13 +47,13 @@ def _sources(root: Path, pattern: str) -> str:
 
 
 def _constants(package: str) -> dict[str, Any]:
-    """Return the named constants of all modules of a package: plain numbers and texts in capitals."""
+    """Return the named constants of all modules of a package and those inside it: plain numbers and texts in capitals."""
     out: dict[str, Any] = {}
-    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
-        loaded = importlib.import_module(f"{package}.{module.name}")
+    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
+        loaded = importlib.import_module(module.name)
         for name, value in vars(loaded).items():
             if name.isupper() and not name.startswith("_") and _is_plain(value):
-                out[f"{module.name}.{name}"] = value
+                out[f"{module.name.removeprefix(f'{package}.')}.{name}"] = value
     return out
 
 

@@ -15,8 +15,8 @@ from vlab.proof.generator.rigs import shaft, slider
 from vlab.proof.generator.strange import STRANGE
 
 BENCHES: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft, "beam": beam, "grid": grid}
-SHARES = {"slider": 0.40, "shaft": 0.40, "beam": 0.15, "grid": 0.05}
-"""How often each bench comes up."""
+SHARES = {"slider": 0.47, "shaft": 0.47, "beam": 0.05, "grid": 0.01}
+"""How often each bench comes up: the structures seldom, for a case of theirs takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
 """What a refit leaves of something hidden, in units of the noise: range of all suites but near-threshold."""
 NEAR = (0.1, 1.5)
@@ -64,6 +64,10 @@ MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
     + ("other-form", "out-of-library", "chain-only", "two-effects", "masked"),
+    "campaign": ("in-library",) * 6
+    + ("null",) * 3
+    + ("other-form", "out-of-library") * 2
+    + ("two-effects", "masked"),
     "all": tuple(SUITES),
 }
 """Suites that are mixed in these shares, in an order that the seed shuffles."""
