@@ -30,7 +30,7 @@ PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class Motion:
     """Smoothed motion of a run: modal displacements, velocities and accelerations, (n, m) each."""
 
     q: Array
@@ -101,7 +101,7 @@ class Inverse:
         mujoco.mj_inverse(self.model, data)
         return np.array(data.qfrc_inverse)
 
-    def extra(self, motion: _Motion, slaves: Array, h: float) -> Array:
+    def extra(self, motion: Motion, slaves: Array, h: float) -> Array:
         """Return the extra forces on the modes and the slaves, (n, m + n_slaves).
 
         Parameters
@@ -134,7 +134,7 @@ class Inverse:
         return out
 
 
-def _smoothed(twin: Twin, runs: Sequence[Signals]) -> tuple[list[_Motion], float]:
+def _smoothed(twin: Twin, runs: Sequence[Signals]) -> tuple[list[Motion], float]:
     """Return the motion of runs of one sample period, and the intensity of unknown forces that makes them most likely."""
     h = runs[0].h
     system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, h)
@@ -145,7 +145,7 @@ def _smoothed(twin: Twin, runs: Sequence[Signals]) -> tuple[list[_Motion], float
     intensity, gains = tune(system, noise, forces, y, lengths, usable)
     x = run_filter(system, gains, forces, y, lengths, usable=usable).x
     states = [x[: len(run), i] for i, run in enumerate(runs)]
-    return [_Motion(s[:, : twin.m], s[:, twin.m :], np.gradient(s[:, twin.m :], h, axis=0)) for s in states], intensity
+    return [Motion(s[:, : twin.m], s[:, twin.m :], np.gradient(s[:, twin.m :], h, axis=0)) for s in states], intensity
 
 
 def _held(force: Array) -> Array:

@@ -104,7 +104,9 @@ def search(
     fitted = _finished(narrow, fitted)
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
-    plain = [before.long_fit.theta] if before.level < MUCH else []  # far off, the refitted parameters make up for physics
+    plain = (
+        [before.long_fit.theta] if before.level < MUCH else []
+    )  # far off, the refitted parameters make up for physics
     fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), min(WHOLE_SINGLES, _hopeful(fitted)), plain)
     enough = ENOUGH if problem.case.structure is None else ENOUGH_OF_MESH
     if fitted and _wants_a_second(before, fitted, enough):

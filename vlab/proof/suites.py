@@ -64,10 +64,7 @@ MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
     + ("other-form", "out-of-library", "chain-only", "two-effects", "masked"),
-    "campaign": ("in-library",) * 6
-    + ("null",) * 3
-    + ("other-form", "out-of-library") * 2
-    + ("two-effects", "masked"),
+    "campaign": ("in-library",) * 6 + ("null",) * 3 + ("other-form", "out-of-library") * 2 + ("two-effects", "masked"),
     "all": tuple(SUITES),
 }
 """Suites that are mixed in these shares, in an order that the seed shuffles."""
