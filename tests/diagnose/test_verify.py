@@ -48,7 +48,7 @@ def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
     runs = case.runs(("holdout",))
     one = Attached(effect=effect_named(rig.effect), place=rig.place, values=rig.parameters)
     after = Amended(plant=attach(case.plant, [one], channels=[]))
-    results = check(case, runs, Amended(plant=case.plant), after)
+    results = check(runs, Amended(plant=case.plant), after, nominal=Amended(plant=case.plant))
     assert [c.name for c in results] == ["sweep", "other multisine"]
     for c in results:
         assert c.role == "holdout"

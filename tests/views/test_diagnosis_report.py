@@ -20,7 +20,7 @@ from vlab.cases.compare import compare_case
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.refine import Fit, Term
-from vlab.diagnose.verify import amended, check, total
+from vlab.diagnose.verify import Amended, amended, check, total
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -330,7 +330,7 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
         terms=(term,), theta=theta, offsets=np.array([1e-4]), starts={}, error=np.zeros((1, 1)), chi2=0.0, cost=0.0
     )
     before, after = amended(problem, dataclasses.replace(fit, terms=())), amended(problem, fit)
-    checked = check(case, case.runs(("holdout",)), before, after)
+    checked = check(case.runs(("holdout",)), before, after, nominal=Amended(plant=case.plant))
     done = SimpleNamespace(
         problem=problem,
         diagnosis=SimpleNamespace(findings=(1,), checked=checked, heldout={"nrmse_after": total(checked, "after")}),

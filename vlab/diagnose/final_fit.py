@@ -27,7 +27,6 @@ WORSE = 1.5
 """The fit is done again where MuJoCo leaves this multiple of what the twin left."""
 LEAST_EXCESS = 0.02
 """...and at least this share of a channel's rms."""
-MOST_RUNS = 2
 MOST_DIRECTIONS = 5
 STEPS, STEP = 5, 0.02
 DAMPINGS = (1e-3, 0.3, 10.0)
@@ -116,12 +115,16 @@ class _Moves:
         return replace(self.fit, theta=self.fit.theta + self.directions @ x[: self.r], terms=tuple(terms))
 
 
-def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
-    """Return the recordings that are fitted: the largest and the smallest in motion."""
+def loudest_and_quietest(problem: Problem) -> list[Run]:
+    """Return the recordings to fit that are largest and smallest in motion; one where there is one."""
     fit = [run for run in problem.runs if run.role == "fit"]
     size = [max(float(np.std(run.measured[name])) for name in problem.names) for run in fit]
     order = np.argsort(size)
-    chosen = [fit[order[-1]], fit[order[0]]][: min(MOST_RUNS, len(fit))]
+    return [fit[order[-1]], fit[order[0]]][: len(fit)]
+
+
+def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
+    chosen = loudest_and_quietest(problem)
     most = min(LONGEST, MOST_WORK // problem.plant.model.nv)
     return [_target(problem, _shortened(run if limit is None else limit.on(run), most)) for run in chosen]
 

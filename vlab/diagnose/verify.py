@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.cases.case import Case
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
@@ -139,16 +138,23 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
 
 
 def check(
-    case: Case, runs: Sequence[Run], before: Amended, after: Amended | None, hums: Sequence[Hum] = ()
+    runs: Sequence[Run],
+    before: Amended,
+    after: Amended | None,
+    hums: Sequence[Hum] = (),
+    *,
+    nominal: Amended | None = None,
 ) -> list[Checked]:
-    """Simulate runs with the nominal, the refitted and the amended model and measure what is left.
+    """Simulate runs with the refitted, the amended and perhaps the nominal model and measure what is left.
 
     Parameters
     ----------
     hums : sequence of Hum
         Counted as noise.
+    nominal : Amended or None
+        The model as given; what it leaves is not a number without it.
     """
-    models = [Amended(plant=case.plant), before, after]
+    models = [nominal, before, after]
     work = [(model, run) for run in runs for model in models]
     data = side_by_side(lambda item: _try(*item), work)
     simulated = [

@@ -101,7 +101,7 @@ def freed(case: Case) -> dict[str, Any]:
     with contextlib.redirect_stdout(io.StringIO()):  # its optimiser prints whatever it is told
         _, found = sysid.optimize(parameters, residual, max_iters=MOST_ITERATIONS, verbose=False)
     fitted = replace(plant, model=_changed(plant.model, free, found.x))
-    checked = check(case, case.runs(("holdout",)), Amended(plant=plant), Amended(plant=fitted))
+    checked = check(case.runs(("holdout",)), Amended(plant=plant), Amended(plant=fitted))
     return {"nrmse": total(checked, "after"), "parameters": len(free), "note": ""}
 
 
