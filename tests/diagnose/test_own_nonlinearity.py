@@ -1,7 +1,5 @@
 """A model's own nonlinearity along the recorded motion: closed forms, and MuJoCo's beam driven loudly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from rigs import PENDULUM
@@ -9,7 +7,7 @@ from rigs import PENDULUM
 from vlab.cases import load_case
 from vlab.cli import main
 from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.own_nonlinearity import Inverse, Motion, with_own_nonlinearity
+from vlab.diagnose.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
@@ -48,7 +46,7 @@ def test_a_pendulum_has_what_the_sine_lacks_of_the_angle():
         size=(2, 9, 1)
     )  # inertia and viscous damping are linear: they leave nothing
     own = Inverse(plant, shapes)
-    extra = own.extra(Motion(angle / shapes[0, 0], *rates), np.zeros((9, 0)), 0.01)
+    extra = own.extra(ModalMotion(angle / shapes[0, 0], *rates), np.zeros((9, 0)), 0.01)
     expected = shapes[0, 0] * linear.K[0, 0] * (np.sin(angle) - angle)
     # slopes are taken over 1e-5 rad: their own error is (1e-5)^2/6 of them
     np.testing.assert_allclose(extra, expected, atol=1e-6 * np.abs(expected).max())
@@ -89,5 +87,5 @@ def _missed(problem):
     refiner = Refiner(Screen(problem), problem.in_role("fit"))
     (run,) = refiner.runs
     starts = np.zeros((1, 1, 2 * problem.twin.m))
-    y = refiner.simulate([replace(run)], (), np.zeros((1, len(problem.twin.changes))), (), starts)[:, 0, 0]
+    y = refiner.simulate([run], (), np.zeros((1, len(problem.twin.changes))), (), starts)[:, 0, 0]
     return float(np.max(np.std(y - run.y, axis=0) / run.scale))

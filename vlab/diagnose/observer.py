@@ -13,7 +13,7 @@ import numpy as np
 
 from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Discrete
+from vlab.diagnose.twin import Discrete, Twin, discretise
 from vlab.signals import Array
 
 MOST_RICCATI = 4000
@@ -241,3 +241,15 @@ def tune(
     best = best_of([best - 0.375, best, best + 0.375])
     intensity = reference * 10.0**best
     return intensity, filter_gains(system, noise, intensity, start)
+
+
+def smoothed_states(twin: Twin, runs: Sequence[Signals]) -> tuple[list[Array], float]:
+    """Return the modal states (n, 2m) of runs of one sample period, smoothed on a twin as it is, and the tuned intensity."""
+    system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, runs[0].h)
+    y, lengths = stack_runs(runs, [run.y for run in runs])
+    forces, _ = stack_runs(runs, [run.u @ twin.forces.T + run.load @ twin.loads.T for run in runs])
+    usable = stack_runs(runs, [run.usable for run in runs])[0] if any(r.valid is not None for r in runs) else None
+    noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0))
+    intensity, gains = tune(system, noise, forces, y, lengths, usable)
+    x = run_filter(system, gains, forces, y, lengths, usable=usable).x
+    return [x[: len(run), i] for i, run in enumerate(runs)], intensity

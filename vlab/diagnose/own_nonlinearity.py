@@ -6,18 +6,16 @@ smoothed from the recordings, the model's inverse dynamics is asked for the gene
 that the linear model's have not is a known load on the twin's modes.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from scipy import linalg
 
-from vlab.diagnose.observer import run_filter, stack_runs, tune
+from vlab.diagnose.linear_view import ChannelRows
+from vlab.diagnose.observer import smoothed_states
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.recursion import states_of
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Twin, discretise
+from vlab.diagnose.twin import discretise
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -30,7 +28,7 @@ PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ModalMotion:
     """Smoothed motion of a run: modal displacements, velocities and accelerations, (n, m) each."""
 
     q: Array
@@ -41,20 +39,22 @@ class Motion:
 def with_own_nonlinearity(problem: Problem) -> Problem:
     """Return a problem whose twin carries a load on every mode: what its model's own nonlinearity adds to each of its runs."""
     twin, own = problem.twin, Inverse(problem.plant, problem.twin.shapes)
-    loaded, intensity = {}, {}
-    for h in sorted({run.h for run in problem.signals}):
-        runs = [run for run in problem.signals if run.h == h]
-        motions, intensity[h] = _smoothed(twin, runs)
-        for run, motion in zip(runs, motions, strict=True):
-            slaves = np.zeros((len(run), own.slaves.shape[1]))
+    signals, intensity = list(problem.signals), {}
+    for h in sorted({run.h for run in signals}):
+        index = [i for i, run in enumerate(signals) if run.h == h]
+        states, intensity[h] = smoothed_states(twin, [signals[i] for i in index])
+        for i, x in zip(index, states, strict=True):
+            q, v = x[:, : twin.m], x[:, twin.m :]
+            motion = ModalMotion(q, v, np.gradient(v, h, axis=0))
+            slaves = np.zeros((len(x), own.slaves.shape[1]))
             for _ in range(PASSES):
                 extra = own.extra(motion, slaves, h)
                 slaves = own.followed(extra[:, twin.m :], h)
-            loaded[run.name] = replace(run, load=np.hstack([run.load, -_held(extra[:, : twin.m])]))
+            signals[i] = replace(signals[i], load=np.hstack([signals[i].load, -_held(extra[:, : twin.m])]))
     return replace(
         problem,
         twin=replace(twin, loads=np.hstack([twin.loads, np.eye(twin.m)])),
-        signals=tuple(loaded[run.name] for run in problem.signals),
+        signals=tuple(signals),
         intensity=intensity,
     )
 
@@ -101,7 +101,7 @@ class Inverse:
         mujoco.mj_inverse(self.model, data)
         return np.array(data.qfrc_inverse)
 
-    def extra(self, motion: Motion, slaves: Array, h: float) -> Array:
+    def extra(self, motion: ModalMotion, slaves: Array, h: float) -> Array:
         """Return the extra forces on the modes and the slaves, (n, m + n_slaves).
 
         Parameters
@@ -124,28 +124,13 @@ class Inverse:
 
     def followed(self, force: Array, h: float) -> Array:
         """Return the modal displacements of the slaves under the reverse of extra forces (n, n_slaves)."""
-        out = np.zeros_like(force)
-        for j, (omega, damping) in enumerate(zip(self.omega, self.damping, strict=True)):
-            A = np.array([[0.0, 1.0], [-(omega**2), -damping]])
-            step = linalg.expm(A * h)
-            drive = np.linalg.solve(A, (step - np.eye(2)) @ np.array([0.0, 1.0]))
-            moved = states_of(step.T[None], -force[:, None, None, j : j + 1] * drive, np.zeros((1, 1, 2)))
-            out[:, j] = moved[:, 0, 0, 0]
-        return out
-
-
-def _smoothed(twin: Twin, runs: Sequence[Signals]) -> tuple[list[Motion], float]:
-    """Return the motion of runs of one sample period, and the intensity of unknown forces that makes them most likely."""
-    h = runs[0].h
-    system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, h)
-    y, lengths = stack_runs(runs, [run.y for run in runs])
-    forces, _ = stack_runs(runs, [run.u @ twin.forces.T + run.load @ twin.loads.T for run in runs])
-    usable = stack_runs(runs, [run.usable for run in runs])[0] if any(r.valid is not None for r in runs) else None
-    noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0))
-    intensity, gains = tune(system, noise, forces, y, lengths, usable)
-    x = run_filter(system, gains, forces, y, lengths, usable=usable).x
-    states = [x[: len(run), i] for i, run in enumerate(runs)]
-    return [Motion(s[:, : twin.m], s[:, twin.m :], np.gradient(s[:, twin.m :], h, axis=0)) for s in states], intensity
+        count, one = len(self.omega), np.ones((1, 1))
+        M, C, K = (np.reshape(part, (count, 1, 1)) for part in (np.ones(count), self.damping, self.omega**2))
+        rows = ChannelRows(at_q=one, at_v=0 * one, at_a=0 * one, rest=np.zeros(1))
+        system = discretise(M, C, K, one, rows, h)
+        drive = -force[:, :, None, None] * system.B.transpose(0, 2, 1)  # (n, n_slaves, 1, 2)
+        moved = states_of(np.swapaxes(system.A, 1, 2), drive, np.zeros((count, 1, 2)))
+        return np.asarray(moved[:, :, 0, 0])
 
 
 def _held(force: Array) -> Array:

@@ -459,8 +459,7 @@ class Refiner:
                 own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
             options.append(self._initial(layout, own, theta, start))
         X = np.array([*out, *options])
-        residuals = self._residual(layout, terms, X)
-        costs = np.einsum("ij,ij->i", residuals, residuals)
+        costs = self._costs(layout, terms, X)
         together, small = int(np.argmin(costs[:2])), 2 + int(np.argmin(costs[2:]))
         return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
 
@@ -468,9 +467,12 @@ class Refiner:
         """Return starts by what they leave, the least first; with a law that alone."""
         if len(starts) == 1:
             return starts
-        residuals = self._residual(layout, terms, np.array(starts))
-        costs = np.einsum("ij,ij->i", residuals, residuals)
+        costs = self._costs(layout, terms, np.array(starts))
         return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if terms else None]
+
+    def _costs(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
+        residuals = self._residual(layout, terms, X)
+        return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
 
     def _layout(self, terms: Sequence[Term]) -> _Layout:
         free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]

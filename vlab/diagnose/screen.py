@@ -57,6 +57,12 @@ MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
 
+def _inverse(normal: Array) -> Array:
+    """Return the pseudo-inverse of a normal matrix; columns of very different units must not fall to its cutoff."""
+    size = np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
 @dataclass(frozen=True, eq=False)
 class _Plan:
     """The whitened columns of all effects and shapes at a place, (rows, sum of widths)."""
@@ -217,9 +223,7 @@ class Screen:
         """
         share = WORTH / len(self.e) / max(self.variance, 1.0)
         normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
-        size = np.sqrt(np.diag(normal))  # columns of very different units must not fall to the inverse's cutoff
-        inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
-        return np.asarray(inverse @ (share * (self.nuisance.T @ self.e) - pull))
+        return np.asarray(_inverse(normal) @ (share * (self.nuisance.T @ self.e) - pull))
 
     def given(self, candidates: Sequence[Candidate]) -> "Screen":
         """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
@@ -230,8 +234,7 @@ class Screen:
         other.nuisance = np.hstack([nuisance, *columns])
         free = np.concatenate([precision, np.full(other.nuisance.shape[1] - nuisance.shape[1], 1e-12)])
         whole = other.nuisance.T @ other.nuisance + np.diag(free)
-        size = np.sqrt(np.diag(whole))  # columns of very different units must not fall to the inverse's cutoff
-        other._gram = np.linalg.pinv(whole / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        other._gram = _inverse(whole)
         pull = np.zeros(len(free))
         pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
         solution = other._gram @ (other.nuisance.T @ self.e - pull)

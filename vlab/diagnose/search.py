@@ -104,9 +104,8 @@ def search(
     fitted = _finished(narrow, fitted)
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
-    plain = (
-        [before.long_fit.theta] if before.level < MUCH else []
-    )  # far off, the refitted parameters make up for physics
+    # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
+    plain = [before.long_fit.theta] if before.level < MUCH else []
     fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), min(WHOLE_SINGLES, _hopeful(fitted)), plain)
     enough = ENOUGH if problem.case.structure is None else ENOUGH_OF_MESH
     if fitted and _wants_a_second(before, fitted, enough):
@@ -373,11 +372,9 @@ def _pairs(
         return []
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
     rows = [c for other, table in zip(owners, tables, strict=True) if other is seed for c in table]
-    known = {frozenset(t.label for t in h.terms) for h in fits}
+    known = set(list(pairs)[:MOST_PAIRS])
     siblings = [c for c in _siblings(rows, second) if c.effect.name not in chosen.label]
-    return fits + side_by_side(
-        fit, [(seed, c) for c in siblings if frozenset((*(t.label for t in seed.terms), c.label)) not in known]
-    )
+    return fits + side_by_side(fit, [(seed, c) for c in siblings if frozenset((seed.label, c.label)) not in known])
 
 
 def _siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:

@@ -9,11 +9,10 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.nonlinear.course import Course, Motion
-from vlab.diagnose.observer import run_filter, stack_runs, tune
+from vlab.diagnose.observer import smoothed_states
 from vlab.diagnose.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.prepare import Problem, prepare
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import discretise
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
@@ -46,15 +45,11 @@ def linear_problem(case: Case) -> Problem | None:
         at rest without any input that would hold it.
     """
     plant = case.plant
-    if case.structure is not None and case.recordings(
-        ("fit",)
-    ):  # flexible structures: they bend little, and rock by less
-        problem = prepare(case, ("fit",))
-        return (
-            problem if _departure(plant, plant.linearise(), *_large(plant)) < EXACT else with_own_nonlinearity(problem)
-        )
     if not case.recordings(("fit",)):
         return prepare(case, ("fit",))
+    if case.structure is not None:  # flexible structures bend little: the search never goes along their motion
+        problem, departure = prepare(case, ("fit",)), _departure(plant, plant.linearise(), *_large(plant))
+        return problem if departure < EXACT else with_own_nonlinearity(problem)
     if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > MOST_COORDINATES:
         return prepare(case, ("fit",))
     try:
@@ -83,11 +78,7 @@ def _states(problem: Problem) -> tuple[Array, Array]:
     twin = problem.twin
     size = [float(np.max(np.abs(s.y) / np.max([t.scale for t in problem.signals], axis=0))) for s in problem.signals]
     run = _loudest(problem.signals[int(np.argmax(size))])
-    system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, run.h)
-    y, lengths = stack_runs([run], [run.y])
-    forces = (run.u @ twin.forces.T + run.load @ twin.loads.T)[:, None]
-    _, gains = tune(system, run.noise, forces, y, lengths)
-    x = run_filter(system, gains, forces, y, lengths).x[:, 0]
+    (x,), _ = smoothed_states(twin, [run])
     return x[:, : twin.m], x[:, twin.m :]
 
 
