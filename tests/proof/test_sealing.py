@@ -8,11 +8,12 @@ from typing import get_args
 import pytest
 from command import run
 
+import vlab.proof.concealing as concealing
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
-from vlab.errors import BadProof
+from vlab.errors import BadExperiment, BadProof
 from vlab.proof.campaign import run_all
-from vlab.proof.concealing import conceal_cases, truth_folder
+from vlab.proof.concealing import conceal_cases, truth_folder, unfinished_folder
 from vlab.proof.prove import ANSWERS, FROZEN, answers_folder, frozen_answers, open_truth, prove, read_commitments
 from vlab.proof.sealing import canonical, opened, sealed
 
@@ -73,6 +74,34 @@ def test_the_recordings_say_nothing_of_the_truth(cases):
     text = "".join(p.read_text() for p in cases.rglob("*") if p.suffix in (".toml", ".json", ".xml"))
     assert not [w for w in ("suite", "null", "seed", "effect", "benign", "hidden", "sigma") if w in text]
     assert len({p.stat().st_mtime for p in (cases / "case-001").iterdir()}) == 1
+
+
+def test_concealing_that_was_stopped_goes_on_with_its_seed_and_makes_no_case_twice(monkeypatch, tmp_path):
+    plan = {"suites": ["null"], "count": 3, "benches": ["slider"], "jobs": 1}
+    out, made = tmp_path / "cases", []
+    one = concealing.make_case
+
+    def until_the_third(suite, benches, seed, index):
+        made.append(index)
+        if len(made) == 3:
+            raise KeyboardInterrupt
+        return one(suite, benches, seed, index)
+
+    monkeypatch.setattr(concealing, "make_case", until_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        conceal_cases(out, **plan)
+    assert not out.exists()
+    assert not truth_folder(out).exists()
+    (unfinished_folder(out) / "cases" / "case-003").mkdir()  # as one that was being written
+    for other in ({"count": 4}, {"suites": ["in-library"]}, {"seed": 2**40}):
+        with pytest.raises(BadExperiment, match="begun with another"):
+            conceal_cases(out, **{**plan, **other})
+    _, seed = conceal_cases(out, **plan)
+    assert made == [0, 1, 2, 2]
+    assert not unfinished_folder(out).exists()
+    conceal_cases(tmp_path / "at once", **plan, seed=seed)
+    first, again = (json.loads((folder / "commitments.json").read_text()) for folder in (out, tmp_path / "at once"))
+    assert [c["recordings"] for c in first["cases"].values()] == [c["recordings"] for c in again["cases"].values()]
 
 
 def test_the_same_seed_gives_the_same_recordings_and_another_commitment(made, tmp_path):

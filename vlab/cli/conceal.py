@@ -1,7 +1,6 @@
 """``vlab conceal``."""
 
 import argparse
-import secrets
 from pathlib import Path
 
 from vlab.cli.common import Outcome, count_bar, text_table
@@ -16,7 +15,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     known = ", ".join([*SUITES, *MIXTURES])
     parser.add_argument("--suite", default="all", help=f"suites, separated by commas: {known}")
     parser.add_argument("--n", type=int, default=12, help="number of cases")
-    parser.add_argument("--seed", type=int, help="of everything drawn; fresh and printed by default")
+    parser.add_argument(
+        "--seed", type=int, help="of everything drawn; fresh by default, or that of the run that goes on"
+    )
     parser.add_argument("--out", help="folder of the cases; their truth goes to OUT-truth")
     parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
     parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
@@ -36,14 +37,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
     if arguments.again:
         return _again(Path(arguments.again), Path(arguments.out), arguments)
-    seed = fresh_seed() if arguments.seed is None else arguments.seed
     out = Path(arguments.out)
     with count_bar("conceal", arguments.n) as report:
-        commitments = conceal_cases(
+        commitments, seed = conceal_cases(
             out,
             suites=arguments.suite.split(","),
             count=arguments.n,
-            seed=seed,
+            seed=arguments.seed,
             benches=arguments.benches.split(","),
             engine=arguments.engine,
             jobs=arguments.jobs,
@@ -75,8 +75,3 @@ def _again(sealed: Path, out: Path, arguments: argparse.Namespace) -> Outcome:
         )
     document = {"out": str(out), "cases": list(commitments), "commitments": commitments}
     return Outcome(document=document, text=f"{len(commitments)} cases made again in {out}, bit for bit as sealed")
-
-
-def fresh_seed() -> int:
-    """Draw a seed."""
-    return secrets.randbelow(2**31)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cli.common import Outcome, count_bar, text_table
-from vlab.cli.conceal import add_engine, fresh_seed
+from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment
 from vlab.proof.concealing import conceal_cases
 from vlab.proof.prove import answers_folder, prove, table_rows
@@ -40,15 +40,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment("--seed belongs to --quick; the cases of a folder have theirs already")
     if not arguments.quick:
         return _outcome(_proved(Path(arguments.cases), arguments), None)
-    seed = fresh_seed() if arguments.seed is None else arguments.seed
     with tempfile.TemporaryDirectory(prefix="vlab-prove-") as scratch:
         cases = Path(arguments.out or scratch) / "cases"
         with count_bar("conceal", arguments.n) as report:
-            conceal_cases(
+            _, seed = conceal_cases(
                 cases,
                 suites=["quick"],
                 count=arguments.n,
-                seed=seed,
+                seed=arguments.seed,
                 benches=QUICK_BENCHES,
                 engine=arguments.engine,
                 jobs=arguments.jobs,

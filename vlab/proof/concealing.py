@@ -1,5 +1,8 @@
 """Making a folder of concealed cases and, apart from it, the sealed truth."""
 
+import os
+import secrets
+import shutil
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -8,6 +11,7 @@ from typing import Any
 from vlab.errors import BadExperiment, BadProof
 from vlab.outputs import output_folder, write_manifest
 from vlab.proof.campaign import run_all
+from vlab.proof.manifest import generator_digest
 from vlab.proof.sealing import COMMITMENTS, FORMAT, folder_digest, opened, read_json, sealed, write_json
 from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
 from vlab.proof.writing import write_case
@@ -25,14 +29,16 @@ def conceal_cases(
     *,
     suites: Sequence[str],
     count: int,
-    seed: int,
+    seed: int | None = None,
     benches: Sequence[str] = tuple(BENCHES),
     engine: str = "joblib",
     jobs: int = 0,
     scheduler: str = "",
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, str]:
-    """Conceal cases; return the commitment of every case.
+) -> tuple[dict[str, str], int]:
+    """Conceal cases; return the commitment of every case, and the seed.
+
+    What a run that was stopped has made is kept in `unfinished_folder`; the same call goes on from there.
 
     Parameters
     ----------
@@ -40,38 +46,95 @@ def conceal_cases(
         Folder of the recordings; the truth goes to `truth_folder`.
     suites : sequence of str
         Names of suites or mixtures.
+    seed : int, optional
+        That of the run that was stopped by default, a fresh one where there is none.
 
     Raises
     ------
     BadExperiment
-        A count, seed or bench that makes no sense.
+        A count, seed or bench that makes no sense, or another plan than that of the run that was stopped.
     OutputRefused
         A folder cannot be written.
     """
     if not 1 <= count <= MOST_CASES:
         raise BadExperiment(f"{count} cases cannot be made; accepted: 1 to {MOST_CASES}")
-    if seed < 0:
+    if seed is not None and seed < 0:
         raise BadExperiment(f"the seed is {seed}; accepted: 0 or more")
     check_benches(benches)
-    items = _items(suites, count, seed)
-    names = [name for _, _, name in items]
+    drawn_suites(suites, count, 0)  # refuses unknown names before anything is written
     with output_folder(truth_folder(out)) as truths, output_folder(out) as cases:
-        work = partial(_one, folder=cases.resolve(), benches=tuple(benches), seed=seed)
-        found: dict[str, dict[str, Any]] = {}
-        for done, (name, truth) in enumerate(run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler)):
-            found[name] = truth
-            progress(done + 1, count)
-        commitments = {name: _seal(truths / f"{name}.json", found[name]) for name in names}
-        plan = _seal(truths / "plan.json", {"seed": seed, "suites": list(suites), "benches": list(benches)})
+        begun = unfinished_folder(out)
+        plan = _begin(begun, {"suites": list(suites), "benches": list(benches), "count": count}, seed)
+        items = _items(suites, count, plan["seed"])
+        left = [item for item in items if not (begun / "truth" / f"{item[2]}.json").exists()]
+        progress(count - len(left), count)
+        work = partial(_one_kept, folder=begun.resolve(), benches=tuple(benches), seed=plan["seed"])
+        try:
+            for done, _ in enumerate(run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler)):
+                progress(count - len(left) + done + 1, count)
+        finally:
+            if not any((begun / "truth").iterdir()):  # nothing to go on from
+                shutil.rmtree(begun, ignore_errors=True)
+        commitments = {n: _seal(truths / f"{n}.json", read_json(begun / "truth" / f"{n}.json")) for _, _, n in items}
+        for name in commitments:
+            os.replace(begun / "cases" / name, cases / name)
+        known = {key: plan[key] for key in ("seed", "suites", "benches")}
         document = {
             "format": FORMAT,
-            "cases": {n: {"truth": commitments[n], "recordings": folder_digest(cases / n)} for n in names},
-            "plan": plan,
+            "cases": {n: {"truth": c, "recordings": folder_digest(cases / n)} for n, c in commitments.items()},
+            "plan": _seal(truths / "plan.json", known),
         }
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
-        write_manifest(truths, verb="conceal", seed=seed, suites=list(suites), benches=list(benches))
-    return commitments
+        write_manifest(truths, verb="conceal", **known)
+    shutil.rmtree(begun, ignore_errors=True)
+    return commitments, plan["seed"]
+
+
+def unfinished_folder(out: Path) -> Path:
+    """Return where cases are kept until all are made: beside their folder, hidden."""
+    return out.with_name(f".{out.name}-unfinished")
+
+
+def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, Any]:
+    """Return the plan of the cases that are begun in a folder, with its seed; begin them where there is none.
+
+    Raises
+    ------
+    BadExperiment
+        The folder was begun with another plan or generator.
+    """
+    path = folder / "plan.json"
+    wanted = {**wanted, "generator": generator_digest()}
+    if path.exists():
+        plan: dict[str, Any] = read_json(path)
+        for key, value in ({**wanted, "seed": seed} if seed is not None else wanted).items():
+            if plan.get(key) != value:
+                raise BadExperiment(
+                    f"{folder} holds cases begun with another {key}; "
+                    "repeat the command they were begun with, name another folder with --out, or remove that folder"
+                )
+        return plan
+    for inside in ("cases", "truth"):
+        (folder / inside).mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    plan = {**wanted, "seed": fresh_seed() if seed is None else seed}
+    write_json(path, plan)
+    return plan
+
+
+def fresh_seed() -> int:
+    """Draw a seed."""
+    return secrets.randbelow(2**31)
+
+
+def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int) -> str:
+    """Make a case in an unfinished folder; its truth comes last and says that it is whole."""
+    name = item[2]
+    shutil.rmtree(folder / "cases" / name, ignore_errors=True)
+    _, truth = _one(item, folder=folder / "cases", benches=benches, seed=seed)
+    write_json(folder / "truth" / f"{name}.json", truth)
+    return name
 
 
 def regenerate_cases(

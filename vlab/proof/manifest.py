@@ -40,6 +40,12 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
     return dict(json.loads(canonical(bound)))  # as it will be read again
 
 
+def generator_digest() -> str:
+    """Return the SHA-256 of the sources and structures that concealed cases are made with."""
+    made = digest({name: files_digest([(name, asset(name))]) for name in ASSETS})
+    return digest([_sources(Path(vlab.__file__).parent / "proof", "generator/*.py"), made])
+
+
 def _sources(root: Path, pattern: str) -> str:
     """Return the SHA-256 of source files, those aside that only show and count: that must not void the answers."""
     files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
