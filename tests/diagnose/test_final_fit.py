@@ -10,8 +10,9 @@ from rigs import oscillator_case
 from vlab.cases import load_case
 from vlab.diagnose.final_fit import final_fit
 from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner, Term
+from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
+from vlab.diagnose.terms import Term
 from vlab.physics.catalogue import EFFECTS
 
 

@@ -13,7 +13,7 @@ from vlab.diagnose.frequency.problem import prepare_frequency
 from vlab.diagnose.frequency.residual import tracked
 from vlab.diagnose.frequency.screen import Screen
 from vlab.diagnose.frequency.verify import amended_by, check_frequency
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.errors import BadCase
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS

@@ -21,8 +21,8 @@ from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.refine import Term
 from vlab.diagnose.signals import uneven_noise
+from vlab.diagnose.terms import Term
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 

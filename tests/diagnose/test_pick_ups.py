@@ -7,8 +7,9 @@ from rigs import oscillator_case
 from vlab.cases import load_case
 from vlab.diagnose.places import Place, admissible, reported_name
 from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner, Term
+from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
+from vlab.diagnose.terms import Term
 from vlab.diagnose.verify import amended
 from vlab.physics.catalogue import EFFECTS
 

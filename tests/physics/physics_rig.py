@@ -14,7 +14,8 @@ from vlab.cases.initial import InitialState
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
 from vlab.diagnose.prepare import Problem, prepare
-from vlab.diagnose.refine import Refiner, Term
+from vlab.diagnose.refine import Refiner
+from vlab.diagnose.terms import Term
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 

@@ -19,7 +19,7 @@ from vlab.cases import load_case
 from vlab.cases.compare import compare_case
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Fit, Term
+from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.verify import Amended, amended, check, total
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment

@@ -142,33 +142,58 @@ class Bench:
             mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
         mujoco.mj_forward(self.model, self.data)
 
+    def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
+        """Return whether a sensor or a compared channel depends on the present forces, as accelerations do."""
+        return any(c.order == 2 for c in compared) or bool(
+            np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
+        )
+
     def look(self, ctrl: Array, physics: Running | None = None) -> None:
         """Evaluate the present true state in the copy, under given controls and the applied forces.
 
         Physics that is at work acts as it would there; it remembers nothing of it.
         """
-        data, model = self._copy, self.model
-        mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
-        if self._ahead:
-            mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
+        data, model = self._at_present(), self.model
         data.ctrl[:] = ctrl
         mujoco.mj_forward(model, data)
         if physics is not None and physics.ports is not None:
             data.qfrc_applied[:] = self.applied
             physics.ports.look(data, physics.force)
-            mujoco.mj_forward(model, data)
+            mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
+
+    def look_at_motion(self) -> None:
+        """Evaluate positions and velocities of the present true state in the copy, whatever forces act."""
+        data, model = self._at_present(), self.model
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+    def _at_present(self) -> mujoco.MjData:
+        """Return the copy at the present true state."""
+        data, model = self._copy, self.model
+        mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        if self._ahead:
+            mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
+        return data
 
     @property
     def acceleration(self) -> Array:
         """Generalised acceleration at what `look` saw, (nv,)."""
         return np.asarray(self._copy.qacc)
 
-    def sensors(self) -> Array:
-        """Return the plant's sensor values at what `look` saw."""
-        values = self._sum @ self._copy.sensordata
-        travel = self._copy.sensordata[self.plant.travel]
-        if self._range is not None and travel.size == len(self._coils):
-            values[self._coils] *= coil_gain(travel, self._range)
+    @property
+    def raw(self) -> Array:
+        """MuJoCo's own sensor values at what `look` saw, (nsensordata,)."""
+        return np.asarray(self._copy.sensordata)
+
+    def sensors(self, raw: Array | None = None) -> Array:
+        """Return the plant's sensor values, (..., n_sensors), of raw ones; by default at what `look` saw."""
+        raw = self.raw if raw is None else raw
+        values = raw @ self._sum.T
+        travel = raw[..., self.plant.travel]
+        if self._range is not None and travel.shape[-1] == len(self._coils):
+            values[..., self._coils] *= coil_gain(travel, self._range)
         return np.asarray(values)
 
     def values(self, compared: tuple[Compared, ...], sensors: Array) -> Array:
@@ -252,22 +277,25 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
     feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
     command = np.zeros(len(plant.actuators))
     out = np.zeros((clock.readings, len(run.compared)))
+    reads_forces = bench.reads_forces(run.compared)
+    is_later = law is None and (physics is None or not physics.is_read) and not any(c.port for c in run.compared)
+    raw = np.zeros((clock.readings, model.nsensordata)) if is_later else None
     bench.start(state)
     last_check = 0
     times = clock.times
     for k in range(clock.readings):
         part = (k % clock.law_every) * clock.steps
-        force = present[k] + feedback[part - 1]
-        if physics is not None:
-            force = force + physics.last_change
-        bench.look(controls @ force, physics)
-        sensors = bench.sensors()
-        if physics is not None:
-            physics.sense(sensors, times[k])
-        out[k] = bench.values(run.compared, sensors)
-        if physics is not None:
-            for i, c in enumerate(run.compared):
-                out[k, i] = physics.read(c.channel, float(out[k, i]), times[k])
+        if reads_forces:
+            force = present[k] + feedback[part - 1]
+            if physics is not None:
+                force = force + physics.last_change
+            bench.look(controls @ force, physics)
+        else:
+            bench.look_at_motion()
+        if raw is not None:
+            raw[k] = bench.raw
+        else:
+            sensors = _read(bench, run, physics, times[k], out[k])
         if law is not None and push is not None and part == 0:
             command[list(law.actuators)] = law.step(sensors)
             feedback[:, list(law.actuators)] = push(command[list(law.actuators)])
@@ -282,7 +310,24 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
+    if raw is not None:
+        sensors = bench.sensors(raw)
+        for i, c in enumerate(run.compared):
+            if c.sensor is not None:
+                out[:, i] = sensors[:, c.sensor]
     return Played(times, out)
+
+
+def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Array) -> Array:
+    """Return the sensors' values at what the bench looked at; write those of the compared channels."""
+    sensors = bench.sensors()
+    if physics is not None:
+        physics.sense(sensors, time)
+    out[:] = bench.values(run.compared, sensors)
+    if physics is not None:
+        for i, c in enumerate(run.compared):
+            out[i] = physics.read(c.channel, float(out[i]), time)
+    return sensors
 
 
 def _physics(plant: Plant, run: Run, clock: Clock) -> Running | None:

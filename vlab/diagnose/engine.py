@@ -21,9 +21,9 @@ from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequenc
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import MODEL_ERROR, Problem
-from vlab.diagnose.refine import Fit
 from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.diagnose.zeros import Zero, shifted_zeros

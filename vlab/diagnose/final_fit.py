@@ -17,8 +17,9 @@ from vlab.diagnose.hum import without_hum
 from vlab.diagnose.hypothesis import WORTH
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import Fit, Refiner, inward, outward
+from vlab.diagnose.refine import Refiner, inward, outward
 from vlab.diagnose.signals import noise_level
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
 from vlab.signals import Array

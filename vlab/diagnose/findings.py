@@ -12,7 +12,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import Fit
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.zeros import Zero
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect

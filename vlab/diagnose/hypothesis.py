@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vlab.diagnose.refine import Fit, Term
+from vlab.diagnose.terms import Fit, Term
 
 WORTH = 40.0
 """Independent samples that a score counts at most. The recordings hold many more, but what a model leaves of them is its own

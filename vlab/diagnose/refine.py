@@ -7,24 +7,20 @@ in the few directions that the recordings say something of; initial states and c
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.places import Place
-from vlab.diagnose.recursion import states_of
-from vlab.diagnose.screen import RUNAWAY, Candidate, Screen
+from vlab.diagnose.march import acting_order, march
+from vlab.diagnose.screen import Candidate, Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
+from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.twin import discretise
 from vlab.physics.effect import (
     ActuatorEffect,
-    Effect,
     LinearPortEffect,
     Parameter,
     PickUp,
-    PortEffect,
     SensorEffect,
-    Step,
 )
 from vlab.signals import Array
 
@@ -37,9 +33,6 @@ EXPLAINED = 1.7
 REUSED = 3
 """Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
 1965) while they keep half of their promise."""
-CHUNK = 400
-CHECKED = 8
-"""Every so many samples states are looked at whether they ran away."""
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LOOSE_START = 0.03
@@ -51,54 +44,6 @@ INFORMED = 0.1
 """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
 error, root mean square, stay at the prior's mean."""
 PROBE = 0.3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Term:
-    """One effect at one place with starting values."""
-
-    effect: Effect
-    place: Place
-    values: Mapping[str, float]
-
-    @property
-    def label(self) -> str:
-        """Effect and place in one string."""
-        return f"{self.effect.name}@{self.place.name}"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
-    """A fitted hypothesis.
-
-    Parameters
-    ----------
-    terms : tuple of Term
-        With fitted values.
-    theta : (n_changes,) array
-        Log-factors of the uncertain parameters.
-    offsets : (n_channels,) array
-        Zeros of the channels.
-    starts : mapping of str to (2m,) array
-        Modal state at the first sample of every run that does not start at rest.
-    error : (n_runs, n_channels) array
-        Rms of the remaining difference over the channel's rms, runs in the order of the fit.
-    chi2 : float
-        Weighted sum of squares, priors included.
-    cost : float
-        As `chi2`, without the priors.
-    sd : mapping of str to float
-        Standard deviation of every fitted effect parameter (log where unsigned), by ``"label:name"``.
-    """
-
-    terms: tuple[Term, ...]
-    theta: Array
-    offsets: Array
-    starts: dict[str, Array]
-    error: Array
-    chi2: float
-    cost: float
-    sd: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -261,8 +206,7 @@ class Refiner:
                     M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
                     C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                     K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
-        ports = [i for i, term in enumerate(terms) if isinstance(term.effect, PortEffect)]
-        ports.sort(key=lambda i: terms[i].effect.family == "friction")  # sticking answers all other forces
+        ports = acting_order(terms)
         substeps = max(1, int(np.ceil(STEPS_PER_CYCLE * self.highest * h))) if ports else 1
         inputs = np.concatenate(
             [
@@ -275,7 +219,7 @@ class Refiner:
         known = inputs.shape[2] - len(ports)
         forces = self._inputs(runs, terms, values, n_sets)
         with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
-            y = _march(system, forces, known, terms, values, ports, starts, runs, substeps)
+            y = march(system, forces, known, terms, values, ports, starts, runs, substeps)
         return self._read(y, runs, terms, theta, values)
 
     def _read(
@@ -646,148 +590,3 @@ def _mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]
             other[1 : len(run), 0, j] = run.u[:-1, k]
     p = {name: np.asarray(value)[:, None] for name, value in own.items()}
     y[..., i] = term.effect.mix(y[..., i], other, p)
-
-
-def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:
-    """Return a law's memory after the smoothed motion that stands before every window."""
-    memory = effect.memory((n_sets, len(runs)))
-    longest = max((0 if run.before is None else len(run.before)) for run in runs)
-    if memory is None or longest == 0:
-        return memory
-    m = len(row)
-    z, v = np.zeros((longest, len(runs))), np.zeros((longest, len(runs)))
-    for i, run in enumerate(runs):
-        if run.before is not None and len(run.before):
-            z[-len(run.before) :, i], v[-len(run.before) :, i] = run.before[:, :m] @ row, run.before[:, m:] @ row
-    for k in range(longest):
-        memory = effect.force(z[k][None], v[k][None], p, Step(h=runs[0].h), memory)[1]
-    return memory
-
-
-@dataclass(eq=False)
-class _Law:
-    """A port's law in the march: what its force does to the states (n_sets, 1, 2m) and to what all ports see."""
-
-    effect: PortEffect
-    values: Mapping[str, Array]
-    push: Array
-    felt: Array
-    mobility: Array
-    coil: int | None
-    memory: Any
-
-
-def _march(
-    system: Any,
-    forces: Array,
-    known: int,
-    terms: Sequence[Term],
-    values: Sequence[Mapping[str, Array]],
-    ports: Sequence[int],
-    starts: Array,
-    runs: Sequence[Signals],
-    substeps: int,
-) -> Array:
-    """March parameter sets through all samples: exact for the linear part, port forces held over a step at its middle."""
-    n, n_sets, n_runs = len(forces), len(starts), starts.shape[1]
-    AT = np.ascontiguousarray(np.swapaxes(system.A, 1, 2))
-    BT, CT, DT = (np.swapaxes(part, 1, 2) for part in (system.B, system.C, system.D))
-    seen = _seen_by([terms[i].place.rows[0] for i in ports], starts.shape[2] // 2)
-    laws = [_law(terms[i], values[i], system.B[:, :, known + k], seen, k, runs, n_sets) for k, i in enumerate(ports)]
-    x, out = starts.copy(), np.zeros((n, n_sets, n_runs, system.C.shape[1]))
-    for first in range(0, n, CHUNK):
-        part = forces[first : first + CHUNK]
-        drive = np.matmul(part, BT[:, :known])  # (chunk, n_sets, n_runs, 2m)
-        if laws:
-            states, pushed, x = _march_laws(AT, drive, part, x, laws, seen, runs, first, substeps)
-        else:
-            states, pushed = states_of(AT, drive, x), np.zeros((len(part), n_sets, n_runs, 0))
-            x = _contained(np.matmul(states[-1], AT) + drive[-1])
-        out[first : first + CHUNK] = np.matmul(states, CT)
-        if np.any(DT):
-            whole = np.concatenate([np.broadcast_to(part, (len(part), n_sets, n_runs, known)), pushed], axis=3)
-            out[first : first + CHUNK] += np.matmul(whole, DT)
-    return out
-
-
-def _seen_by(rows: Sequence[Array], m: int) -> Array:
-    """Return what makes displacements, then velocities, of ports of states, (2m, 2 n_ports)."""
-    out = np.zeros((2 * m, 2 * len(rows)))
-    for j, row in enumerate(rows):
-        out[:m, j], out[m:, len(rows) + j] = row, row
-    return out
-
-
-def _law(
-    term: Term, values: Mapping[str, Array], push: Array, seen: Array, k: int, runs: Sequence[Signals], n_sets: int
-) -> _Law:
-    assert isinstance(term.effect, PortEffect)
-    p = {name: np.asarray(v)[:, None] for name, v in values.items()}
-    felt = push @ seen
-    return _Law(
-        effect=term.effect,
-        values=p,
-        push=push[:, None, :],
-        felt=felt[:, None, :],
-        mobility=felt[:, seen.shape[1] // 2 + k][:, None],
-        coil=term.place.coil,
-        memory=_remember(term.effect, term.place.rows[0], p, runs, n_sets),
-    )
-
-
-def _march_laws(
-    AT: Array,
-    drive: Array,
-    part: Array,
-    x: Array,
-    laws: Sequence[_Law],
-    seen: Array,
-    runs: Sequence[Signals],
-    first: int,
-    substeps: int,
-) -> tuple[Array, Array, Array]:
-    """Return the states at the samples of a chunk, the forces of the laws from them on, and the states at its end.
-
-    The laws see only their ports' motion, so that alone is worked out again after every force.
-    """
-    h, count = runs[0].h, len(laws)
-    step, late = h / substeps, np.array([run.t0 for run in runs])
-    states, pushed = np.zeros(drive.shape), np.zeros((*drive.shape[:3], count))
-    at = x @ seen
-    for k in range(len(part)):
-        states[k] = x
-        for sub in range(substeps):
-            x = np.matmul(x, AT)
-            x += drive[k]
-            after = x @ seen
-            t = late + ((first + k) * h + (sub + 0.5) * step)
-            for j, law in enumerate(laws):
-                now = Step(
-                    h=step,
-                    t=t,
-                    mobility=law.mobility,
-                    free_velocity=after[..., count + j],
-                    command=0.0 if law.coil is None else part[k][..., law.coil],
-                )
-                middle = 0.5 * (at + after)
-                force, law.memory = law.effect.force(
-                    middle[..., j], middle[..., count + j], law.values, now, law.memory
-                )
-                force = force[..., None]
-                x += force * law.push
-                after += force * law.felt
-                if sub == 0:
-                    pushed[k, ..., j] = force[..., 0]
-            at = after
-        if k % CHECKED == 0:
-            contained = _contained(x)
-            if contained is not x:
-                x, at = contained, contained @ seen
-    return states, pushed, x
-
-
-def _contained(x: Array) -> Array:
-    """Return states, brought back to large numbers where they ran away."""
-    if np.abs(x).max() < RUNAWAY:
-        return x
-    return np.clip(np.nan_to_num(x, nan=1e9, posinf=1e9, neginf=-1e9), -1e9, 1e9)

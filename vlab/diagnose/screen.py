@@ -14,7 +14,7 @@ from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.fft import next_fast_len
+from scipy.fft import irfft, next_fast_len, rfft
 
 from vlab.diagnose.observer import Gains, Smoothed, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.parallel import side_by_side
@@ -55,6 +55,8 @@ SHARES = 2
 """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
+FORGOTTEN = 1e-7
+"""Share of its largest value below which an impulse response has ended: the precision of the columns."""
 
 
 def _inverse(normal: Array) -> Array:
@@ -70,6 +72,30 @@ class _Plan:
     effects: list[tuple[Effect, dict[str, float]]]
     widths: list[int]
     rows: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cause:
+    """Signals that all enter a problem in one way.
+
+    Parameters
+    ----------
+    series : (n, n_runs, k) array
+        The signals.
+    force : (m,) array or None
+        The modal forces of a unit; None where the signals are added to readings.
+    channel : int
+        The channel whose readings they are added to.
+    """
+
+    series: Array
+    force: Array | None = None
+    channel: int = 0
+
+    @property
+    def way(self) -> bytes | int:
+        """What causes that enter in the same way have in common."""
+        return self.channel if self.force is None else self.force.tobytes()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +131,8 @@ class Group:
         Innovations.
     white : (p, p) or (n, n_runs, p, p) array
         What makes their variance one.
+    impulses : (n, p, m + p) array
+        What unit impulses of the modal forces and of additions to the readings leave in them.
     """
 
     runs: list[Signals]
@@ -119,6 +147,7 @@ class Group:
     motion: tuple[Array, Array, Array] = field(default_factory=tuple)  # type: ignore[assignment]
     e: Array = field(default_factory=lambda: np.zeros(0))
     white: Array = field(default_factory=lambda: np.zeros(0))
+    impulses: Array = field(default_factory=lambda: np.zeros(0))
     first: int = 0
     at_places: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
@@ -290,9 +319,7 @@ class Screen:
                 return plan.rows[:, start : start + width].astype(float)
             start += width
         for group in self.groups:
-            modal, reading = self._columns(group, candidate.place, candidate.effect, shape)
-            left = self.through(group, modal, reading)
-            self._foreseen(group, candidate.place, candidate.effect, shape, left)
+            left, _ = self._left_by(group, candidate.place, [(candidate.effect, shape)])
             blocks.append(group.rows(left))
         return np.concatenate(blocks)
 
@@ -332,33 +359,19 @@ class Screen:
         group.motion = _middles(twin, group)
         group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
+        group.impulses = _impulses(system, gains.K[-1], len(y))
         return group
 
     # ---- what a signal leaves in the innovations --------------------------------------------------------------------
 
     def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
         """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
-        system, K = group.system, group.gains.K[-1]
-        A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
-        L, G = A - K @ C, B - K @ D
-        part = modal if modal is not None else reading
-        assert part is not None
-        n, n_runs, _, k = part.shape
-        single = np.float32  # of columns that are compared with noise
-        out = np.zeros((n, n_runs, len(C), k), dtype=single)
-        drive = np.zeros((n, n_runs, k, A.shape[0]), dtype=single)
+        parts = []
         if modal is not None:
-            wide = np.ascontiguousarray(np.swapaxes(modal, 2, 3), dtype=single)
-            drive += wide @ G.T.astype(single)
-            if np.any(D):
-                out += np.swapaxes(wide @ D.T.astype(single), 2, 3)
+            parts.append(_convolved(group.impulses[:, :, : self.twin.m], modal.astype(np.float32)))
         if reading is not None:
-            drive -= np.swapaxes(reading, 2, 3).astype(single) @ K.T.astype(single)
-            out += reading
-        start = np.zeros((1, n_runs * k, len(A)), dtype=single)
-        states = states_of(L.T[None].astype(single), drive.reshape(n, 1, n_runs * k, -1), start)
-        seen = (states.reshape(n * n_runs * k, -1) @ C.T.astype(single)).reshape(n, n_runs, k, len(C))
-        return out + np.swapaxes(seen, 2, 3)
+            parts.append(_convolved(group.impulses[:, :, self.twin.m :], reading.astype(np.float32)))
+        return np.asarray(sum(parts))
 
     def _nuisance(self) -> Array:
         """Return the whitened columns of the uncertain parameters, (rows, n_changes)."""
@@ -446,29 +459,57 @@ class Screen:
         parts: list[Array] = []
         widths: list[int] = []
         for group in self.groups:
-            columns = [self._columns(group, place, effect, values) for effect, values in plans]
-            widths = [self._width(pair) for pair in columns]
-            modal = np.concatenate(
-                [self._wide(c[0], group, w, 0) for c, w in zip(columns, widths, strict=True)], axis=-1
-            )
-            reading = np.concatenate(
-                [self._wide(c[1], group, w, 1) for c, w in zip(columns, widths, strict=True)], axis=-1
-            )
-            forced = bool(np.any(modal))
-            left = self.through(group, modal if forced else None, None if forced else reading)
-            start = 0
-            for (effect, values), width in zip(plans, widths, strict=True):
-                self._foreseen(group, place, effect, values, left[..., start : start + width])
-                start += width
+            left, widths = self._left_by(group, place, plans)
             parts.append(group.rows(left))
         return _Plan(plans, widths, np.concatenate(parts).astype(np.float32))
+
+    def _left_by(
+        self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> tuple[Array, list[int]]:
+        """Return what effects with their shapes leave in the innovations, (n, n_runs, p, sum of widths), and their widths."""
+        left, widths = self._carried(group, [self._causes(group, place, effect, values) for effect, values in plans])
+        start = 0
+        for (effect, values), width in zip(plans, widths, strict=True):
+            self._foreseen(group, place, effect, values, left[..., start : start + width])
+            start += width
+        return left, widths
+
+    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+        """Return what causes leave in the innovations, one block of columns for those that belong together, and the widths.
+
+        Every way in has one impulse response, so the columns are its convolutions with the signals.
+        """
+        widths = [own[0].series.shape[-1] for own in causes]
+        starts = [sum(widths[:i]) for i in range(len(widths) + 1)]
+        ways: dict[bytes | int, list[tuple[int, Cause]]] = {}
+        for start, own in zip(starts, causes, strict=False):
+            for cause in own:
+                ways.setdefault(cause.way, []).append((start, cause))
+        columns, order = [], []
+        for entering in ways.values():
+            series = np.concatenate([c.series.astype(np.float32) for _, c in entering], axis=-1)
+            columns.append(_convolved(self._impulse(group, entering[0][1]), series[:, :, None]))
+            order += [start + i for start, c in entering for i in range(c.series.shape[-1])]
+        if order == list(range(starts[-1])):
+            return np.concatenate(columns, axis=-1), widths
+        out = np.zeros((*group.y.shape, starts[-1]), dtype=np.float32)
+        for i, column in zip(order, np.moveaxis(np.concatenate(columns, axis=-1), -1, 0), strict=True):
+            out[..., i] += column
+        return out, widths
+
+    def _impulse(self, group: Group, cause: Cause) -> Array:
+        """Return what a unit impulse in a cause's way leaves in the innovations, (n, p, 1)."""
+        m = self.twin.m
+        if cause.force is None:
+            return group.impulses[:, :, m + cause.channel, None]
+        return np.asarray(group.impulses[:, :, :m] @ cause.force[:, None])
 
     def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
         if place.name not in self._cache:
             self._cache[place.name] = self._plan(place, effects)
         plan = self._cache[place.name]
-        rows = plan.rows.astype(float)
-        left = self._left(rows)
+        rows = np.asfortranarray(plan.rows, dtype=float)  # a column is read at once
+        left = np.asfortranarray(self._left(rows))
         best: dict[str, Candidate] = {}
         start = 0
         for (effect, values), width in zip(plan.effects, plan.widths, strict=True):
@@ -517,16 +558,6 @@ class Screen:
             return 0.0
         samples = len(self.e) / len(self.twin.rows.at_q)
         return 0.5 * len(self.e) * float(np.log(before / after)) + samples * effect.stretch(values, self.groups[0].h)
-
-    def _width(self, pair: tuple[Array | None, Array | None]) -> int:
-        part = pair[0] if pair[0] is not None else pair[1]
-        assert part is not None
-        return int(part.shape[-1])
-
-    def _wide(self, part: Array | None, group: Group, width: int, which: int) -> Array:
-        n, n_runs = group.y.shape[:2]
-        size = self.twin.m if which == 0 else group.y.shape[2]
-        return np.zeros((n, n_runs, size, width)) if part is None else part
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
         """Return displacement and velocity of a port at the middles of the steps, (n, n_runs)."""
@@ -615,38 +646,30 @@ class Screen:
             value = max(float(np.abs(np.diff(g.u[..., own], axis=0)).max() / g.h) for g in self.groups)
         return value
 
-    def _columns(
-        self, group: Group, place: Place, effect: Effect, shape: dict[str, float]
-    ) -> tuple[Array | None, Array | None]:
-        """Return modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) of an effect's amplitudes."""
+    def _causes(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> list[Cause]:
+        """Return what units of an effect's amplitudes do, (n, n_runs, k) signals and the ways they enter."""
         if isinstance(effect, PickUp):
-            reading = np.zeros((*group.y.shape, 1))
             other = _before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
             recorded = group.y[..., place.index]
             (values,) = unit_amplitudes(effect, shape)
-            reading[..., place.index, 0] = effect.mix(recorded, other, values) - recorded
-            return None, reading
+            return [Cause(series=(effect.mix(recorded, other, values) - recorded)[..., None], channel=place.index)]
         if isinstance(effect, SensorEffect):
             recorded = group.y[..., place.index]
             t = np.arange(len(recorded)) * group.h
             parts = [recorded - effect.correct(recorded, v, group.h, t) for v in unit_amplitudes(effect, shape)]
-            reading = np.zeros((*group.y.shape, len(parts)))
-            reading[..., place.index, :] = np.stack(parts, axis=-1)
-            return None, reading
+            return [Cause(series=np.stack(parts, axis=-1), channel=place.index)]
         if isinstance(effect, ActuatorEffect):
-            modal = np.zeros(())
-            for i in place.indices:
-                command = group.u[..., i]
-                parts = [effect.actuate(command, v, group.h) - command for v in unit_amplitudes(effect, shape)]
-                modal = modal + self.now.forces[:, i][:, None] * np.stack(parts, axis=-1)[..., None, :]
-            return modal, None
+            return [
+                Cause(series=commands_changed(effect, group.u[..., i], shape, group.h), force=self.now.forces[:, i])
+                for i in place.indices
+            ]
         if isinstance(effect, LinearPortEffect):
-            return self._linear_columns(group, place, effect), None
+            return self._linear_causes(group, place, effect)
         assert isinstance(effect, PortEffect)
         z, v = self.motion(group, place)
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         parts = [self._series(group, place, effect, values, z, v, own) for values in unit_amplitudes(effect, shape)]
-        return place.rows[0][:, None] * np.stack(parts, axis=-1)[..., None, :], None
+        return [Cause(series=np.stack(parts, axis=-1), force=place.rows[0])]
 
     def _series(
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
@@ -672,15 +695,39 @@ class Screen:
             self._marched[key] = port_series(effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h)
         return np.asarray(self._marched[key][..., at, which])
 
-    def _linear_columns(self, group: Group, place: Place, effect: LinearPortEffect) -> Array:
+    def _linear_causes(self, group: Group, place: Place, effect: LinearPortEffect) -> list[Cause]:
         p, v, a = group.motion
-        out = np.zeros((*p.shape, 1))
         (values,) = unit_amplitudes(effect, {})
         mass, damping, stiffness = effect.impedance(values, place.stiffness)
-        for row in place.rows:
-            force = mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row)
-            out[..., 0] -= force[..., None] * row
-        return out
+        return [
+            Cause(series=-(mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row))[..., None], force=row)
+            for row in place.rows
+        ]
+
+
+def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float) -> Array:
+    """Return by how much units of an effect's amplitudes change commands (n, n_runs), (n, n_runs, k)."""
+    return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
+
+
+def _impulses(system: Discrete, gain: Array, n: int) -> Array:
+    """Return what unit impulses of the modal forces and the readings leave in the innovations of a steady filter, (n, p, m + p)."""
+    A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
+    p = len(C)
+    after = np.hstack([B - gain @ D, -gain]).T  # the states that follow, one a row
+    states = states_of((A - gain @ C).T[None], np.zeros((n - 1, 1, *after.shape)), after[None])
+    return np.concatenate([np.hstack([D, np.eye(p)])[None], np.swapaxes(states[:, 0] @ C.T, 1, 2)])
+
+
+def _convolved(impulses: Array, series: Array) -> Array:
+    """Return what signals (n, n_runs, q, k) become by impulse responses (n, p, q), (n, n_runs, p, k)."""
+    n, size = len(series), np.abs(impulses).max(axis=(1, 2))
+    lasting = 1 + int(np.flatnonzero(size > FORGOTTEN * size.max())[-1]) if np.any(size) else 1
+    length = next_fast_len(n + lasting - 1, real=True)
+    answer = rfft(impulses[:lasting].astype(series.dtype), length, axis=0)[:, None]
+    seen = rfft(series, length, axis=0)
+    seen = answer * seen if series.shape[2] == 1 else answer @ seen
+    return np.asarray(irfft(seen, length, axis=0, overwrite_x=True)[:n])
 
 
 def _middles(twin: Twin, group: Group) -> tuple[Array, Array, Array]:

@@ -12,8 +12,8 @@ from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import Fit
 from vlab.diagnose.signals import noise_level, uneven_noise
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.zeros import Zero
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach

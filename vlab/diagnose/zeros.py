@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import Fit
+from vlab.diagnose.terms import Fit
 
 BENIGN_ZERO = 0.01
 """A zero that is off by less than this share of its channel's rms is what every laboratory has..."""

@@ -125,6 +125,9 @@ class PortEffect(Effect):
     """A force along a port's coordinate."""
 
     kind: ClassVar[Kind] = "port"
+    response: ClassVar[Literal["any", "linear", "none"]] = "any"
+    """How the force depends on the port's motion. ``"linear"``: force and memory are linear in the motion and the memory, the same
+    at all times and under every command; ``"none"``: the force depends on time alone. Such laws are simulated much faster."""
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """Return the law's memory before anything happened, a state of this shape each; None for a law without memory."""

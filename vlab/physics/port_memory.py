@@ -144,6 +144,7 @@ class AttachedOscillator(PortEffect):
 
     name = "attached-oscillator"
     family = "substructure"
+    response = "linear"
     law = "F = -m x'', x'' = w^2 (z - x) + 2 D w (v - x')"
     words = "something with a resonance of its own swings along: a cable's transverse mode, a lead, a loose part"
     parameters: ClassVar = (
@@ -171,6 +172,7 @@ class StructuralDamping(PortEffect):
 
     name = "structural-damping"
     family = "damping"
+    response = "linear"
     law = "K(1 + j eta) about the centre frequency: three Maxwell elements, loss constant to 7 % over two decades"
     words = "energy is lost per cycle whatever the frequency, as in materials and bolted joints (loss factor)"
     parameters: ClassVar = (

@@ -190,6 +190,7 @@ class ForceOffset(PortEffect):
 
     name = "force-offset"
     family = "bias"
+    response = "none"
     law = "F = F0"
     words = "a constant force: gravity along a tilted axis, a bias of the drive, a draught"
     parameters: ClassVar = (Parameter(name="force", unit="N", low=1e-9, high=1e5, signed=True),)
@@ -204,6 +205,7 @@ class SinusoidalForce(PortEffect):
 
     name = "sinusoidal-force"
     family = "disturbance"
+    response = "none"
     law = "F = a sin(2 pi f t) + b cos(2 pi f t)"
     words = "a force of one frequency from outside: a machine, hum of an amplifier, motion of the floor, a draught"
     parameters: ClassVar = (

@@ -270,6 +270,11 @@ class Running:
         self._change += force
 
     @property
+    def is_read(self) -> bool:
+        """Whether samples of sensors or other channels are changed."""
+        return bool(self._sensors or self._readings)
+
+    @property
     def last_change(self) -> Array:
         """What `actuate` added to the forces in the last step."""
         return self._change

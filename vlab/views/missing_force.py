@@ -8,8 +8,8 @@ import numpy as np
 from vlab.diagnose.engine import Diagnosed
 from vlab.diagnose.nonlinear.force import asked_force
 from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.refine import Term
 from vlab.diagnose.screen import Group, port_series
+from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import discretise
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.signals import Array

@@ -27,7 +27,7 @@ from vlab.diagnose.frequency.verify import (
     leave_out,
     modal_errors,
 )
-from vlab.diagnose.refine import Fit
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.physics.catalogue import EFFECTS

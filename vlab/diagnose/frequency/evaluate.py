@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.frequency.measured import Response
 from vlab.diagnose.frequency.view import View, Wires
 from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect, Values
 from vlab.physics.small_signal import SmallSignal, channel_response, small_signal
 from vlab.signals import Array, ComplexArray

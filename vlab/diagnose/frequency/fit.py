@@ -9,7 +9,8 @@ from vlab.diagnose.frequency.evaluate import Shared
 from vlab.diagnose.frequency.measured import Measured, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import Residual, residual
-from vlab.diagnose.refine import PRIOR_BOUND, Fit, Term
+from vlab.diagnose.refine import PRIOR_BOUND
+from vlab.diagnose.terms import Fit, Term
 from vlab.signals import Array
 
 ITERATIONS = 25

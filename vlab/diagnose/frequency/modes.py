@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.frequency.evaluate import State, at_port, is_port
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.physics.small_signal import SmallSignal
 from vlab.signals import Array, ComplexArray
 

@@ -18,7 +18,7 @@ from vlab.diagnose.frequency.evaluate import STEP, Answer, Shared, State, answer
 from vlab.diagnose.frequency.measured import MODEL_ERROR, SMALLEST_ZETA, Measured, Modes, Response
 from vlab.diagnose.frequency.modes import ModelModes, by_parameter, matrix_changes, model_modes, state_matrix
 from vlab.diagnose.frequency.view import View, Wires
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.signals import Array, ComplexArray
 
 INDEPENDENT = 40.0

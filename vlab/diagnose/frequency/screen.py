@@ -26,7 +26,7 @@ from vlab.diagnose.frequency.trials import trials
 from vlab.diagnose.frequency.view import View
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array, ComplexArray
 

@@ -13,8 +13,8 @@ from vlab.diagnose.frequency.trials import candidates
 from vlab.diagnose.hypothesis import Found, Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
-from vlab.diagnose.refine import Fit, Term
 from vlab.diagnose.search import ENOUGH
+from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import Effect
 from vlab.signals import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from vlab.diagnose.frequency.measured import Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.places import Place, admissible
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array

@@ -14,7 +14,7 @@ from vlab.diagnose.frequency.modes import ModelModes, model_modes, state_matrix
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import shape_rows, tracked
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
-from vlab.diagnose.refine import Fit
+from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import Distance, gap_closed, total
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach

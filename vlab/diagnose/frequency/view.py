@@ -10,7 +10,7 @@ from vlab.cases.wiring import ORDER, Compared
 from vlab.diagnose.frequency.measured import Measured, Modes, Response
 from vlab.diagnose.linear_view import ChannelRows, actuator_forces, channel_rows
 from vlab.diagnose.places import Place
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import observable
 from vlab.errors import BadCase
 from vlab.physics.effect import LinearPortEffect

@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.diagnose.nonlinear.screen import MovingScreen, forces_along
 from vlab.diagnose.nonlinear.tangent import stacked
-from vlab.diagnose.refine import Fit, Term
+from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.signals import Array
 

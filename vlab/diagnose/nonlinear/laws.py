@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.refine import Term
+from vlab.diagnose.terms import Term
 from vlab.physics.effect import LinearPortEffect, PortEffect, Step
 from vlab.signals import Array
 

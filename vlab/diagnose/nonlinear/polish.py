@@ -10,7 +10,8 @@ from vlab.cases.simulate import simulate
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.refine import ITERATIONS, Fit, Term
+from vlab.diagnose.refine import ITERATIONS
+from vlab.diagnose.terms import Fit, Term
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant

@@ -16,8 +16,9 @@ from vlab.diagnose.nonlinear.laws import Law, Path, path_of
 from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
 from vlab.diagnose.nonlinear.tangent import FINE, stacked
 from vlab.diagnose.places import Place
-from vlab.diagnose.refine import Fit, Refiner, Term
+from vlab.diagnose.refine import Refiner
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
+from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
 

@@ -27,7 +27,7 @@ from vlab.diagnose.observer import Smoothed, stack_runs
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.screen import Group, Screen, unit_amplitudes
+from vlab.diagnose.screen import Cause, Group, Screen, commands_changed, unit_amplitudes
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete
 from vlab.diagnose.uncertain import Uncertain
@@ -277,30 +277,43 @@ class MovingScreen(Screen):
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 
-    def _columns(
-        self, group: Group, place: Place, effect: Effect, shape: dict[str, float]
-    ) -> tuple[Array | None, Array | None]:
-        if isinstance(effect, SensorEffect):
-            return super()._columns(group, place, effect, shape)
+    def _left_by(
+        self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> tuple[Array, list[int]]:
+        """See `Screen`; sensors are read as there, forces act along directions that turn with the motion."""
+        if place.kind in ("sensor", "pick-up"):
+            return super()._left_by(group, place, plans)
+        modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
+
+    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+        """See `Screen`: a system that varies has no impulse response."""
+        widths = [own[0].series.shape[-1] for own in causes]
+        reading = np.zeros((*group.y.shape, sum(widths)))
+        for start, (cause,) in zip(np.cumsum([0, *widths]), causes, strict=False):
+            reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
+        return self.through(group, None, reading), widths
+
+    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
+        """Return the generalised forces of an effect's amplitudes along the motion, (n, n_runs, nv, k)."""
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
-                command = group.u[..., i]
-                parts = [effect.actuate(command, v, group.h) - command for v in unit_amplitudes(effect, shape)]
-                total = total + self.driven_force(i)[..., None] * np.stack(parts, axis=-1)[..., None, :]
-            return total, None
+                changed = commands_changed(effect, group.u[..., i], shape, group.h)
+                total = total + self.driven_force(i)[..., None] * changed[..., None, :]
+            return total
         rows, z, v, a = self.known_motion(place)
         if isinstance(effect, LinearPortEffect):
             (values,) = unit_amplitudes(effect, {})
             mass, damping, stiffness = effect.impedance(values, place.stiffness)
             force = -mass * (a - self.lines_of(place).weight[:, None, None]) - damping * v - stiffness * z
-            return np.einsum("lkrn,lkr->krn", rows, force)[..., None], None
+            return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
         assert isinstance(effect, PortEffect)
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x if np.all(np.abs(x) < 1e12) else 0.0 * z[0] for x in laws]
-        return rows[0][..., None] * np.stack(series, axis=-1)[..., None, :], None
+        return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
     def _series(
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any

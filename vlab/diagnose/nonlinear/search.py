@@ -9,7 +9,7 @@ from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import ITERATIONS, Fit, Term
+from vlab.diagnose.refine import ITERATIONS
 from vlab.diagnose.screen import Candidate
 from vlab.diagnose.search import (
     ENOUGH,
@@ -28,6 +28,7 @@ from vlab.diagnose.search import (
     shows,
     terms_of,
 )
+from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import Effect, SensorEffect
 
 

@@ -1,0 +1,112 @@
+"""The march of the twin: laws folded into it move it as they do step by step; what a law says of itself is true."""
+
+import numpy as np
+import pytest
+
+from vlab.diagnose.linear_view import ChannelRows
+from vlab.diagnose.march import CHUNK, acting_order, march
+from vlab.diagnose.places import Place
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.terms import Term
+from vlab.diagnose.twin import discretise
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import PortEffect, Step
+
+H, N, SETS = 0.004, CHUNK + 77, 3
+LAWS = {
+    "attached-oscillator": {"mass": 0.2, "frequency": 4.0, "damping_ratio": 0.02},
+    "structural-damping": {"loss": 30.0, "centre": 3.0},
+    "sinusoidal-force": {"sine": 2.0, "cosine": -1.0, "frequency": 7.0},
+    "force-offset": {"force": 0.4},
+    "cubic-stiffness": {"k3": 3e3},
+    "coulomb-friction": {"force": 0.3},
+}
+PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+
+
+def place(name: str, row: list[float]) -> Place:
+    return Place(name=name, kind="port", rows=np.array([row]))
+
+
+def marched(names: list[str], substeps: int) -> np.ndarray:
+    """Two modes seen by a displacement, a velocity and an accelerometer, in a whole run and one that starts in motion."""
+    rng = np.random.default_rng(1)
+    spread = np.linspace(0.9, 1.1, SETS)[:, None, None]
+    M = np.eye(2) * spread
+    K, C = np.diag([300.0, 4000.0]) * np.ones_like(spread), np.diag([0.5, 2.0]) * spread
+    rows = ChannelRows(
+        at_q=np.array([[1.0, 0.5], [0.0, 0.0], [0.0, 0.0]]),
+        at_v=np.array([[0.0, 0.0], [1.0, -1.0], [0.0, 0.0]]),
+        at_a=np.array([[0.0, 0.0], [0.0, 0.0], [0.3, 1.0]]),
+        rest=np.zeros(3),
+    )
+    at = [place("one", [1.0, 0.4]), place("two", [-0.3, 1.0])]
+    terms = [Term(effect=EFFECTS[name], place=at[i % 2], values=LAWS[name]) for i, name in enumerate(names)]
+    values = [{k: v * np.linspace(0.8, 1.2, SETS) for k, v in t.values.items()} for t in terms]
+    ports = acting_order(terms)
+    inputs = np.hstack([np.array([[1.0], [0.7]]), *(terms[i].place.rows.T for i in ports)])
+    system = discretise(M, C, K, inputs, rows, H / substeps)
+    y, u = np.zeros((N, 3)), rng.standard_normal((N, 1))
+    empty = {"load": np.zeros((N, 0)), "noise": np.ones(3), "scale": np.ones(3)}
+    runs = [
+        Signals(name="whole", role="fit", h=H, y=y, u=u, at_rest=True, **empty),
+        Signals(
+            name="part", role="fit", h=H, y=y, u=u, at_rest=False, t0=1.3, before=rng.standard_normal((30, 4)), **empty
+        ),
+    ]
+    starts = np.zeros((SETS, 2, 4))
+    starts[:, 1] = rng.standard_normal(4)
+    forces = np.repeat(10 * rng.standard_normal((N, 1, 2, 1)), SETS, axis=1)
+    return march(system, forces, 1, terms, values, ports, starts, runs, substeps)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["attached-oscillator"],
+        ["structural-damping"],
+        ["sinusoidal-force"],
+        ["structural-damping", "attached-oscillator"],
+        ["attached-oscillator", "force-offset"],
+        ["structural-damping", "coulomb-friction"],
+        ["attached-oscillator", "cubic-stiffness"],
+    ],
+)
+def test_laws_folded_into_the_twin_move_it_as_they_do_step_by_step(names, substeps, monkeypatch):
+    """The same arithmetic in another order: what is left is rounding."""
+    folded = marched(names, substeps)
+    given = (
+        [n for n in names if type(EFFECTS[n]).response == "none"] if len(names) == 1 else []
+    )  # beside others it comes first
+    for name in [*given, *(n for n in names if type(EFFECTS[n]).response == "linear")]:
+        monkeypatch.setattr(type(EFFECTS[name]), "response", "any")
+    np.testing.assert_allclose(marched(names, substeps), folded, atol=1e-11 * np.abs(folded).max())
+    assert np.abs(folded - marched([], substeps)).max() > 1e-3 * np.abs(folded).max()
+
+
+def played(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, command: float = 0.0) -> np.ndarray:
+    values = {p.name: float(np.sqrt(p.low * p.high)) for p in effect.parameters}
+    memory, out = effect.memory(z.shape[1:]), []
+    for k in range(len(z)):
+        force, memory = effect.force(z[k], v[k], values, Step(h=H, t=t0 + k * H, command=command), memory)
+        out.append(force + 0.0 * z[k])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("effect", [e for e in PORTS if e.response != "any"], ids=lambda e: e.name)
+def test_what_a_law_says_of_its_response_is_true(effect):
+    rng = np.random.default_rng(2)
+    z, v = rng.standard_normal((2, 50, 1)), rng.standard_normal((2, 50, 1))
+    one, two = (played(effect, z[i], v[i]) for i in range(2))
+    if effect.response == "none":
+        np.testing.assert_array_equal(one, two)
+        return
+    np.testing.assert_allclose(
+        played(effect, z[0] - 2 * z[1], v[0] - 2 * v[1]), one - 2 * two, atol=1e-9 * np.abs(one).max()
+    )
+    np.testing.assert_array_equal(played(effect, z[0], v[0], t0=3.0, command=2.0), one)
+
+
+def test_some_laws_of_every_response_are_in_the_catalogue():
+    assert {e.response for e in PORTS} == {"any", "linear", "none"}

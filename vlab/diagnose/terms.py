@@ -1,0 +1,56 @@
+"""Terms of a hypothesis, and a fit of them: plain data that every search hands on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vlab.diagnose.places import Place
+from vlab.physics.effect import Effect
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Term:
+    """One effect at one place with starting values."""
+
+    effect: Effect
+    place: Place
+    values: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one string."""
+        return f"{self.effect.name}@{self.place.name}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hypothesis.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+        With fitted values.
+    theta : (n_changes,) array
+        Log-factors of the uncertain parameters.
+    offsets : (n_channels,) array
+        Zeros of the channels.
+    starts : mapping of str to (2m,) array
+        Modal state at the first sample of every run that does not start at rest.
+    error : (n_runs, n_channels) array
+        Rms of the remaining difference over the channel's rms, runs in the order of the fit.
+    chi2 : float
+        Weighted sum of squares, priors included.
+    cost : float
+        As `chi2`, without the priors.
+    sd : mapping of str to float
+        Standard deviation of every fitted effect parameter (log where unsigned), by ``"label:name"``.
+    """
+
+    terms: tuple[Term, ...]
+    theta: Array
+    offsets: Array
+    starts: dict[str, Array]
+    error: Array
+    chi2: float
+    cost: float
+    sd: dict[str, float] = field(default_factory=dict)
