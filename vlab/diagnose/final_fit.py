@@ -29,7 +29,7 @@ WORSE = 1.5
 LEAST_EXCESS = 0.02
 """...and at least this share of a channel's rms."""
 MOST_DIRECTIONS = 5
-STEPS, STEP = 5, 0.02
+STEPS, STEP, ENOUGH = 6, 0.02, 0.97
 DAMPINGS = (1e-3, 0.3, 10.0)
 LONGEST, MOST_WORK = 10_000, 300_000
 """Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
@@ -47,15 +47,15 @@ class _Target:
     counts: Array
     sigma: Array
 
-    @property
-    def shares(self) -> Array:
-        """Standard deviations over the rms of the channel, of the samples that count, flat."""
+    def left(self, difference: Array) -> float:
+        """Return the root mean square of weighted differences, of the samples that count, over the channels' rms."""
         scale = np.maximum(np.std(self.measured, axis=0), 1e-300)
-        return np.broadcast_to(self.sigma / scale, self.measured.shape)[self.counts]
+        shares = np.broadcast_to(self.sigma / scale, self.measured.shape)[self.counts]
+        return float(np.sqrt(np.mean((difference * shares) ** 2)))
 
 
 def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit | None = None) -> Fit:
-    """Return a fit whose law MuJoCo confirms as well as it can; the same one where MuJoCo and the twin agree.
+    """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     """
     targets = _targets(problem, limit)
     first = _difference(problem, fit, targets[0])
-    left = float(np.sqrt(np.mean((first * targets[0].shares) ** 2)))
-    if left <= max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS):
+    agreed = max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS)
+    if targets[0].left(first) <= agreed:
         return fit
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
     x = np.zeros(moves.count)
@@ -75,10 +75,12 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     prior[: moves.r] = refiner.along(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
+    slopes, age = np.zeros((len(base), moves.count)), -1
     for _ in range(STEPS):
+        if age < 0:
+            moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
+            slopes, age = np.stack([(m - base) / STEP for m in moved], axis=1), 0
         scale = min(refiner.worth, WORTH * len(targets)) / max(float(base @ base), base.size)
-        moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
-        slopes = np.stack([(m - base) / STEP for m in moved], axis=1)
         normal = scale * slopes.T @ slopes + np.diag(is_prior.astype(float))
         gradient = scale * slopes.T @ base + np.where(is_prior, prior + x, 0.0)
         size = np.diag(np.diag(normal) + 1e-12)
@@ -89,11 +91,19 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         ]
         before = scale * float(base @ base) + float(np.sum((prior + x)[is_prior] ** 2))
         pick = int(np.argmin(costs))
-        if not costs[pick] < before:
-            break
-        x, base = trials[pick], tried[pick]
-        if costs[pick] > 0.97 * before:
-            break
+        is_old, age = age > 0, age + 1
+        if costs[pick] < before:
+            step, change = trials[pick] - x, tried[pick] - base
+            slopes += np.outer(
+                change - slopes @ step, step / max(float(step @ step), 1e-300)
+            )  # Broyden's, see `refine`
+            x, base = trials[pick], tried[pick]
+            if targets[0].left(base[: len(first)]) <= agreed:
+                break
+        if not costs[pick] < ENOUGH * before:
+            if not is_old:
+                break
+            age = -1  # the slopes are old: new ones before it is given up
     return moves.at(x)
 
 
