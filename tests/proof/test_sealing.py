@@ -41,7 +41,7 @@ def answered(monkeypatch):
     """Replace the diagnosis by a constant answer; count the calls."""
     calls = []
 
-    def answer(item, *, baselines=False):
+    def answer(item, *, baselines=False, frees_all=()):
         calls.append(item[0])
         return item[0], {"case": item[0], **ANSWER}
 
@@ -184,7 +184,7 @@ def test_answers_of_other_cases_are_refused(cases, answered):
 def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
     calls = []
 
-    def stops(item, *, baselines=False):
+    def stops(item, *, baselines=False, frees_all=()):
         calls.append(item[0])
         if len(calls) == 2:
             raise KeyboardInterrupt
@@ -202,7 +202,7 @@ def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
 
 def test_a_campaign_does_not_go_on_with_other_code(cases, monkeypatch):
     out = answers_folder(cases)
-    monkeypatch.setattr(proving, "answer_case", lambda item, *, baselines=False: 1 / 0)
+    monkeypatch.setattr(proving, "answer_case", lambda item, **settings: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         prove(cases, out, jobs=1)
     edit(out / "manifest.json", lambda d: d["thresholds"].update({"choose.EXPLAINED": 0.1}))
@@ -262,7 +262,7 @@ def test_a_few_cases_are_proved_from_end_to_end(capsys, tmp_path):
     """Concealed, diagnosed and scored; what is asserted is that it holds together, not how good the answers are."""
     out = tmp_path / "proof"
     status, text, _ = run(
-        capsys, "prove", "--quick", "--n", "2", "--seed", "4", "--json", "--baselines", "--out", str(out)
+        capsys, "prove", "--quick", "--n", "2", "--seed", "4", "--json", "--baselines", "1", "--out", str(out)
     )
     document = json.loads(text)
     assert status == 0

@@ -27,7 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--n", type=int, default=QUICK_CASES, help="number of cases of --quick")
     parser.add_argument("--truth", help="folder of the truth; CASES-truth by default")
     parser.add_argument("--out", help="folder of the answers and the score; CASES-answers by default")
-    parser.add_argument("--baselines", action="store_true", help="let simple methods answer beside it")
+    parser.add_argument(
+        "--baselines",
+        type=int,
+        metavar="N",
+        help="let simple methods answer beside it; mujoco.sysid, which takes minutes a case, the first N",
+    )
     parser.add_argument("--reports", type=int, default=0, help="how many of the worst cases get a report")
     add_engine(parser)
 
@@ -36,6 +41,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Diagnose concealed cases and score the answers."""
     if bool(arguments.cases) == arguments.quick:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
+    if arguments.baselines is not None and arguments.baselines < 0:
+        raise BadExperiment(f"baselines is {arguments.baselines}; accepted: 0 or more cases for mujoco.sysid")
     if not arguments.quick and arguments.seed is not None:
         raise BadExperiment("--seed belongs to --quick; the cases of a folder have theirs already")
     if not arguments.quick:

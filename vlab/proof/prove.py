@@ -53,7 +53,7 @@ def prove(
     out: Path,
     *,
     truth: Path | None = None,
-    baselines: bool = False,
+    baselines: int | None = None,
     reports: int = 0,
     report: Report | None = None,
     engine: str = "joblib",
@@ -72,8 +72,8 @@ def prove(
         Folder of the answers.
     truth : Path, optional
         Folder of the truth; beside the cases by default. It is not touched before all answers are frozen.
-    baselines : bool
-        Whether the simple methods answer as well.
+    baselines : int, optional
+        The simple methods answer as well; the one that takes minutes a case, mujoco.sysid, only so many of the cases.
     reports : int
         How many of the worst cases get a report.
 
@@ -135,7 +135,7 @@ def _answer(
     cases: Path,
     out: Path,
     commitments: dict[str, Any],
-    baselines: bool,
+    baselines: int | None,
     engine: str,
     jobs: int,
     scheduler: str,
@@ -152,7 +152,7 @@ def _answer(
     left = [(n, (cases / n).resolve()) for n in names if not (out / ANSWERS / f"{n}.json").exists()]
     progress(len(names) - len(left), len(names))
     done = len(names) - len(left)
-    work = partial(answer_case, baselines=baselines)
+    work = partial(answer_case, baselines=baselines is not None, frees_all=frozenset(names[: baselines or 0]))
     for name, answer in run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler):
         write_json(out / ANSWERS / f"{name}.json", answer)
         done += 1
