@@ -1,17 +1,23 @@
-"""The whole story on the beam, in one page: cross-check, controlled experiment, and a real recording beside its model."""
+"""The whole story on the beam, in one page: cross-check, controlled experiment, something concealed in the beam and found from
+its recordings alone, and real recordings beside their model."""
 
+import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controllers import DirectRateFeedback
 from vlab.assets import asset
+from vlab.cases.case import load_case
 from vlab.cases.compare import Comparison, compare_case
+from vlab.diagnose.engine import Diagnosed, diagnose
 from vlab.lab.analysis import analytical_response, measured_response
 from vlab.lab.experiment import Result, run_experiment
+from vlab.lab.plan import TRUTH, Plan, PlannedModel, PlannedRecord, perform_plan
 from vlab.lab.prediction import predict_rate_feedback
 from vlab.lab.run_folder import PreparedRun, RunSettings
 from vlab.modal.frf import MeasuredFrequencyResponse
@@ -42,6 +48,40 @@ class LoopTest:
     predicted_zeta: Array | None = None
 
 
+HIDDEN = (
+    "coulomb-friction@20in:force=0.01N",
+    "one-sided-stiffness@40in:stiffness=30N/m,gap=0.0001m",
+    "quadratic-drag@30in:coefficient=30N s^2/m^2",
+)
+"""What may be concealed; the seed draws one of them."""
+SECONDS = 8.0
+LEVELS = {"quiet": 0.03, "loud": 0.15, "held-out": 0.08}
+"""Length of the records of the concealed test, and the rms of their excitation [N]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConcealedTest:
+    """Experiments with something concealed in the beam, and what was said of them before the truth was read.
+
+    Parameters
+    ----------
+    truth : str
+        The effect as it was drawn: name, place and values.
+    """
+
+    done: Diagnosed
+    truth: str
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the effect was named and placed."""
+        name, _, rest = self.truth.partition("@")
+        place = rest.partition(":")[0]
+        return any(
+            name in (f.effect, *f.alike) and place in (f.place, *f.places_90) for f in self.done.diagnosis.findings
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demo:
     """Everything that the demo found."""
@@ -50,6 +90,7 @@ class Demo:
     check: CrossCheck
     open_loop: LoopTest
     closed_loop: LoopTest
+    concealed: ConcealedTest
     comparisons: list[Comparison]
     seconds: float
 
@@ -65,8 +106,16 @@ class Demo:
         ]
 
 
-def run_demo(*, progress: Callable[[str], None] = lambda text: None) -> Demo:
-    """Run the demo; about a minute on two cores."""
+def run_demo(folder: Path, *, seed: int = 0, progress: Callable[[str], None] = lambda text: None) -> Demo:
+    """Run the demo; about two minutes on two cores.
+
+    Parameters
+    ----------
+    folder : Path
+        Gets ``concealed``, a case with recordings alone, and ``concealed-truth``.
+    seed : int
+        Draws what is concealed.
+    """
     begun = time.perf_counter()
     progress("published tables")
     tables = reproduce_tables(["1", "3", "5", "7", "8", "9"])
@@ -80,6 +129,7 @@ def run_demo(*, progress: Callable[[str], None] = lambda text: None) -> Demo:
     open_loop = _experiment("open loop", replace(settings, seconds=OPEN_LOOP_S).prepare())
     progress("experiment with the published MFDRF law in the loop")
     closed_loop = _identified(_experiment("MFDRF", replace(settings, law="mfdrf").prepare()))
+    concealed = _concealed(folder, seed, progress)
     progress("real recordings of the AVC cantilever beside their model")
     comparisons = [compare_case(asset(case)) for case in CASES]
     return Demo(
@@ -87,9 +137,41 @@ def run_demo(*, progress: Callable[[str], None] = lambda text: None) -> Demo:
         check=check,
         open_loop=open_loop,
         closed_loop=closed_loop,
+        concealed=concealed,
         comparisons=comparisons,
         seconds=time.perf_counter() - begun,
     )
+
+
+def _concealed(folder: Path, seed: int, progress: Callable[[str], None]) -> ConcealedTest:
+    """Perform a concealed plan, diagnose the case that it leaves, then read the truth."""
+    progress("experiments with something concealed in the beam")
+    hidden = HIDDEN[int(np.random.default_rng(seed).integers(len(HIDDEN)))]
+    records = tuple(
+        PlannedRecord(
+            name=name,
+            role="holdout" if name == "held-out" else "fit",
+            structure="beam",
+            variant="physical",
+            level=level,
+            high_hz=BAND[1],
+            period_s=SECONDS,
+            seconds=SECONDS,
+            noise=1e-5,
+            seed=10 * seed + i,
+            effect=(hidden,),
+        )
+        for i, (name, level) in enumerate(LEVELS.items())
+    )
+    model = PlannedModel(uncertain={"stiffness": 0.02, "damping": 0.3})
+    case = folder / "concealed"
+    perform_plan(Plan(title="Beam with something concealed", record=records, model=model, concealed=True), case)
+    progress("diagnosis of their recordings")
+    done = diagnose(load_case(case))
+    assert isinstance(done, Diagnosed), "recordings are diagnosed in time"
+    truth = json.loads((folder / "concealed-truth" / TRUTH).read_text(encoding="utf-8"))
+    first = next(iter(truth["records"].values()))
+    return ConcealedTest(done=done, truth=first["settings"]["effect"][0])
 
 
 def _experiment(label: str, prepared: PreparedRun) -> LoopTest:

@@ -338,6 +338,13 @@ def test_demo_tells_the_whole_story(capsys, tmp_path):
     assert Path(document["report"]).stat().st_size > 1e5
     assert Path(document["rrd"]).stat().st_size > 1e6
     assert all(abs(row["off_percent"]) < 3.0 for row in document["closed_loop"])  # asked for: 3 % on six modes
+    concealed = document["concealed"]
+    assert concealed["is_found"]
+    assert concealed["diagnosis"]["heldout"]["gap_closed"] > 0.7
+    assert concealed["truth"].partition("@")[0] in [f["effect"] for f in concealed["diagnosis"]["findings"]]
+    case = (tmp_path / "demo" / "concealed" / "case.toml").read_text()
+    assert concealed["truth"].partition("@")[0] not in case
+    assert (tmp_path / "demo" / "diagnosis" / "report.html").exists()
 
 
 def test_shipped_case_is_compared(capsys):
