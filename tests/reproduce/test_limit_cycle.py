@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vlab.fe.assembly import build_fe_model
 from vlab.fe.string_modes import add_string_modes
+from vlab.hardware import load_hardware
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import loop_on
 from vlab.lab.saturation import harmonic_balance
 from vlab.reproduce import limit_cycle as study
+from vlab.reproduce import limit_cycle_odds as odds
 from vlab.reproduce import limit_cycle_runs as runs
 
 
@@ -132,3 +135,32 @@ def test_the_report_is_plain_data_and_says_what_follows(report):
 def test_an_unstable_nominal_loop_would_be_said(beam, law, fe):
     loop = loop_on(fe, law, replace(runs.bench().converter, delay_samples=3.0))
     assert study.verdict(loop, [], [])[0].startswith("The nominal loop is unstable: 91.5 Hz")
+
+
+def test_an_undisturbed_draw_is_the_nominal_loop(beam, law):
+    bench = odds._Bench(beam, law, load_hardware().at_rate(1000.0).converter)
+    ones = np.ones(bench.modes)
+    loop = bench.loop(odds._Draw(cables={}, frequency=ones, damping=ones, delay=1.35))
+    nominal = loop_on(build_fe_model(beam), law, load_hardware().at_rate(1000.0).converter)
+    pair = [[(pole.hz, pole.growth) for pole in each.poles()] for each in (loop, nominal)]
+    np.testing.assert_allclose(*pair, rtol=1e-9)
+
+
+def test_the_odds_of_explanations_are_the_shares_of_draws_that_do_what_was_seen(beam):
+    found = odds.limit_cycle_odds(beam, draws=6, seed=1)
+    assert found == odds.limit_cycle_odds(beam, draws=6, seed=1)
+    rows = found["explanations"]
+    assert sum(row["probability"] for row in rows) == pytest.approx(1.0)
+    assert all(0 <= row["as_seen"] <= row["grows"] <= 6 for row in rows)
+    shares = {row["name"]: (row["as_seen"] + 0.5) / 7 for row in rows}
+    assert shares == {r["name"]: pytest.approx(r["probability"] * sum(shares.values())) for r in rows}
+
+
+def test_a_measurement_decides_as_far_as_explanations_disagree_on_it():
+    rows = [{"name": name, "probability": 0.5} for name in ("one", "two")]
+    first, second, *others = odds.MEASUREMENTS
+    yes, no = ({first: a, second: True, **dict.fromkeys(others, False)} for a in (True, False))
+    told = {m["name"]: m["bits"] for m in odds._informative(rows, {"one": [yes] * 1000, "two": [no] * 1000})}
+    assert told[first] == pytest.approx(1.0, abs=0.02)  # an even choice settled, but for the shares' estimate
+    assert all(abs(told[name]) < 1e-9 for name in (second, *others))
+    assert odds._informative(rows, {"one": [], "two": []}) == []

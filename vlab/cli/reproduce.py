@@ -195,22 +195,30 @@ def _effort_lines(effort: dict[str, Any]) -> list[str]:
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
     """Report what the model can and cannot explain of the limit cycle; with a folder, its time histories, too."""
     from vlab.reproduce.limit_cycle import limit_cycle_report
+    from vlab.reproduce.limit_cycle_odds import limit_cycle_odds
     from vlab.reproduce.limit_cycle_runs import simulated_seconds
 
     if arguments.table:
         raise BadExperiment(f"--limit-cycle is a study of its own; leave the tables {', '.join(arguments.table)} away")
     beam = load_structure("beam")
+    with share_bar("explanations") as told:
+        odds = limit_cycle_odds(beam, seed=arguments.seed, progress=told)
     if not arguments.out:
-        document: dict[str, Any] = limit_cycle_report(beam)
+        document: dict[str, Any] = {**limit_cycle_report(beam), "odds": odds}
     else:
         from vlab.views.limit_cycle import write_limit_cycle
 
         with output_folder(arguments.out) as folder:
             with progress_bar("time histories", simulated_seconds()) as report:
-                document = write_limit_cycle(folder, beam, progress=report)
+                document = write_limit_cycle(folder, beam, odds, progress=report)
             write_manifest(folder, verb="reproduce", structure=beam.name, study="limit-cycle")
         document["out"] = str(arguments.out)
-    lines = ["The limit cycle near 41 Hz of LQG on the beam (section 6.1)", "", *document["verdict"]]
+    lines = [
+        "The limit cycle near 41 Hz of LQG on the beam (section 6.1)",
+        "",
+        *document["verdict"],
+        *document["odds"]["sentences"],
+    ]
     lines += [line for run in document.get("histories", ()) for line in _history_lines(run)]
     if arguments.out:
         lines += ["", f"written to {arguments.out}: limit-cycle.json, figures"]

@@ -23,6 +23,7 @@ from vlab.views.figures.svg import to_svg
 def write_limit_cycle(
     folder: Path,
     structure: Structure,
+    odds: dict[str, Any],
     *,
     seconds: float = SECONDS,
     seed: int = 0,
@@ -34,6 +35,8 @@ def write_limit_cycle(
     ----------
     folder : Path
         Exists already.
+    odds : dict
+        Of the explanations, as `vlab.reproduce.limit_cycle_odds` gives them.
     seconds : float
         Duration of the simulated experiments [s].
     progress : callable or None
@@ -43,7 +46,7 @@ def write_limit_cycle(
     fe = build_fe_model(structure)
     loop = loop_on(fe, law, hardware.converter)
     runs = histories(structure, seconds=seconds, seed=seed, progress=progress)
-    document = limit_cycle_report(structure) | {"histories": [run.as_dict() for run in runs]}
+    document = limit_cycle_report(structure) | {"odds": odds, "histories": [run.as_dict() for run in runs]}
     freq = np.arange(1.0, 100.0, 0.25)
     marks = [(float(hz), f"mode {i + 1}") for i, hz in enumerate(fe.linear.freq[:10])]
     marks.append((OBSERVED_HZ, "observed"))
