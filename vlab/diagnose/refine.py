@@ -390,10 +390,10 @@ class Refiner:
             own = [known[t.label] for t in terms]
             return self._ordered(layout, terms, [self._initial(layout, own, x, start) for x in (theta, *thetas)])
         candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
-        given = self.screen.given(candidates)
+        given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
         out = [
             self._initial(layout, [replace(t, values=v) for t, v in zip(terms, values, strict=True)], joint, start)
-            for joint, values in (given.estimate, given.cautious)
+            for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
         ]
         options = []
         for size in (1.0, 0.3, 0.05):
@@ -404,7 +404,7 @@ class Refiner:
             options.append(self._initial(layout, own, theta, start))
         X = np.array([*out, *options])
         costs = self._costs(layout, terms, X)
-        together, small = int(np.argmin(costs[:2])), 2 + int(np.argmin(costs[2:]))
+        together, small = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
         return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
 
     def _ordered(self, layout: _Layout, terms: Sequence[Term], starts: list[Array]) -> list[Array]:

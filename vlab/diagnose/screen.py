@@ -187,6 +187,8 @@ class Screen:
 
     keeps_plans: ClassVar[bool] = False
     """Whether the columns of all places are kept for screenings beside some candidates; they are made in this process then."""
+    slower: "tuple[Screen, ...]" = ()
+    """Screenings of the same runs by observers that forget more slowly, where there are any."""
     theta: Array
     """The uncertain parameters as the filters have them."""
     estimate: tuple[Array, list[dict[str, float]]]
@@ -304,8 +306,10 @@ class Screen:
         return out
 
     def forget(self) -> None:
-        """Drop the laws' forces once their columns are made."""
+        """Drop what only the table of candidates is made of."""
         self._marched.clear()
+        if not self.keeps_plans:
+            self._cache.clear()
 
     def columns_of(self, candidate: Candidate) -> Array:
         """Return the whitened columns of a candidate's amplitudes, (rows, k)."""

@@ -25,9 +25,9 @@ LEAST_GAIN = 3.0
 WHOLE = 3000
 """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
 WHOLE_ITERATIONS, WHOLE_SINGLES, WHOLE_PAIRS, WHOLE_FINISHED = 5, 7, 4, 3
-SLOW, SLOW_SHORTLIST = 1e-3, 5
-"""Where something is to be explained, an observer that trusts the model more, by this factor in the unknown forces, looks as
-well: it forgets slowly and sees what only adds up over many cycles."""
+SLOW, SLOWEST, SLOW_SHORTLIST = 1e-3, 1e-6, 5
+"""Where something is to be explained, observers that trust the model more, by these factors in the unknown forces, look as well: they
+forget slowly and see what only adds up over many cycles; the slowest sees stiffness and damping of a ring-down change with its size."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
 SECONDS, MOST_SECONDS = 3, 60
@@ -93,11 +93,14 @@ def search(
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     shortlist = shortlisted(candidates)
     if before.level > ENOUGH:
-        report(0.2, "screening with a slower observer")
-        slow = Screen(problem, screen.runs, trust=SLOW, like=screen)
-        known, among = {c.label for c in shortlist}, _best_places(candidates, PLACES)
-        slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
-        shortlist += [c for c in slowly if c.label not in known]
+        report(0.2, "screening with slower observers")
+        screen.slower = tuple(Screen(problem, screen.runs, trust=trust, like=screen) for trust in (SLOW, SLOWEST))
+        among = _best_places(candidates, PLACES)
+        for slow in screen.slower:
+            known = {c.label for c in shortlist}
+            slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+            shortlist += [c for c in slowly if c.label not in known]
+            slow.forget()
     screen.forget()
     report(0.25, "fitting single effects")
     rough = in_windows(screen, every=2, model_error=narrow.model_error)

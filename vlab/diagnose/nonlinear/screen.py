@@ -103,7 +103,7 @@ class MovingScreen(Screen):
         self.theta = np.zeros(len(self.twin.changes))
         self._along(1)
 
-    def slower(self, trust: float) -> "MovingScreen":
+    def trusting(self, trust: float) -> "MovingScreen":
         """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
         other = copy.copy(self)
         other.trust, other._cache, other._marched = trust, {}, {}

@@ -47,7 +47,7 @@ def search_moving(
     if before.level > ENOUGH:
         report(0.45, "screening with a slower observer")
         known = {c.label for c in shortlist}
-        slow = shortlisted(screen.slower(SLOW).candidates(effects))[:SLOW_SHORTLIST]
+        slow = shortlisted(screen.trusting(SLOW).candidates(effects))[:SLOW_SHORTLIST]
         shortlist += [c for c in slow if c.label not in known]
     screen.forget()
     report(0.5, "fitting single effects")
