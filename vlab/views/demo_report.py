@@ -168,7 +168,7 @@ def _concealed(test: ConcealedTest) -> Section:
             "Three experiments were performed on a beam in which something was put that its model lacks, and a case was written that "
             "holds the recordings alone. The diagnosis saw two of them; it was finished before the truth was read.",
             f"The truth: {test.truth}. {'It was named and placed.' if test.is_found else 'It was not found.'} "
-            "The whole report is diagnosis/report.html; `vlab diagnose` on the folder concealed makes it again.",
+            "The whole report is diagnosis/report.html; vlab diagnose on the folder concealed makes it again.",
         ),
         tables=[(("found", "parameters, 90 %", "probability"), found)] if found else [],
     )

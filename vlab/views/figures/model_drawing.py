@@ -71,7 +71,7 @@ def model_figure(plant: Plant, marks: Sequence[tuple[str, float]], *, structure:
 
 
 def _padded(low: float, high: float, size: float) -> tuple[float, float]:
-    middle, half = (low + high) / 2, max((high - low) / 2 * 1.15, 0.25 * size)
+    middle, half = (low + high) / 2, max((high - low) / 2 * 1.15, 0.35 * size)  # room for names
     return middle - half, middle + half
 
 
