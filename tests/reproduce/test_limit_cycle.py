@@ -140,7 +140,7 @@ def test_an_unstable_nominal_loop_would_be_said(beam, law, fe):
 def test_an_undisturbed_draw_is_the_nominal_loop(beam, law):
     bench = odds._Bench(beam, law, load_hardware().at_rate(1000.0).converter)
     ones = np.ones(bench.modes)
-    loop = bench.loop(odds._Draw(cables={}, frequency=ones, damping=ones, delay=1.35))
+    loop = bench.loop(odds._Draw(cable=None, frequency=ones, damping=ones, delay=1.35))
     nominal = loop_on(build_fe_model(beam), law, load_hardware().at_rate(1000.0).converter)
     pair = [[(pole.hz, pole.growth) for pole in each.poles()] for each in (loop, nominal)]
     np.testing.assert_allclose(*pair, rtol=1e-9)

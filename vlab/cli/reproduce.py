@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         help="with --figure: the folder (default out/figure-N); with --limit-cycle: folder for the study as JSON, its time "
-        "histories and figures (a minute)",
+        "histories and figures (two minutes)",
     )
 
 

@@ -17,7 +17,7 @@ from vlab.diagnose.hum import without_hum
 from vlab.diagnose.hypothesis import WORTH
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.refine import Refiner, inward, outward
+from vlab.diagnose.refine import Refiner, carried_on, inward, outward
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import amended
@@ -29,7 +29,9 @@ WORSE = 1.5
 LEAST_EXCESS = 0.02
 """...and at least this share of a channel's rms."""
 MOST_DIRECTIONS = 5
-STEPS, STEP, ENOUGH = 6, 0.02, 0.97
+STEPS, STEP, WORTHWHILE = 6, 0.02, 0.97
+"""Most steps; the move that slopes are taken with, as a logarithm or share; a step that leaves more than this share of the cost is
+not worth another one, each takes seconds."""
 DAMPINGS = (1e-3, 0.3, 10.0)
 LONGEST, MOST_WORK = 10_000, 300_000
 """Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
@@ -93,14 +95,11 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         pick = int(np.argmin(costs))
         is_old, age = age > 0, age + 1
         if costs[pick] < before:
-            step, change = trials[pick] - x, tried[pick] - base
-            slopes += np.outer(
-                change - slopes @ step, step / max(float(step @ step), 1e-300)
-            )  # Broyden's, see `refine`
+            slopes = carried_on(slopes, trials[pick] - x, tried[pick] - base)
             x, base = trials[pick], tried[pick]
             if targets[0].left(base[: len(first)]) <= agreed:
                 break
-        if not costs[pick] < ENOUGH * before:
+        if not costs[pick] < WORTHWHILE * before:
             if not is_old:
                 break
             age = -1  # the slopes are old: new ones before it is given up

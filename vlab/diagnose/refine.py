@@ -31,8 +31,7 @@ at once moves to where the law does nothing."""
 EXPLAINED = 1.7
 """Mean square of the weighted difference below which a fit needs no second start."""
 REUSED = 3
-"""Steps for which slopes are carried on by Broyden's update (A class of methods for solving nonlinear simultaneous equations,
-1965) while they keep half of their promise."""
+"""Steps for which slopes are carried on while they keep half of their promise."""
 STEPS_PER_CYCLE = 22.0
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LOOSE_START = 0.03
@@ -329,7 +328,7 @@ class Refiner:
             small = small + 1 if costs[pick] > cost * (1 - 5e-3) else 0
             step, change = trials[pick] - x, residuals[pick] - raw
             promised = cost - float(np.sum((best + jacobian @ step) ** 2))
-            slopes = slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300))
+            slopes = carried_on(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             damping = max(lams[pick] * 0.1, 1e-8)
@@ -567,6 +566,14 @@ class Refiner:
 def spread_is_noise(raw: Array, priors: int) -> bool:
     """Return whether the remaining difference is as small as the noise: a better fit means nothing."""
     return bool(np.mean(raw[priors:] ** 2) < 0.95)
+
+
+def carried_on(slopes: Array, step: Array, change: Array) -> Array:
+    """Return slopes that agree with the change that a step made, by Broyden's update.
+
+    Source: A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation 19, 1965, eq. 4.5.
+    """
+    return np.asarray(slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300)))
 
 
 def inward(parameter: Parameter, value: float) -> float:

@@ -66,7 +66,7 @@ def conceal_cases(
         begun = unfinished_folder(out)
         plan = _begin(begun, {"suites": list(suites), "benches": list(benches), "count": count}, seed)
         items = _items(suites, count, plan["seed"])
-        left = [item for item in items if not (begun / "truth" / f"{item[2]}.json").exists()]
+        left = [item for item in items if not _is_whole(begun, item[2])]
         progress(count - len(left), count)
         work = partial(_one_kept, folder=begun.resolve(), benches=tuple(benches), seed=plan["seed"])
         try:
@@ -118,14 +118,14 @@ def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, 
     for inside in ("cases", "truth"):
         (folder / inside).mkdir(parents=True, exist_ok=True)
     folder.chmod(0o700)
-    plan = {**wanted, "seed": fresh_seed() if seed is None else seed}
+    plan = {**wanted, "seed": secrets.randbelow(2**31) if seed is None else seed}
     write_json(path, plan)
     return plan
 
 
-def fresh_seed() -> int:
-    """Draw a seed."""
-    return secrets.randbelow(2**31)
+def _is_whole(begun: Path, name: str) -> bool:
+    """Return whether a case is in an unfinished folder with its truth: a run may be stopped while it hands cases over."""
+    return (begun / "truth" / f"{name}.json").exists() and (begun / "cases" / name).exists()
 
 
 def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int) -> str:

@@ -31,7 +31,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "code": _sources(root, "**/*.py"),
         "laws": _sources(Path(controllers.__file__).parent, "*.py"),
         "catalogue": _sources(root / "physics", "*.py"),
-        "structures": files_digest((name, asset(name)) for name in ASSETS),
+        "structures": _structures(),
         "thresholds": thresholds,
         "thresholds_sha256": digest(thresholds),
         "commitments": digest(commitments),
@@ -42,8 +42,11 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
 
 def generator_digest() -> str:
     """Return the SHA-256 of the sources and structures that concealed cases are made with."""
-    made = digest({name: files_digest([(name, asset(name))]) for name in ASSETS})
-    return digest([_sources(Path(vlab.__file__).parent / "proof", "generator/*.py"), made])
+    return digest([_sources(Path(vlab.__file__).parent / "proof", "generator/*.py"), _structures()])
+
+
+def _structures() -> str:
+    return files_digest((name, asset(name)) for name in ASSETS)
 
 
 def _sources(root: Path, pattern: str) -> str:

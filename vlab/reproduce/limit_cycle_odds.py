@@ -23,7 +23,7 @@ from vlab.fe.string_modes import add_string_modes, with_cable_mass
 from vlab.hardware import load_hardware
 from vlab.hardware.laboratory import Converter
 from vlab.lab.prediction import LoopPole, SampledLoop, loop_on
-from vlab.reproduce.limit_cycle import MOST_DELAY, NEAR_HZ, ROPE_FILL
+from vlab.reproduce.limit_cycle import MOST_DELAY, NEAR_HZ, OBSERVED_HZ, ROPE_FILL
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -48,31 +48,47 @@ MOVED_HZ = 0.5
 """A change of the vibration's frequency that cannot be missed."""
 
 
+@dataclass(frozen=True)
+class _Cable:
+    """A cable whose own modes are in the model.
+
+    Parameters
+    ----------
+    mass : float
+        Factor on its mass per length.
+    zeta : float
+        Damping ratio of its own modes.
+    """
+
+    name: str
+    mass: float
+    zeta: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Draw:
     """One way in which an explanation may be true.
 
     Parameters
     ----------
-    cables : mapping of str to (float, float)
-        Factor on the mass and damping ratio of cables whose own modes are in the model.
+    cable : _Cable or None
+        None where cables move as massless wires do.
     frequency, damping : (modes,) array
         Factors on the modes of the structure.
     delay : float
         Samples.
     """
 
-    cables: dict[str, tuple[float, float]]
+    cable: _Cable | None
     frequency: Array
     damping: Array
     delay: float
 
     def taped(self, cable: str) -> "_Draw":
         """Return the same with a strip of tape on a cable."""
-        if cable not in self.cables:
+        if self.cable is None or self.cable.name != cable:
             return self
-        mass, zeta = self.cables[cable]
-        return replace(self, cables={**self.cables, cable: (mass, TAPE * zeta)})
+        return replace(self, cable=replace(self.cable, zeta=TAPE * self.cable.zeta))
 
 
 Vary = Callable[[_Draw, np.random.Generator], _Draw]
@@ -82,10 +98,10 @@ def _more_delay(draw: _Draw, rng: np.random.Generator) -> _Draw:
     return replace(draw, delay=float(rng.uniform(draw.delay, MOST_DELAY)))
 
 
-def _own_mode(cable: str) -> Vary:
+def _own_mode(name: str) -> Vary:
     def vary(draw: _Draw, rng: np.random.Generator) -> _Draw:
         zeta = float(np.exp(rng.uniform(*np.log(STRING_ZETA))))
-        return replace(draw, cables={cable: (float(rng.uniform(*CABLE_MASS)), zeta)})
+        return replace(draw, cable=_Cable(name, float(rng.uniform(*CABLE_MASS)), zeta))
 
     return vary
 
@@ -145,12 +161,12 @@ class _Bench:
         self.modes = len(build_fe_model(structure).linear.freq)
 
     def loop(self, draw: _Draw) -> SampledLoop:
-        structure = self.structure
-        for cable, (mass, _) in draw.cables.items():
-            structure = with_cable_mass(structure, cable, mass)
-        fe = build_fe_model(structure)
-        if draw.cables:
-            fe = add_string_modes(fe, 1, zeta=min(zeta for _, zeta in draw.cables.values()))
+        structure, cable = self.structure, draw.cable
+        if cable is None:
+            fe = build_fe_model(structure)
+        else:
+            fe = build_fe_model(with_cable_mass(structure, cable.name, cable.mass))
+            fe = add_string_modes(fe, 1, zeta=cable.zeta)
         loop = loop_on(fe, self.law, replace(self.converter, delay_samples=draw.delay))
         frequency, damping = (_padded(f, len(loop.omega)) for f in (draw.frequency, draw.damping))
         share = np.sqrt(damping)
@@ -159,16 +175,15 @@ class _Bench:
     def nominal(self, rng: np.random.Generator) -> _Draw:
         """Return the model as it may be where nothing is missing."""
         return _Draw(
-            cables={},
+            cable=None,
             frequency=np.exp(FREQUENCY_SD * rng.standard_normal(self.modes)),
             damping=np.exp(DAMPING_SD * rng.standard_normal(self.modes)),
             delay=self.converter.delay_samples * float(np.exp(DELAY_SD * rng.standard_normal())),
         )
 
-    def outcomes(self, draw: _Draw, seen: LoopPole) -> dict[str, bool]:
-        """Return how every measurement ends in a draw that does what was seen."""
+    def outcomes(self, draw: _Draw, loop: SampledLoop, seen: LoopPole) -> dict[str, bool]:
+        """Return how every measurement ends in a draw whose loop does what was seen."""
         later = _fastest(self.loop(replace(draw, delay=draw.delay + 1.0)))
-        loop = self.loop(draw)
         own_hz, own_zeta = loop.omega / (2 * np.pi), np.diag(loop.damping) / (2 * loop.omega)
         return {
             "one sample more delay": later.growth <= 0 or abs(later.hz - seen.hz) > MOVED_HZ,
@@ -204,13 +219,14 @@ def limit_cycle_odds(
         grows, slowly, outcomes = 0, 0, []
         for _ in range(draws):
             draw = vary(bench.nominal(rng), rng)
-            pole = _fastest(bench.loop(draw))
+            loop = bench.loop(draw)
+            pole = _fastest(loop)
             if pole.growth <= 0 or not NEAR_HZ[0] <= pole.hz <= NEAR_HZ[1]:
                 continue
             grows += 1
             if GROWTH[0] <= pole.growth <= GROWTH[1]:
                 slowly += 1
-                outcomes.append(bench.outcomes(draw, pole))
+                outcomes.append(bench.outcomes(draw, loop, pole))
         ends[name] = outcomes
         rows.append({"name": name, "words": words, "draws": draws, "grows": grows, "as_seen": slowly})
     weights = np.array([(row["as_seen"] + 0.5) / (draws + 1) for row in rows])  # Jeffreys' estimate of a share
@@ -257,7 +273,7 @@ def _entropy(p: Array) -> float:
 
 def _sentences(rows: Sequence[dict[str, Any]], measurements: Sequence[dict[str, Any]]) -> list[str]:
     lines = [
-        f"{row['name']}: {row['words']}: {row['as_seen']} of {row['draws']} draws grow near 41 Hz before all else and as slowly "
+        f"{row['name']}: {row['words']}: {row['as_seen']} of {row['draws']} draws grow near {OBSERVED_HZ:g} Hz before all else and as slowly "
         f"as reported ({row['grows']} at any rate); probability {row['probability']:.2g} among these explanations."
         for row in sorted(rows, key=lambda row: -row["probability"])
         if row["as_seen"]

@@ -1,12 +1,10 @@
 """The demo's page."""
 
 from pathlib import Path
-from typing import Any
 
 from vlab.demo import ConcealedTest, Demo
 from vlab.modal.mac import mac
 from vlab.views.case_report import case_sections
-from vlab.views.diagnosis_report import sections as diagnosis_sections
 from vlab.views.diagnosis_report import write_diagnosis
 from vlab.views.figures import frequencies_figure, frf_figure, mac_figure, mode_shapes_figure, to_svg, traces_figure
 from vlab.views.report import Section, write_report
@@ -32,13 +30,14 @@ def write_demo(demo: Demo, folder: Path) -> None:
     figures = {"beam-modes.svg": _modes_figure(demo), "beam-frf.svg": _response_figure(demo)}
     for name, svg in figures.items():
         (folder / name).write_text(svg, encoding="utf-8")
-    concealed = diagnosis_sections(demo.concealed.done)
+    (folder / "diagnosis").mkdir()
+    found = write_diagnosis(demo.concealed.done, folder / "diagnosis")
     sections = [
         _tables(demo),
         _cross_check(demo, figures["beam-modes.svg"]),
         _experiments(demo, figures["beam-frf.svg"]),
         _concealed(demo.concealed),
-        *concealed[:3],
+        *found[:3],
         *[s for c in demo.comparisons for s in case_sections(c)],
     ]
     summary = (
@@ -47,8 +46,6 @@ def write_demo(demo: Demo, folder: Path) -> None:
         "something concealed in it and found from its recordings alone; and a real cantilever with piezo actuators beside its nominal model.",
         f"Computed in {demo.seconds:.0f} s.",
     )
-    (folder / "diagnosis").mkdir()
-    write_diagnosis(demo.concealed.done, folder / "diagnosis")
     write_report(folder / "report.html", title="vlab demo", sections=sections, summary=summary)
 
 
@@ -157,11 +154,6 @@ def _cross_check(demo: Demo, modes_svg: str) -> Section:
 
 
 def _concealed(test: ConcealedTest) -> Section:
-    diagnosis = test.done.diagnosis
-    found = [
-        [f"{f.effect} at {f.place}", ", ".join(spelled(name, p) for name, p in f.parameters.items()), f.probability]
-        for f in diagnosis.findings
-    ]
     return Section(
         title="Something concealed",
         text=(
@@ -170,14 +162,7 @@ def _concealed(test: ConcealedTest) -> Section:
             f"The truth: {test.truth}. {'It was named and placed.' if test.is_found else 'It was not found.'} "
             "The whole report is diagnosis/report.html; vlab diagnose on the folder concealed makes it again.",
         ),
-        tables=[(("found", "parameters, 90 %", "probability"), found)] if found else [],
     )
-
-
-def spelled(name: str, parameter: dict[str, Any]) -> str:
-    """Return a parameter of a finding with its interval."""
-    low, high = parameter["ci90"]
-    return f"{name} = {parameter['value']:.4g} {parameter['unit']} ({low:.4g} to {high:.4g})"
 
 
 def _experiments(demo: Demo, response_svg: str) -> Section:

@@ -41,8 +41,8 @@ REPRODUCED = 0.05
 elements take their step a little differently from a law that acts as a force."""
 
 
-def write_diagnosis(done: Done, folder: Path) -> None:
-    """Write ``diagnosis.json``, ``report.html``, ``run.rrd`` and the amended model of a diagnosis into a folder.
+def write_diagnosis(done: Done, folder: Path) -> list[Section]:
+    """Write ``diagnosis.json``, ``report.html``, ``run.rrd`` and the amended model of a diagnosis into a folder; return the report's sections.
 
     Raises
     ------
@@ -58,14 +58,14 @@ def write_diagnosis(done: Done, folder: Path) -> None:
         stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
     done = done if isinstance(done, FrequencyDiagnosed) else _shown(done)
     title = done.diagnosis.title or done.problem.case.path.parent.name
-    write_report(
-        folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=sections(done, files)
-    )
+    parts = sections(done, files)
+    write_report(folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
     if isinstance(done, FrequencyDiagnosed):
         write_frequency_scene(folder / "run.rrd", done, title=title, verdict=verdict_sentence(done))
     elif done.diagnosis.checked:
         facts = {"verdict": verdict_sentence(done), "next measurement": done.diagnosis.next_measurement}
         write_scene(folder / "run.rrd", done.diagnosis.checked, title=title, facts=facts)
+    return parts
 
 
 def _shown(done: Diagnosed) -> Diagnosed:
