@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from vlab.diagnose.causes import RUNAWAY
 from vlab.diagnose.recursion import states_of
-from vlab.diagnose.screen import RUNAWAY
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import Discrete

@@ -10,18 +10,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vlab.diagnose.march import acting_order, march
-from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.twin import discretise
-from vlab.physics.effect import (
-    ActuatorEffect,
-    LinearPortEffect,
-    Parameter,
-    PickUp,
-    SensorEffect,
-)
+from vlab.diagnose.simulation import channels, mix
+from vlab.diagnose.terms import Candidate, Fit, Term
+from vlab.physics.effect import Parameter, PickUp, SensorEffect
 from vlab.signals import Array
 
 ITERATIONS = 12
@@ -32,8 +25,6 @@ EXPLAINED = 1.7
 """Mean square of the weighted difference below which a fit needs no second start."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
-STEPS_PER_CYCLE = 22.0
-"""Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
 MOST_DIRECTIONS = 40
@@ -195,30 +186,7 @@ class Refiner:
         (n, n_sets, n_runs, n_channels) array
             Channels, zero beyond a run's end.
         """
-        twin, h, n_sets = self.twin, runs[0].h, len(theta)
-        M, C, K, actuator_gain, _ = twin.matrices(theta)
-        for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, LinearPortEffect):
-                mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness)
-                for row in term.place.rows:
-                    outer = np.outer(row, row)
-                    M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
-                    C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
-                    K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
-        ports = acting_order(terms)
-        substeps = max(1, int(np.ceil(STEPS_PER_CYCLE * self.highest * h))) if ports else 1
-        inputs = np.concatenate(
-            [
-                twin.forces[None] * actuator_gain[:, None, :],
-                np.repeat(np.hstack([twin.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
-            ],
-            axis=2,
-        )
-        system = discretise(M, C, K, inputs, twin.rows, h / substeps)
-        known = inputs.shape[2] - len(ports)
-        forces = self._inputs(runs, terms, values, n_sets)
-        with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
-            y = march(system, forces, known, terms, values, ports, starts, runs, substeps)
+        y = channels(self.twin, self.highest, runs, terms, theta, values, starts)
         return self._read(y, runs, terms, theta, values)
 
     def _read(
@@ -233,7 +201,7 @@ class Refiner:
         y *= self.twin.gains(theta)[1][:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
-                _mix(y, term, own, runs)
+                mix(y, term, own, runs)
             elif isinstance(term.effect, SensorEffect):
                 self._sense(y, term.effect, term.place.index, own, runs)
         return y
@@ -247,23 +215,6 @@ class Refiner:
             p = {k: float(v[s]) for k, v in given.items()}
             for j, run in enumerate(runs):
                 y[:, s, j, index] = effect.sense(y[:, s, j, index], p, run.h, run.t0 + t)
-
-    def _inputs(
-        self, runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
-    ) -> Array:
-        """Return commands, behind the actuators' effects, and direct loads, (n, n_sets or 1, n_runs, k)."""
-        n = max(len(run) for run in runs)
-        out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
-        for i, run in enumerate(runs):
-            out[: len(run), 0, i] = np.hstack([run.u, run.load])
-        for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, ActuatorEffect):
-                out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
-                for s in range(n_sets):
-                    p = {k: float(v[s]) for k, v in own.items()}
-                    for i in term.place.indices:
-                        out[:, s, :, i] = term.effect.actuate(out[:, s, :, i], p, runs[0].h)
-        return out
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
 
@@ -584,16 +535,3 @@ def inward(parameter: Parameter, value: float) -> float:
 def outward(parameter: Parameter, x: Array) -> Array:
     """Return the values of fitted entries."""
     return x if parameter.signed else np.exp(np.clip(x, -80, 80))
-
-
-def _mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
-    """Let a channel pick up a command or another channel."""
-    assert isinstance(term.effect, PickUp)
-    i, k = term.place.index, term.place.other
-    other = y[..., k]
-    if term.place.tag == "command":
-        other = np.zeros((len(y), 1, len(runs)))
-        for j, run in enumerate(runs):  # a sample is read while the command before it still stands
-            other[1 : len(run), 0, j] = run.u[:-1, k]
-    p = {name: np.asarray(value)[:, None] for name, value in own.items()}
-    y[..., i] = term.effect.mix(y[..., i], other, p)

@@ -9,20 +9,22 @@ beside it under their priors. What remains is a table of likelihood gains, one f
 
 import copy
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from scipy.fft import next_fast_len
 
-from vlab.diagnose.observer import Gains, Smoothed, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.causes import before, commands_changed, port_series, unit_amplitudes
+from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
+from vlab.diagnose.observer import filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place, admissible
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Discrete, Twin, discretise
+from vlab.diagnose.terms import Candidate
+from vlab.diagnose.twin import discretise
 from vlab.physics.effect import (
     ActuatorEffect,
     Effect,
@@ -31,13 +33,9 @@ from vlab.physics.effect import (
     PickUp,
     PortEffect,
     SensorEffect,
-    Step,
-    Values,
 )
 from vlab.signals import Array
 
-RUNAWAY = 1e12
-"""Forces and states beyond this have run away."""
 REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 
@@ -55,8 +53,6 @@ SHARES = 2
 """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
-FORGOTTEN = 1e-7
-"""Share of its largest value below which an impulse response has ended: the precision of the columns."""
 
 
 def _inverse(normal: Array) -> Array:
@@ -72,102 +68,6 @@ class _Plan:
     effects: list[tuple[Effect, dict[str, float]]]
     widths: list[int]
     rows: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cause:
-    """Signals that all enter a problem in one way.
-
-    Parameters
-    ----------
-    series : (n, n_runs, k) array
-        The signals.
-    force : (m,) array or None
-        The modal forces of a unit; None where the signals are added to readings.
-    channel : int
-        The channel whose readings they are added to.
-    """
-
-    series: Array
-    force: Array | None = None
-    channel: int = 0
-
-    @property
-    def way(self) -> bytes | int:
-        """What causes that enter in the same way have in common."""
-        return self.channel if self.force is None else self.force.tobytes()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
-    """An effect at a place with the shape that the screening found best.
-
-    Parameters
-    ----------
-    gain : float
-        Log-likelihood gained by the regression, shape and amplitude chosen.
-    values : mapping
-        Parameter values of the effect.
-    """
-
-    effect: Effect
-    place: Place
-    values: dict[str, float]
-    gain: float
-
-    @property
-    def label(self) -> str:
-        """Effect and place in one string."""
-        return f"{self.effect.name}@{self.place.name}"
-
-
-@dataclass(eq=False)
-class Group:
-    """Runs of one sample period, filtered side by side.
-
-    Parameters
-    ----------
-    e : (n, n_runs, p) array
-        Innovations.
-    white : (p, p) or (n, n_runs, p, p) array
-        What makes their variance one.
-    impulses : (n, p, m + p) array
-        What unit impulses of the modal forces and of additions to the readings leave in them.
-    """
-
-    runs: list[Signals]
-    system: Discrete
-    gains: Gains
-    smoothed: Smoothed
-    u: Array
-    forces: Array
-    y: Array
-    lengths: Array
-    usable: Array | None = None
-    motion: tuple[Array, Array, Array] = field(default_factory=tuple)  # type: ignore[assignment]
-    e: Array = field(default_factory=lambda: np.zeros(0))
-    white: Array = field(default_factory=lambda: np.zeros(0))
-    impulses: Array = field(default_factory=lambda: np.zeros(0))
-    first: int = 0
-    at_places: dict[str, tuple[Array, Array]] = field(default_factory=dict)
-
-    @property
-    def h(self) -> float:
-        """Sample period [s]."""
-        return self.runs[0].h
-
-    @property
-    def counts(self) -> Array:
-        """Which samples count from the first that does, (n - first, n_runs) array of bool."""
-        keep = np.arange(self.first, len(self.e))[:, None] < self.lengths[None, :]
-        if self.usable is not None:
-            keep &= self.usable[self.first :].all(axis=2)
-        return np.asarray(keep)
-
-    def rows(self, columns: Array) -> Array:
-        """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
-        white = self.white if self.white.ndim == 2 else self.white[self.first :]
-        return np.asarray((white @ columns[self.first :])[self.counts].reshape(-1, columns.shape[-1]))
 
 
 class Screen:
@@ -360,10 +260,10 @@ class Screen:
         steady = np.trace(gains.S[-1])
         settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
         group = Group(runs, system, gains, smoothed, u, forces, y, lengths, usable, e=smoothed.e)
-        group.motion = _middles(twin, group)
+        group.motion = middles(twin, group)
         group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
-        group.impulses = _impulses(system, gains.K[-1], len(y))
+        group.impulses = impulses_of(system, gains.K[-1], len(y))
         return group
 
     # ---- what a signal leaves in the innovations --------------------------------------------------------------------
@@ -372,9 +272,9 @@ class Screen:
         """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
         parts = []
         if modal is not None:
-            parts.append(_convolved(group.impulses[:, :, : self.twin.m], modal.astype(np.float32)))
+            parts.append(convolved(group.impulses[:, :, : self.twin.m], modal.astype(np.float32)))
         if reading is not None:
-            parts.append(_convolved(group.impulses[:, :, self.twin.m :], reading.astype(np.float32)))
+            parts.append(convolved(group.impulses[:, :, self.twin.m :], reading.astype(np.float32)))
         return np.asarray(sum(parts))
 
     def _nuisance(self) -> Array:
@@ -492,7 +392,7 @@ class Screen:
         columns, order = [], []
         for entering in ways.values():
             series = np.concatenate([c.series.astype(np.float32) for _, c in entering], axis=-1)
-            columns.append(_convolved(self._impulse(group, entering[0][1]), series[:, :, None]))
+            columns.append(convolved(self._impulse(group, entering[0][1]), series[:, :, None]))
             order += [start + i for start, c in entering for i in range(c.series.shape[-1])]
         if order == list(range(starts[-1])):
             return np.concatenate(columns, axis=-1), widths
@@ -653,7 +553,7 @@ class Screen:
     def _causes(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> list[Cause]:
         """Return what units of an effect's amplitudes do, (n, n_runs, k) signals and the ways they enter."""
         if isinstance(effect, PickUp):
-            other = _before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
+            other = before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
             recorded = group.y[..., place.index]
             (values,) = unit_amplitudes(effect, shape)
             return [Cause(series=(effect.mix(recorded, other, values) - recorded)[..., None], channel=place.index)]
@@ -707,66 +607,3 @@ class Screen:
             Cause(series=-(mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row))[..., None], force=row)
             for row in place.rows
         ]
-
-
-def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float) -> Array:
-    """Return by how much units of an effect's amplitudes change commands (n, n_runs), (n, n_runs, k)."""
-    return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
-
-
-def _impulses(system: Discrete, gain: Array, n: int) -> Array:
-    """Return what unit impulses of the modal forces and the readings leave in the innovations of a steady filter, (n, p, m + p)."""
-    A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
-    p = len(C)
-    after = np.hstack([B - gain @ D, -gain]).T  # the states that follow, one a row
-    states = states_of((A - gain @ C).T[None], np.zeros((n - 1, 1, *after.shape)), after[None])
-    return np.concatenate([np.hstack([D, np.eye(p)])[None], np.swapaxes(states[:, 0] @ C.T, 1, 2)])
-
-
-def _convolved(impulses: Array, series: Array) -> Array:
-    """Return what signals (n, n_runs, q, k) become by impulse responses (n, p, q), (n, n_runs, p, k)."""
-    n, size = len(series), np.abs(impulses).max(axis=(1, 2))
-    lasting = 1 + int(np.flatnonzero(size > FORGOTTEN * size.max())[-1]) if np.any(size) else 1
-    length = next_fast_len(n + lasting - 1, real=True)
-    answer = rfft(impulses[:lasting].astype(series.dtype), length, axis=0)[:, None]
-    seen = rfft(series, length, axis=0)
-    seen = answer * seen if series.shape[2] == 1 else answer @ seen
-    return np.asarray(irfft(seen, length, axis=0, overwrite_x=True)[:n])
-
-
-def _middles(twin: Twin, group: Group) -> tuple[Array, Array, Array]:
-    """Return modal displacement, velocity and acceleration in the middle of every step, from the samples before it.
-
-    Only what was known at a sample goes into the laws that act after it: the smoothed motion knows the later samples, and
-    a force made of it would explain their noise. The acceleration is the nominal model's own for the same reason.
-    """
-    m, h = twin.m, group.h
-    p, v = group.smoothed.filtered[..., :m], group.smoothed.filtered[..., m:]
-    forces = group.forces
-    a = (forces - p @ twin.K.T - v @ twin.C.T) @ np.linalg.inv(twin.M).T
-    p_mid, v_mid = p + 0.5 * h * v + 0.125 * h * h * a, v + 0.5 * h * a
-    return p_mid, v_mid, (forces - p_mid @ twin.K.T - v_mid @ twin.C.T) @ np.linalg.inv(twin.M).T
-
-
-def _before(u: Array) -> Array:
-    """Return the command that stands while a sample is read: the one before it."""
-    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-
-
-def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
-    """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
-    names = [p.name for p in effect.amplitudes]
-    return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
-
-
-def port_series(effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0) -> Array:
-    """Return an effect's force along given motion, time along the first axis."""
-    memory = effect.memory(z.shape[1:])
-    t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h
-    if memory is None:
-        return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
-    out = np.zeros(z.shape)
-    with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
-        for k in range(len(z)):
-            out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=(k + 0.5) * h), memory)
-        return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))

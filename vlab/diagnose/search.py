@@ -9,10 +9,10 @@ from vlab.diagnose.hypothesis import Found, Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
-from vlab.diagnose.screen import Candidate, Screen
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.second import besides
 from vlab.diagnose.signals import windows
-from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.physics.effect import Effect, SensorEffect
 from vlab.signals import Array
 

@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from vlab.diagnose.causes import port_series
+from vlab.diagnose.group import Group
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.screen import Candidate, Group, Screen, port_series
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.diagnose.twin import Twin
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array

@@ -1,4 +1,4 @@
-"""Terms of a hypothesis, and a fit of them: plain data that every search hands on."""
+"""Candidates of a screening, terms of a hypothesis, and a fit of them: plain data that every search hands on."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +15,29 @@ class Term:
     effect: Effect
     place: Place
     values: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one string."""
+        return f"{self.effect.name}@{self.place.name}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """An effect at a place with the shape that the screening found best.
+
+    Parameters
+    ----------
+    gain : float
+        Log-likelihood gained by the regression, shape and amplitude chosen.
+    values : mapping
+        Parameter values of the effect.
+    """
+
+    effect: Effect
+    place: Place
+    values: dict[str, float]
+    gain: float
 
     @property
     def label(self) -> str:

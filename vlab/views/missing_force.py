@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from vlab.diagnose.causes import port_series
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.group import Group
 from vlab.diagnose.nonlinear.force import asked_force
 from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.screen import Group, port_series
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import discretise
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PortEffect, SensorEffect

@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from vlab.diagnose.causes import RUNAWAY, commands_changed, unit_amplitudes
+from vlab.diagnose.group import Cause, Group
 from vlab.diagnose.nonlinear.course import with_signals
 from vlab.diagnose.nonlinear.prepare import Moving
 from vlab.diagnose.nonlinear.stepper import Stepper
@@ -27,7 +29,7 @@ from vlab.diagnose.observer import Smoothed, stack_runs
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.screen import Cause, Group, Screen, commands_changed, unit_amplitudes
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete
 from vlab.diagnose.uncertain import Uncertain
@@ -312,7 +314,7 @@ class MovingScreen(Screen):
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
-        series = [x if np.all(np.abs(x) < 1e12) else 0.0 * z[0] for x in laws]
+        series = [x if np.all(np.abs(x) < RUNAWAY) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
     def _series(

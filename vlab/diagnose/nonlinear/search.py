@@ -10,7 +10,6 @@ from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS
-from vlab.diagnose.screen import Candidate
 from vlab.diagnose.search import (
     ENOUGH,
     FINISHED,
@@ -28,7 +27,7 @@ from vlab.diagnose.search import (
     shows,
     terms_of,
 )
-from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.physics.effect import Effect, SensorEffect
 
 

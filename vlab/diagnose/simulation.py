@@ -1,0 +1,96 @@
+"""What hypotheses make of recordings: the twin with their effects inside, for many parameter sets side by side."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from vlab.diagnose.march import acting_order, march
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.terms import Term
+from vlab.diagnose.twin import Twin, discretise
+from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
+from vlab.signals import Array
+
+STEPS_PER_CYCLE = 22.0
+"""Integration steps per cycle of the fastest motion where a nonlinear force acts: explicit midpoint, 0.7 % in phase."""
+
+
+def channels(
+    twin: Twin,
+    highest_hz: float,
+    runs: list[Signals],
+    terms: Sequence[Term],
+    theta: Array,
+    values: Sequence[Mapping[str, Array]],
+    starts: Array,
+) -> Array:
+    """Return the channels of runs of one sample period before sensors have their say, (n, n_sets, n_runs, p).
+
+    Parameters
+    ----------
+    highest_hz : float
+        Of the fastest motion.
+    theta : (n_sets, n_changes) array
+    values : sequence of mappings
+        Of every term its parameter values, (n_sets,) arrays.
+    starts : (n_sets, n_runs, 2m) array
+    """
+    h, n_sets = runs[0].h, len(theta)
+    M, C, K, actuator_gain, _ = twin.matrices(theta)
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, LinearPortEffect):
+            mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness)
+            for row in term.place.rows:
+                outer = np.outer(row, row)
+                M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
+                C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
+                K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
+    ports = acting_order(terms)
+    substeps = max(1, int(np.ceil(STEPS_PER_CYCLE * highest_hz * h))) if ports else 1
+    inputs = np.concatenate(
+        [
+            twin.forces[None] * actuator_gain[:, None, :],
+            np.repeat(np.hstack([twin.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+        ],
+        axis=2,
+    )
+    system = discretise(M, C, K, inputs, twin.rows, h / substeps)
+    known = inputs.shape[2] - len(ports)
+    forces = _inputs(runs, terms, values, n_sets)
+    with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+        return march(system, forces, known, terms, values, ports, starts, runs, substeps)
+
+
+def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
+    """Return commands, behind the actuators' effects, and direct loads, (n, n_sets or 1, n_runs, k)."""
+    n = max(len(run) for run in runs)
+    out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
+    for i, run in enumerate(runs):
+        out[: len(run), 0, i] = np.hstack([run.u, run.load])
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, ActuatorEffect):
+            out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+            for s in range(n_sets):
+                p = {k: float(v[s]) for k, v in own.items()}
+                for i in term.place.indices:
+                    out[:, s, :, i] = term.effect.actuate(out[:, s, :, i], p, runs[0].h)
+    return out
+
+
+def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
+    """Let a channel of y (n, n_sets, n_runs, p) pick up a command or another channel, in place.
+
+    Parameters
+    ----------
+    own : mapping of str to (n_sets,) array
+        Parameter values of the pick-up.
+    """
+    assert isinstance(term.effect, PickUp)
+    i, k = term.place.index, term.place.other
+    other = y[..., k]
+    if term.place.tag == "command":
+        other = np.zeros((len(y), 1, len(runs)))
+        for j, run in enumerate(runs):  # a sample is read while the command before it still stands
+            other[1 : len(run), 0, j] = run.u[:-1, k]
+    p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+    y[..., i] = term.effect.mix(y[..., i], other, p)
