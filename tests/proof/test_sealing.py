@@ -117,6 +117,12 @@ def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
     status, _, _ = run(capsys, "conceal", "--again", str(cases), "--out", str(tmp_path / "again"), "--jobs", "1")
     assert status == 0
     assert set(read_commitments(tmp_path / "again")["cases"]) == {"case-001", "case-002"}
+    one = ["--only", "case-002", "--out", str(tmp_path / "one"), "--jobs", "1"]
+    assert run(capsys, "conceal", "--again", str(cases), *one)[0] == 0
+    assert set(read_commitments(tmp_path / "one")["cases"]) == {"case-002"}
+    status, _, err = run(capsys, "conceal", "--again", str(cases), "--only", "case-9", "--out", str(tmp_path / "none"))
+    assert (status, (tmp_path / "none").exists()) == (2, False)
+    assert "no case 'case-9'; accepted: case-001 to case-002" in err
     edit(cases / "commitments.json", lambda d: d["cases"]["case-001"].update(recordings="0" * 64))
     status, _, err = run(capsys, "conceal", "--again", str(cases), "--out", str(tmp_path / "other"), "--jobs", "1")
     assert (status, (tmp_path / "other").exists()) == (2, False)
@@ -127,6 +133,15 @@ def test_frozen_answers_are_counted_again_without_the_recordings(cases, answered
     first = prove(cases, answers_folder(cases), jobs=1)
     shutil.rmtree(cases / "case-001")
     assert prove(cases, answers_folder(cases), jobs=1)["measures"] == first["measures"]
+
+
+def test_a_score_has_a_page_even_where_nothing_was_hidden(cases, answered, capsys):
+    status, text, _ = run(capsys, "prove", str(cases), "--jobs", "1")
+    assert status == 0
+    assert "score and report.html" in text
+    page = (answers_folder(cases) / "report.html").read_text()
+    assert page.count("<svg") == 2  # counts and the matrix; no sizes and no probabilities to draw
+    assert "2 cases, seed 3" in page
 
 
 def test_truth_is_not_touched_before_the_answers_are_frozen(cases, answered, monkeypatch):
@@ -241,6 +256,7 @@ def test_work_on_dask_is_complete():
         (["conceal", "--seed", "-1", "--out", "x"], "the seed is -1"),
         (["conceal", "--benches", "boat", "--out", "x"], "unknown bench 'boat'"),
         (["conceal", "--jobs", "-2", "--out", "x"], "jobs is -2"),
+        (["conceal", "--only", "case-001", "--out", "x"], "--only belongs to --again"),
         (["prove", "nowhere"], "there is no such file"),
         (["prove"], "name a folder of concealed cases, or say --quick"),
         (["prove", "x", "--quick"], "one of the two"),
@@ -272,3 +288,4 @@ def test_a_few_cases_are_proved_from_end_to_end(capsys, tmp_path):
     assert {m["measure"] for m in document["measures"]} >= {"right effect, first answer", "Brier score"}
     assert all(j["verdict"] in get_args(Verdict) for j in document["judged"])
     assert (out / "cases-answers" / FROZEN).exists()
+    assert (out / "cases-answers" / "report.html").exists()

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", help="folder of the cases; their truth goes to OUT-truth")
     parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
     parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
+    parser.add_argument("--only", default="", help="with --again: names of cases, separated by commas; all by default")
     add_engine(parser)
 
 
@@ -35,6 +36,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Conceal cases."""
     if not arguments.out:
         raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
+    if arguments.only and not arguments.again:
+        raise BadExperiment("--only belongs to --again, which makes sealed cases again")
     if arguments.again:
         return _again(Path(arguments.again), Path(arguments.out), arguments)
     out = Path(arguments.out)
@@ -68,6 +71,7 @@ def _again(sealed: Path, out: Path, arguments: argparse.Namespace) -> Outcome:
         commitments = regenerate_cases(
             sealed,
             out,
+            only=[name for name in arguments.only.split(",") if name],
             engine=arguments.engine,
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,

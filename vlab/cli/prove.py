@@ -80,6 +80,9 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             scheduler=arguments.scheduler,
             progress=report,
         )
+    from vlab.views.proof_report import write_proof
+
+    write_proof(found, out / "report.html")
     return {**found, "out": str(out)}
 
 
@@ -102,7 +105,11 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
         parts.append("worst:\n" + text_table(["case", "suite", "hidden", "answered", "report"], rows))
     rows = [[b["method"], b["cases"], b["right_class"], b["gap_closed"], b["note"]] for b in found["baselines"]]
     parts.append(text_table(["beside it", "cases", "right class", "gap closed, median", ""], rows))
-    kept = f"score in {found['out']}" if found["out"] else "nothing is kept; name a folder with --out to keep it"
+    kept = (
+        f"score and report.html in {found['out']}"
+        if found["out"]
+        else "nothing is kept; name a folder with --out to keep it"
+    )
     drawn = "" if seed is None else f"seed {seed}; "
     parts.append(f"{found['cases']} cases; {drawn}{kept}")
     return Outcome(document={**found, "seed": seed}, text="\n\n".join(parts))

@@ -141,18 +141,21 @@ def regenerate_cases(
     sealed_cases: Path,
     out: Path,
     *,
+    only: Sequence[str] = (),
     truth: Path | None = None,
     engine: str = "joblib",
     jobs: int = 0,
     scheduler: str = "",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, str]:
-    """Make the recordings of sealed cases again from their seed; return the commitment of every case.
+    """Make the recordings of sealed cases again from their seed; return the commitments of those made.
 
     Parameters
     ----------
     sealed_cases : Path
         A folder with commitments; its recordings need not be there any more.
+    only : sequence of str
+        Names of the cases wanted; all by default.
     truth : Path, optional
         Where the truth is, which holds the seed.
 
@@ -160,11 +163,18 @@ def regenerate_cases(
     ------
     BadProof
         The plan is not what was committed to, or a recording comes out with other bits.
+    BadExperiment
+        There is no such case.
     """
     document = read_json(sealed_cases / COMMITMENTS)
     path = (truth or truth_folder(sealed_cases)) / "plan.json"
     plan = opened(read_json(path), document["plan"], where=str(path))
+    unknown = sorted(set(only) - set(document["cases"]))
+    if unknown:
+        names = sorted(document["cases"])
+        raise BadExperiment(f"{sealed_cases} has no case {unknown[0]!r}; accepted: {names[0]} to {names[-1]}")
     items = _items(plan["suites"], len(document["cases"]), plan["seed"])
+    items = [item for item in items if not only or item[2] in only]
     with output_folder(out) as cases:
         work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
         for done, (name, _) in enumerate(run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler)):
@@ -174,6 +184,7 @@ def regenerate_cases(
                     "use the versions of vlab, numpy and scipy that made them"
                 )
             progress(done + 1, len(items))
+        document = {**document, "cases": {item[2]: document["cases"][item[2]] for item in items}}
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
     return {name: kept["truth"] for name, kept in document["cases"].items()}

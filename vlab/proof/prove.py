@@ -22,6 +22,7 @@ SHOWN = (
     "noise",
     "hidden",
     "form",
+    "in_library",
     "truth_place",
     "size",
     "verdict",
@@ -224,7 +225,8 @@ def open_truth(folder: Path, commitments: dict[str, Any]) -> dict[str, Any]:
 
 def _row(j: Judged) -> dict[str, Any]:
     """Return one judged case as a row of the score."""
-    return {k: list(v) if isinstance(v := getattr(j, k), tuple) else v for k in SHOWN}
+    row = {k: list(v) if isinstance(v := getattr(j, k), tuple) else v for k in SHOWN}
+    return {**row, "right": not j.is_wrong}
 
 
 def missed(found: dict[str, Any]) -> list[str]:

@@ -1,0 +1,124 @@
+"""Figures of a campaign's score: counts with their intervals, who was taken for whom, what sizes are found, how far odds hold."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from scipy import stats
+
+from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, styled
+
+SIZE_BINS = 6
+"""Groups of equally many cases in which the share that was found is shown over size."""
+
+
+@styled
+def rates_figure(rows: Sequence[tuple[str, int, int, tuple[float, float], float | None, bool]]) -> Figure:
+    """Draw counted rates with their intervals and targets.
+
+    Parameters
+    ----------
+    rows : sequence of (name, count, of, interval, target, is_at_most)
+        Target None where there is none.
+    """
+    figure = Figure(figsize=(7.2, 1.2 + 0.3 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    handles: dict[str, Any] = {}
+    for i, (_, count, of, (low, high), target, is_at_most) in enumerate(rows):
+        handles["counted, with its exact 95 % interval"] = axes.plot([low, high], [i, i], color=COLOURS[0], lw=2.2)[0]
+        axes.plot(count / max(of, 1), i, "o", color=COLOURS[0], ms=6)
+        if target is not None:
+            marker, name = ("<", "target: at most") if is_at_most else (">", "target: at least")
+            (handles[name],) = axes.plot(target, i, marker, color=COLOURS[1], ms=6, linestyle="none")
+        axes.text(1.03, i, f"{count}/{of}", va="center", fontsize=8)
+    axes.set(
+        xlim=(-0.01, 1.01),
+        ylim=(len(rows) - 0.5, -0.5),
+        xlabel="share of the cases [-]",
+        yticks=np.arange(len(rows)),
+        yticklabels=[as_text(row[0]) for row in rows],
+    )
+    draw_legend(figure, list(handles.values()), list(handles), columns=3)
+    return figure
+
+
+@styled
+def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
+    """Draw how often each hidden thing, a row, got each answer, a column; the right effect's own column is ringed."""
+    truths = list(confusion)
+    verdicts = sorted({a for row in confusion.values() for a in row} - set(truths))
+    answers = [t for t in truths if any(t in row for row in confusion.values())] + verdicts
+    counts = np.array([[row.get(a, 0) for a in answers] for row in confusion.values()], dtype=float)
+    figure = Figure(figsize=(2.4 + 0.2 * len(answers), 2.2 + 0.19 * len(truths)), layout="constrained")
+    axes = figure.subplots()
+    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.6, aspect="auto")
+    for i, truth in enumerate(truths):
+        for j in map(int, np.flatnonzero(counts[i])):
+            axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7, color=INK)
+        if truth in answers:
+            axes.plot(answers.index(truth), i, "s", mfc="none", mec=COLOURS[1], mew=0.9, ms=10)
+    axes.set_xticks(np.arange(len(answers)), [as_text(a) for a in answers], rotation=90, fontsize=7)
+    axes.set_yticks(np.arange(len(truths)), [as_text(t) for t in truths], fontsize=7)
+    axes.set(xlabel="first answer", ylabel="hidden (in brackets: not in the library)")
+    axes.grid(visible=False)
+    return figure
+
+
+@styled
+def detection_figure(sizes: Sequence[float], found: Sequence[bool], limit: Mapping[str, Any]) -> Figure:
+    """Draw which single effects were found over what a refit leaves of them in units of the noise, and the limits' curve.
+
+    Parameters
+    ----------
+    limit : mapping
+        See `vlab.proof.statistics.detection_limit`.
+    """
+    figure = Figure(figsize=(7.2, 3.2), layout="constrained")
+    axes = figure.subplots()
+    size, hit = np.asarray(sizes, dtype=float), np.asarray(found, dtype=float)
+    handles: dict[str, Any] = {}
+    spread = 0.02 * np.cos(2.4 * np.arange(size.size))  # ties are told apart
+    (handles["a case"],) = axes.plot(size, hit + spread, "|", color=GREY, ms=7)
+    order = np.argsort(size)
+    for part in np.array_split(order, min(SIZE_BINS, max(size.size, 1))):
+        if part.size:
+            at, count = float(np.exp(np.log(size[part]).mean())), int(hit[part].sum())
+            interval = stats.binomtest(count, part.size).proportion_ci(0.95, method="exact")
+            axes.plot([at, at], [interval.low, interval.high], color=COLOURS[0], lw=1.6)
+            (handles["share found, 95 % interval"],) = axes.plot(at, count / part.size, "o", color=COLOURS[0], ms=5)
+    if limit["size_50"] and limit["size_90"] and limit["size_90"] > limit["size_50"]:
+        half, most = np.log(limit["size_50"]), np.log(limit["size_90"])
+        x = np.geomspace(size.min(), size.max(), 200)
+        curve = 1.0 / (1.0 + np.exp(-np.log(9.0) * (np.log(x) - half) / (most - half)))
+        (handles["fitted"],) = axes.plot(x, curve, color=COLOURS[1], linestyle=(0, (5, 1.6)))
+    axes.set(xlabel="left by a refit / noise [-]", ylabel="named in its class [-]", ylim=(-0.06, 1.06), xscale="log")
+    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    draw_legend(figure, list(handles.values()), list(handles))
+    return figure
+
+
+@styled
+def reliability_figure(curve: Sequence[Mapping[str, float]]) -> Figure:
+    """Draw how often findings were right over the probability that they were given.
+
+    Parameters
+    ----------
+    curve : sequence of mappings
+        See `vlab.proof.statistics.calibration`.
+    """
+    figure = Figure(figsize=(4.2, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color=GREY, linestyle=":")
+    for b in curve:
+        axes.plot([b["probability"]] * 2, [b["low"], b["high"]], color=COLOURS[0], lw=1.8)
+        axes.plot(b["probability"], b["rate"], "o", color=COLOURS[0], ms=5)
+        axes.annotate(f"{b['cases']:g}", (b["probability"], b["rate"]), (6, -3), textcoords="offset points", fontsize=8)
+    axes.set(
+        xlim=(0, 1.05), ylim=(0, 1.05), xlabel="probability given to the first finding [-]", ylabel="share right [-]"
+    )
+    return figure

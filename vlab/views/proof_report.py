@@ -1,0 +1,123 @@
+"""The page of a campaign of concealed cases: what was counted, with intervals, figures and the failures by name."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vlab.proof.prove import table_rows
+from vlab.views.figures import to_svg
+from vlab.views.figures.proof import confusion_figure, detection_figure, rates_figure, reliability_figure
+from vlab.views.report import Section, write_report
+
+
+def write_proof(found: Mapping[str, Any], path: Path) -> None:
+    """Write a score, as `vlab.proof.prove.prove` returns it, as one HTML page.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written.
+    """
+    missed = [m["measure"] for m in found["measures"] if m["met"] is False]
+    summary = (
+        f"{found['cases']} cases, seed {found['plan']['seed']}, answered before their truth was opened; "
+        f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.",
+        f"Targets missed: {'; '.join(missed)}." if missed else "Every target is met.",
+    )
+    parts = [_measures(found), _suites(found), _detection(found), _calibration(found), _confusion(found)]
+    parts += [_failures(found), _baselines(found)]
+    write_report(path, title="What was concealed, and what was found", sections=parts, summary=summary)
+
+
+def evidence_figure(found: Mapping[str, Any]) -> str:
+    """Return the counted rates of a score as a drawing."""
+    return to_svg(rates_figure(_rates(found["measures"])))
+
+
+def _rates(
+    measures: Sequence[Mapping[str, Any]],
+) -> list[tuple[str, int, int, tuple[float, float], float | None, bool]]:
+    """Return the rows of `rates_figure`: what was counted at least once; of a target from - to its lower end."""
+    rows = []
+    for m in measures:
+        if "count" not in m or not m["of"]:
+            continue
+        words = m["target"].replace(" to ", " ").split()
+        target = next((float(word) for word in words if word not in (">=", "<=")), None)
+        low, high = m["ci95"]
+        rows.append((m["measure"], m["count"], m["of"], (low, high), target, m["target"].startswith("<=")))
+    return rows
+
+
+def _measures(found: Mapping[str, Any]) -> Section:
+    heads, rows = table_rows(dict(found))
+    caption = "Every share that was counted, with the exact interval of Clopper and Pearson, beside its target."
+    return Section(title="What was counted", tables=[(heads, rows)], figures=[(evidence_figure(found), caption)])
+
+
+def _suites(found: Mapping[str, Any]) -> Section:
+    heads = ("suite", "cases", "right", "95 % interval", "verdicts", "by bench", "by noise")
+    rows = []
+    for name, s in found["suites"].items():
+        low, high = s["right"]["ci95"]
+        verdicts = ", ".join(f"{v} {n}" for v, n in s["verdicts"].items())
+        parts = [", ".join(f"{k} {r['count']}/{r['of']}" for k, r in s[of].items()) for of in ("benches", "noise")]
+        right = f"{s['right']['count']}/{s['right']['of']}"
+        rows.append([name, s["cases"], right, f"{low:.3f} to {high:.3f}", verdicts, *parts])
+    text = (
+        "Right is: the hidden effect named in its equivalence class; of nothing hidden, nothing-missing; of what is not in the "
+        "library, none-of-these."
+    )
+    return Section(title="By suite", text=text, tables=[(heads, rows)])
+
+
+def _detection(found: Mapping[str, Any]) -> Section:
+    heads = ("effect", "cases", "named", "size found in 50 %", "size found in 90 %")
+    rows = [
+        [name, d["cases"], d["detected"], *(_limit(d, key) for key in ("size_50", "size_90"))]
+        for name, d in found["detection"].items()
+    ]
+    alone = [j for j in found["judged"] if len(j["hidden"]) == 1 and j["size"] and j["in_library"]]
+    figures = []
+    if alone:
+        drawn = detection_figure(
+            [j["size"] for j in alone], [j["right_class"] for j in alone], found["detection"]["all"]
+        )
+        figures.append(
+            (to_svg(drawn), "Single effects of the library: found or not, over what a refit leaves of them.")
+        )
+    text = "Size: what a refit of the model without the effect leaves, in multiples of the noise. A dash: too few cases for a limit."
+    return Section(title="What size is found", text=text, tables=[(heads, rows)], figures=figures)
+
+
+def _limit(d: Mapping[str, Any], key: str) -> str | None:
+    return None if d[key] is None else f"{d['beyond']}{d[key]:.3g}"
+
+
+def _calibration(found: Mapping[str, Any]) -> Section:
+    figures = []
+    if found["calibration"]:
+        caption = "Dotted: as often as said. Numbers: findings in the bin; intervals of 95 %."
+        figures.append((to_svg(reliability_figure(found["calibration"])), caption))
+    return Section(title="How far probabilities hold", figures=figures)
+
+
+def _confusion(found: Mapping[str, Any]) -> Section:
+    single = {truth: row for truth, row in found["confusion"].items() if " + " not in truth}
+    caption = "A row for what was hidden alone, a column for the first answer; the ring is the effect's own name."
+    return Section(title="What was taken for what", figures=[(to_svg(confusion_figure(single)), caption)])
+
+
+def _failures(found: Mapping[str, Any]) -> Section:
+    heads = ("case", "suite", "bench", "noise", "hidden", "at", "size", "answered", "at", "probability")
+    keys = ("case", "suite", "bench", "noise", "hidden", "truth_place", "size", "answered", "place", "probability")
+    wrong = [{**j, "hidden": " + ".join(j["hidden"]) or "nothing"} for j in found["judged"] if not j["right"]]
+    rows = [[j[key] for key in keys] for j in wrong]
+    failed = [f"{f['case']}: {f['error']}" for f in found["failed"]]
+    return Section(title="Every wrong answer", text=failed, tables=[(heads, rows)] if rows else [])
+
+
+def _baselines(found: Mapping[str, Any]) -> Section:
+    heads = ("method", "cases", "right class", "held-out gap closed, median", "")
+    rows = [[b["method"], b["cases"], b["right_class"], b["gap_closed"], b["note"]] for b in found["baselines"]]
+    return Section(title="Beside simpler methods", tables=[(heads, rows)])
