@@ -37,6 +37,7 @@ def truth(case="c", suite="in-library", things=None, left=5.0, **more):
         "bench": "slider",
         "noise": "low",
         "one_level": False,
+        "sigma": [1e-5, 1e-5, 1e-5],
         "hidden": things,
         "size": {"left": left} if things else None,
         **more,
@@ -77,33 +78,36 @@ def test_a_right_answer_is_right_in_everything():
     assert (j.gap, j.size, j.probability) == (0.9, 5.0, 0.9)
 
 
-def test_a_class_counts_when_the_table_or_the_tool_says_so():
-    lag = truth(things=[hidden("actuator-lag", "actuator:motor")])
+def test_a_class_counts_when_the_table_says_so():
+    lag = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"lag": 0.001})])
     j = judge(lag, answer(finding("actuator-delay", "actuator:motor")))
     assert (j.right_effect, j.right_class) == (False, True)  # the table
+    assert not j.hit  # the probability was that of the name
+    late = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"lag": 0.01})])
+    assert not judge(late, answer(finding("actuator-delay", "actuator:motor"))).right_class  # 1.5 rad at 24 Hz
     j = judge(truth(), answer(finding("jenkins-slip", alike=["coulomb-friction"])))
-    assert (j.right_effect, j.right_class) == (False, True)  # the tool's own class
+    assert (j.right_effect, j.right_class, j.in_claimed) == (False, False, True)  # the tool's own class counts apart
+    assert (j.place_exact, j.errors) == (True, {})
     j = judge(truth(), answer(finding("jenkins-slip")))
-    assert (j.right_effect, j.right_class) == (False, False)
-    assert j.errors == {}
+    assert (j.right_effect, j.right_class, j.in_claimed) == (False, False, False)
 
 
 def test_the_table_holds_under_its_conditions_only():
     drag = hidden("viscous-damping")
     assert right_class(truth(things=[drag]), drag) == {"viscous-damping"}
     assert right_class(truth(things=[drag], one_level=True), drag) == {"viscous-damping", "quadratic-drag"}
-    mass = hidden("added-mass")
-    assert "lost-stiffness" not in right_class(truth(things=[mass]), mass)
-    assert "lost-stiffness" in right_class(truth(things=[mass], bench="beam"), mass)
+    gain = hidden("actuator-gain")
+    assert "sensor-gain" not in right_class(truth(things=[gain]), gain)
+    assert "sensor-gain" in right_class(truth(things=[gain], sigma=[1e-5]), gain)
     offset = hidden("force-offset", at_actuator=True)
     assert "actuator-offset" in right_class(truth(things=[offset]), offset)
     assert all(row.why for row in TABLE)
 
 
-def test_any_accepted_name_of_another_form_is_right():
+def test_any_accepted_name_of_another_form_is_right_in_class():
     form = hidden(form="tanh", accepted=["coulomb-friction", "lugre-friction"], same_parameters=False)
     j = judge(truth(suite="other-form", things=[form]), answer(finding("lugre-friction")))
-    assert (j.right_effect, j.right_class, j.errors) == (True, True, {})
+    assert (j.right_effect, j.right_class, j.hit, j.errors) == (False, True, True, {})
 
 
 def test_places_have_several_names_and_neighbours():
@@ -121,17 +125,38 @@ def test_parameters_outside_their_interval_are_not_covered():
     j = judge(truth(), answer(finding(value=1.0, ci=(0.9, 1.1))))
     assert j.errors == {"force": pytest.approx(0.5)}
     assert j.covered == {"force": False}
+    silent = truth(things=[hidden(parameters={"force": 2.0, "speed": 0.1})])
+    j = judge(silent, answer(finding()))
+    assert (j.errors["speed"], j.covered["speed"]) == (10.0, False)  # an answer that leaves a parameter out
+
+
+def test_hum_of_no_steady_phase_is_compared_by_its_amplitude():
+    hum = hidden("mains-hum", "sensor:probe", parameters={"sine": 3.0, "cosine": -4.0, "frequency": 50.0})
+    said = finding("mains-hum", "sensor:probe")
+    said["parameters"] = {
+        "amplitude": {"value": 5.5, "unit": "m", "ci90": [5.0, 6.0]},
+        "frequency": {"value": 50.0, "unit": "Hz", "ci90": [49.9, 50.1]},
+    }
+    j = judge(truth(things=[hum]), answer(said))
+    assert j.errors == {"amplitude": pytest.approx(0.1), "frequency": 0.0}
+    assert j.covered == {"amplitude": True, "frequency": True}
 
 
 def test_of_two_hidden_things_either_may_come_first():
     second = hidden("cubic-stiffness", "tendon:belt", parameters={"k3": 1.0})
     both = truth(suite="two-effects", things=[hidden(), second])
     one = judge(both, answer(finding("cubic-stiffness", "tendon:belt")))
-    assert (one.right_effect, one.place_exact, one.all_right) == (True, True, False)
+    assert (one.right_effect, one.place_exact, one.all_right, one.is_wrong) == (True, True, False, True)
+    assert one.hit
     two = judge(both, answer(finding("cubic-stiffness", "tendon:belt"), finding()))
     assert two.all_right
+    assert two.hit
+    assert not two.is_wrong
     three = judge(both, answer(finding("cubic-stiffness", "tendon:belt"), finding(), finding("added-mass")))
     assert not three.all_right
+    assert not three.hit
+    more = judge(truth(), answer(finding(), finding("added-mass")))
+    assert (more.right_class, more.all_right, more.hit) == (True, False, False)
 
 
 def test_nothing_and_the_unknown_have_their_own_right_answers():
@@ -193,9 +218,14 @@ def test_the_detection_limit_is_where_detection_turns_over():
 def test_a_detection_limit_is_not_made_up():
     assert detection_limit([1.0, 2.0], [True, False])["size_50"] is None  # too few
     every = detection_limit(np.arange(1.0, 11.0), [True] * 10)
-    assert (every["size_50"], every["beyond"]) == (pytest.approx(1.0), "<")
+    assert (every["size_50"], every["beyond"]["size_50"]) == (pytest.approx(1.0), "<")
     none = detection_limit(np.arange(1.0, 11.0), [False] * 10)
-    assert (none["size_90"], none["beyond"]) == (pytest.approx(10.0), ">")
+    assert (none["size_90"], none["beyond"]["size_90"]) == (pytest.approx(10.0), ">")
+    most = detection_limit(np.arange(1.0, 21.0), [True, False] + [True] * 18)
+    assert (most["size_50"], most["beyond"]) == (
+        1.0,
+        {"size_50": "<"},
+    )  # half are found below all sizes that were tried
     falls = detection_limit(np.arange(1.0, 11.0), [True] * 5 + [False] * 5)
     assert falls["size_50"] is None
 
@@ -224,8 +254,9 @@ def test_the_table_counts_what_a_hand_counts():
     assert (right["count"], right["of"], right["target"], right["met"]) == (4, 6, ">= 0.85", False)
     assert right["ci95"] == list(Rate(4, 6).interval)
     assert (measure(judged, "right place, exact")["count"], measure(judged, "right place, exact")["of"]) == (4, 5)
-    alarms = measure(judged, "null: physics named")
+    alarms = measure(judged, "null: anything but nothing-missing")
     assert (alarms["count"], alarms["of"], alarms["met"]) == (1, 2, False)
+    assert measure(judged, "null: physics named")["count"] == 1
     assert measure(judged, "out of library: abstains")["value"] == 1.0
     assert measure(judged, "held-out gap closed, median")["value"] == pytest.approx(0.8)  # .8 x 4, .5, 0
     assert measure(judged, "held-out gap closed, worst tenth")["value"] == pytest.approx(0.25)

@@ -129,6 +129,28 @@ def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
     assert "other bits than those that were sealed" in err
 
 
+def test_sealed_cases_are_not_written_over(cases, tmp_path, capsys):
+    before = (cases / "commitments.json").read_bytes()
+    for words in (["--suite", "null", "--n", "1"], ["--again", str(cases), "--only", "case-001"]):
+        status, _, err = run(capsys, "conceal", *words, "--out", str(cases))
+        assert status == 2
+        assert "holds sealed cases" in err
+    assert (cases / "commitments.json").read_bytes() == before
+
+
+def test_answers_are_not_frozen_where_the_code_was_changed_meanwhile(cases, answered, monkeypatch):
+    kept, asked = proving.manifest, []
+
+    def changing(commitments, **settings):
+        asked.append(1)
+        return {**kept(commitments, **settings), "code": str(len(asked))}
+
+    monkeypatch.setattr(proving, "manifest", changing)
+    with pytest.raises(BadProof, match="begun with another code"):
+        prove(cases, answers_folder(cases), jobs=1)
+    assert not (answers_folder(cases) / FROZEN).exists()
+
+
 def test_frozen_answers_are_counted_again_without_the_recordings(cases, answered):
     first = prove(cases, answers_folder(cases), jobs=1)
     shutil.rmtree(cases / "case-001")

@@ -62,6 +62,7 @@ def conceal_cases(
         raise BadExperiment(f"the seed is {seed}; accepted: 0 or more")
     check_benches(benches)
     drawn_suites(suites, count, 0)  # refuses unknown names before anything is written
+    _keep_sealed(out)
     with output_folder(truth_folder(out)) as truths, output_folder(out) as cases:
         begun = unfinished_folder(out)
         plan = _begin(begun, {"suites": list(suites), "benches": list(benches), "count": count}, seed)
@@ -78,7 +79,7 @@ def conceal_cases(
         commitments = {n: _seal(truths / f"{n}.json", read_json(begun / "truth" / f"{n}.json")) for _, _, n in items}
         for name in commitments:
             os.replace(begun / "cases" / name, cases / name)
-        known = {key: plan[key] for key in ("seed", "suites", "benches")}
+        known = {key: plan[key] for key in ("seed", "suites", "benches", "generator")}
         document = {
             "format": FORMAT,
             "cases": {n: {"truth": c, "recordings": folder_digest(cases / n)} for n, c in commitments.items()},
@@ -89,6 +90,18 @@ def conceal_cases(
         write_manifest(truths, verb="conceal", **known)
     shutil.rmtree(begun, ignore_errors=True)
     return commitments, plan["seed"]
+
+
+def _keep_sealed(out: Path) -> None:
+    """Refuse to write over sealed cases: answers may have been given to them.
+
+    Raises
+    ------
+    BadExperiment
+        There are some.
+    """
+    if (out / COMMITMENTS).exists():
+        raise BadExperiment(f"{out} holds sealed cases; name another folder with --out, or remove it and its truth")
 
 
 def unfinished_folder(out: Path) -> Path:
@@ -131,6 +144,7 @@ def _is_whole(begun: Path, name: str) -> bool:
 def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int) -> str:
     """Make a case in an unfinished folder; its truth comes last and says that it is whole."""
     name = item[2]
+    (folder / "truth" / f"{name}.json").unlink(missing_ok=True)
     shutil.rmtree(folder / "cases" / name, ignore_errors=True)
     _, truth = _one(item, folder=folder / "cases", benches=benches, seed=seed)
     write_json(folder / "truth" / f"{name}.json", truth)
@@ -167,6 +181,7 @@ def regenerate_cases(
         There is no such case.
     """
     document = read_json(sealed_cases / COMMITMENTS)
+    _keep_sealed(out)
     path = (truth or truth_folder(sealed_cases)) / "plan.json"
     plan = opened(read_json(path), document["plan"], where=str(path))
     unknown = sorted(set(only) - set(document["cases"]))
@@ -175,13 +190,18 @@ def regenerate_cases(
         raise BadExperiment(f"{sealed_cases} has no case {unknown[0]!r}; accepted: {names[0]} to {names[-1]}")
     items = _items(plan["suites"], len(document["cases"]), plan["seed"])
     items = [item for item in items if not only or item[2] in only]
+    changed = plan.get("generator") != generator_digest()
     with output_folder(out) as cases:
         work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
         for done, (name, _) in enumerate(run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler)):
             if folder_digest(cases / name) != document["cases"][name]["recordings"]:
                 raise BadProof(
                     f"{name}: the recordings come out with other bits than those that were sealed; "
-                    "use the versions of vlab, numpy and scipy that made them"
+                    + (
+                        "the generator, numpy or scipy is another than that which made them"
+                        if changed
+                        else "another processor may round otherwise"
+                    )
                 )
             progress(done + 1, len(items))
         document = {**document, "cases": {item[2]: document["cases"][item[2]] for item in items}}

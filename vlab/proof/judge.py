@@ -3,8 +3,12 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from vlab.proof.equivalence import right_class
 
+MOST_ERROR = 10.0
+"""Relative error of a parameter that an answer does not give, and of any that is further off."""
 NAMED, NOTHING, ABSTAINED = "missing-physics", "nothing-missing", "none-of-these"
 
 
@@ -18,10 +22,16 @@ class Judged:
         True effects.
     answered : str
         The first effect that was named, else the verdict.
-    right_effect, right_class : bool
-        Of the first finding; with two hidden effects it may be either.
+    right_effect : bool
+        The first finding has the very name of what is hidden; with two hidden effects of either.
+    right_class : bool
+        It has a name that no experiment of the kind could tell from it, see `vlab.proof.equivalence`.
+    in_claimed : bool
+        What is hidden is among the effects that the answer itself says it cannot tell from its first finding.
     all_right : bool
         Every hidden effect was named in class, and nothing else.
+    hit : bool
+        What the first finding's probability speaks of is true: the effects that are named, all of them and no other.
     place_exact, place_near, place_covered : bool or None
         Of the finding that was judged; None where nothing was named.
     places : int
@@ -47,7 +57,9 @@ class Judged:
     answered: str
     right_effect: bool
     right_class: bool
+    in_claimed: bool
     all_right: bool
+    hit: bool
     place_exact: bool | None
     place_near: bool | None
     place_covered: bool | None
@@ -68,7 +80,9 @@ class Judged:
         """Whether it counts against the tool in its suite."""
         if not self.hidden:
             return self.verdict != NOTHING
-        return self.verdict != ABSTAINED if not self.in_library else not self.right_class
+        if not self.in_library:
+            return self.verdict != ABSTAINED
+        return not (self.all_right if len(self.hidden) > 1 else self.right_class)
 
 
 def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
@@ -79,8 +93,7 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
     in_library = bool(hidden) and all(h["accepted"] for h in hidden)
     meant = _meant(truth, first, hidden)
     size = truth.get("size")
-    heldout = answer.get("heldout") or {}
-    gap = heldout.get("gap_closed") if answer["verdict"] == NAMED else (0.0 if heldout else None)
+    gap = (answer.get("heldout") or {}).get("gap_closed") if answer["verdict"] == NAMED else 0.0
     return Judged(
         case=truth["case"],
         suite=truth["suite"],
@@ -91,12 +104,14 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
         in_library=in_library,
         verdict=answer["verdict"],
         answered=first["effect"] if first else answer["verdict"],
-        right_effect=first is not None and meant is not None and first["effect"] in meant["accepted"],
-        right_class=first is not None and meant is not None and _in_class(truth, meant, first),
-        all_right=bool(hidden) and _all_right(truth, findings, hidden),
+        right_effect=first is not None and any(first["effect"] == h["effect"] for h in hidden if h["accepted"]),
+        right_class=first is not None and any(first["effect"] in right_class(truth, h) for h in hidden),
+        in_claimed=first is not None and any(_is_claimed(h, first) for h in hidden),
+        all_right=bool(hidden) and _match(findings, [right_class(truth, h) for h in hidden]),
+        hit=_is_hit(findings, hidden),
         **_place(first, meant or (hidden[0] if hidden else None)),
         claimed=len(first.get("class", ())) if first else 0,
-        probability=float(first["probability"]) if first else None,
+        probability=float(first["probability"]) if first and first.get("probability") is not None else None,
         **_parameters(first, meant),
         gap=gap,
         size=None if size is None else float(size["left"]),
@@ -107,10 +122,8 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
     )
 
 
-def _in_class(truth: dict[str, Any], hidden: dict[str, Any], finding: dict[str, Any]) -> bool:
-    claimed = {finding["effect"], *finding.get("class", ())}
-    right = right_class(truth, hidden)
-    return finding["effect"] in right or bool(claimed & set(hidden["accepted"]))
+def _is_claimed(hidden: dict[str, Any], finding: dict[str, Any]) -> bool:
+    return bool({finding["effect"], *finding.get("class", ())} & set(hidden["accepted"]))
 
 
 def _meant(truth: dict[str, Any], first: dict[str, Any] | None, hidden: list[dict[str, Any]]) -> dict[str, Any] | None:
@@ -118,16 +131,25 @@ def _meant(truth: dict[str, Any], first: dict[str, Any] | None, hidden: list[dic
     if first is None:
         return None
     named = [h for h in hidden if first["effect"] in h["accepted"]]
-    alike = [h for h in hidden if h["accepted"] and _in_class(truth, h, first)]
-    options = named or alike
+    alike = [h for h in hidden if first["effect"] in right_class(truth, h)]
+    options = named or alike or [h for h in hidden if _is_claimed(h, first)]
     at_place = [h for h in options if same_place(first["place"], h)]
     return next(iter(at_place or options), None)
 
 
-def _all_right(truth: dict[str, Any], findings: list[dict[str, Any]], hidden: list[dict[str, Any]]) -> bool:
+def _is_hit(findings: list[dict[str, Any]], hidden: list[dict[str, Any]]) -> bool:
+    """Return whether what is named is there; the probability of several findings is that of all of them together."""
+    accepted = [set(h["accepted"]) for h in hidden]
+    if len(findings) == 1:
+        return any(findings[0]["effect"] in names for names in accepted)
+    return bool(findings) and _match(findings, accepted)
+
+
+def _match(findings: list[dict[str, Any]], accepted: list[set[str]]) -> bool:
+    """Return whether every set of names has one finding, and every finding a set."""
     left = list(findings)
-    for h in hidden:
-        match = next((f for f in left if h["accepted"] and _in_class(truth, h, f)), None)
+    for names in accepted:
+        match = next((f for f in left if f["effect"] in names), None)
         if match is None:
             return False
         left.remove(match)
@@ -163,11 +185,20 @@ def _parameters(first: dict[str, Any] | None, hidden: dict[str, Any] | None) -> 
     if first is None or hidden is None or not hidden["same_parameters"] or first["effect"] != hidden["effect"]:
         return {"errors": {}, "covered": {}}
     errors, covered = {}, {}
-    for name, true in hidden["parameters"].items():
-        given = first.get("parameters", {}).get(name)
-        if given is None or true == 0.0 or given.get("value") is None:
+    given, true = _comparable(first.get("parameters", {}), hidden["parameters"])
+    for name, value in true.items():
+        if value == 0.0:
             continue
-        errors[name] = abs(given["value"] - true) / abs(true)
-        ci = given.get("ci90") or [None, None]
-        covered[name] = None not in ci and min(ci) <= true <= max(ci)
+        found = given.get(name, {}).get("value")
+        errors[name] = MOST_ERROR if found is None else min(abs(found - value) / abs(value), MOST_ERROR)
+        ci = given.get(name, {}).get("ci90") or [None, None]
+        covered[name] = None not in ci and min(ci) <= value <= max(ci)
     return {"errors": errors, "covered": covered}
+
+
+def _comparable(given: dict[str, Any], true: dict[str, float]) -> tuple[dict[str, Any], dict[str, float]]:
+    """Return parameters under the same names: what has no steady phase is known by its amplitude."""
+    if "amplitude" in given and {"sine", "cosine"} <= set(true):
+        rest = {name: value for name, value in true.items() if name not in ("sine", "cosine")}
+        return given, {"amplitude": float(np.hypot(true["sine"], true["cosine"])), **rest}
+    return given, true

@@ -32,6 +32,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "laws": _sources(Path(controllers.__file__).parent, "*.py"),
         "catalogue": _sources(root / "physics", "*.py"),
         "structures": _structures(),
+        "scoring": scoring_digest(),
         "thresholds": thresholds,
         "thresholds_sha256": digest(thresholds),
         "commitments": digest(commitments),
@@ -40,9 +41,18 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
     return dict(json.loads(canonical(bound)))  # as it will be read again
 
 
+def scoring_digest() -> str:
+    """Return the SHA-256 of the sources that say what a right answer is, and count."""
+    root = Path(vlab.__file__).parent / "proof"
+    return files_digest((name, root / name) for name in ("equivalence.py", "judge.py", "score.py", "statistics.py"))
+
+
 def generator_digest() -> str:
-    """Return the SHA-256 of the sources and structures that concealed cases are made with."""
-    return digest([_sources(Path(vlab.__file__).parent / "proof", "generator/*.py"), _structures()])
+    """Return the SHA-256 of all that concealed cases are made with: sources, structures, numpy and scipy."""
+    root = Path(vlab.__file__).parent
+    made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
+    made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
+    return digest([*made, _structures(), metadata.version("numpy"), metadata.version("scipy")])
 
 
 def _structures() -> str:

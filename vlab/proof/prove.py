@@ -10,7 +10,7 @@ from vlab.proof.answering import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
 from vlab.proof.concealing import truth_folder
 from vlab.proof.judge import Judged, judge
-from vlab.proof.manifest import manifest
+from vlab.proof.manifest import manifest, scoring_digest
 from vlab.proof.score import baseline_rows, score
 from vlab.proof.sealing import COMMITMENTS, FORMAT, digest, folder_digest, opened, read_json, write_json
 
@@ -30,6 +30,8 @@ SHOWN = (
     "place",
     "right_effect",
     "right_class",
+    "in_claimed",
+    "hit",
     "all_right",
     "place_exact",
     "place_near",
@@ -94,11 +96,17 @@ def prove(
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["answered_with"] = read_json(out / MANIFEST)
+    found["counted_with"] = scoring_digest()
     found["judged"] = [_row(j) for j in judged]
-    paths = write_worst(cases, [w["case"] for w in found["worst"][:reports]], out / "worst", report) if report else {}
     for row in found["worst"]:
-        row["report"] = paths.get(row["case"])
+        row["report"] = None
     write_json(out / SCORE, found)
+    if report is not None and reports:
+        answered = [row for row in found["worst"] if not row["error"]][:reports]
+        paths = write_worst(cases, [row["case"] for row in answered], out / "worst", report)
+        for row in found["worst"]:
+            row["report"] = paths.get(row["case"])
+        write_json(out / SCORE, found)
     return found
 
 
@@ -158,6 +166,9 @@ def _answer(
         write_json(out / ANSWERS / f"{name}.json", answer)
         done += 1
         progress(done, len(names))
+    _check_same(
+        now, manifest(commitments, baselines=baselines), out
+    )  # processes that start late read what is there then
 
 
 def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:

@@ -47,18 +47,20 @@ def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     return [
         _rate("right effect, first answer", [j.right_effect for j in known], at_least=0.85),
         _rate("right equivalence class, first answer", [j.right_class for j in known], at_least=0.95),
+        _rate("what is hidden is in the class that the answer claims", [j.in_claimed for j in known]),
+        _value("size of the claimed class, mean", [j.claimed for j in named], np.mean),
         _rate("two effects: both named, nothing else", [j.all_right for j in known if len(j.hidden) == 2]),
+        _rate("one effect: nothing named beside it", [j.hit for j in named if len(j.hidden) == 1 and j.right_class]),
         _rate("right place, exact", [bool(j.place_exact) for j in named], at_least=0.70),
         _rate("right place, within one element or joint", [bool(j.place_near) for j in named], at_least=0.90),
         _rate("coverage of the 90 % place set", [bool(j.place_covered) for j in named], at_least=0.85, at_most=0.95),
         _value("size of the place set, mean", [j.places for j in named], np.mean),
-        _value("size of the claimed class, mean", [j.claimed for j in named], np.mean),
         _value("parameter error, median", errors, np.median, at_most=0.10),
         _rate("coverage of 90 % parameter intervals", inside, at_least=0.85, at_most=0.95),
         _value("held-out gap closed, median", gaps, np.median, at_least=0.80),
         _value("held-out gap closed, worst tenth", gaps, lambda x: np.quantile(x, 0.1)),
-        _rate("null: physics named (false alarms)", [j.verdict == NAMED for j in nulls], at_most=0.05),
-        _rate("null: anything but nothing-missing", [j.verdict != NOTHING for j in nulls]),
+        _rate("null: anything but nothing-missing (false alarms)", [j.verdict != NOTHING for j in nulls], at_most=0.05),
+        _rate("null: physics named", [j.verdict == NAMED for j in nulls]),
         _rate("out of library: abstains", [j.verdict == ABSTAINED for j in strange], at_least=0.80),
         _rate("out of library: physics named", [j.verdict == NAMED for j in strange]),
         _rate("near threshold: right class", [j.right_class for j in judged if j.suite == "near-threshold"]),
@@ -71,7 +73,7 @@ def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
 
 def _probabilities(judged: Sequence[Judged]) -> tuple[list[float], list[bool]]:
     named = [j for j in judged if j.probability is not None]
-    return [float(j.probability or 0.0) for j in named], [j.right_class for j in named]
+    return [float(j.probability or 0.0) for j in named], [j.hit for j in named]
 
 
 def _met(value: float | None, at_least: float | None, at_most: float | None) -> bool | None:

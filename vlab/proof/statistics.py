@@ -80,7 +80,7 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
     """Fit how detection grows with the logarithm of size, and return the sizes at 50 % and 90 %.
 
     None where there are too few cases, or where detection does not grow with size in them; a limit outside the sizes that
-    were tried is given as the nearest of them, with ``"beyond"``.
+    were tried is given as the nearest of them, with its side under ``"beyond"``.
     """
     x, hit = np.log(np.asarray(size, dtype=float)), np.asarray(detected, dtype=float)
     out: dict[str, Any] = {
@@ -88,7 +88,7 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
         "detected": int(hit.sum()),
         "size_50": None,
         "size_90": None,
-        "beyond": "",
+        "beyond": {},
     }
     if x.size < LEAST_FOR_LIMIT:
         return out
@@ -98,7 +98,7 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
             **out,
             "size_50": float(np.exp(end)),
             "size_90": float(np.exp(end)),
-            "beyond": "<" if hit.all() else ">",
+            "beyond": dict.fromkeys(("size_50", "size_90"), "<" if hit.all() else ">"),
         }
     centre, spread = x.mean(), max(x.std(), 1e-9)
     z = (x - centre) / spread
@@ -111,5 +111,8 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
     if b <= 0.0:
         return out
     for name, share in (("size_50", 0.5), ("size_90", 0.9)):
-        out[name] = float(np.exp(centre + spread * (np.log(share / (1 - share)) - a) / b))
+        at = centre + spread * (np.log(share / (1 - share)) - a) / b
+        out[name] = float(np.exp(np.clip(at, x.min(), x.max())))
+        if not x.min() <= at <= x.max():
+            out["beyond"][name] = "<" if at < x.min() else ">"
     return out

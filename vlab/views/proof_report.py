@@ -91,7 +91,7 @@ def _detection(found: Mapping[str, Any]) -> Section:
 
 
 def _limit(d: Mapping[str, Any], key: str) -> str | None:
-    return None if d[key] is None else f"{d['beyond']}{d[key]:.3g}"
+    return None if d[key] is None else f"{d['beyond'].get(key, '')}{d[key]:.3g}"
 
 
 def _calibration(found: Mapping[str, Any]) -> Section:

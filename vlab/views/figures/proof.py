@@ -89,7 +89,7 @@ def detection_figure(sizes: Sequence[float], found: Sequence[bool], limit: Mappi
             interval = stats.binomtest(count, part.size).proportion_ci(0.95, method="exact")
             axes.plot([at, at], [interval.low, interval.high], color=COLOURS[0], lw=1.6)
             (handles["share found, 95 % interval"],) = axes.plot(at, count / part.size, "o", color=COLOURS[0], ms=5)
-    if limit["size_50"] and limit["size_90"] and limit["size_90"] > limit["size_50"]:
+    if limit["size_50"] and limit["size_90"] and not limit["beyond"]:
         half, most = np.log(limit["size_50"]), np.log(limit["size_90"])
         x = np.geomspace(size.min(), size.max(), 200)
         curve = 1.0 / (1.0 + np.exp(-np.log(9.0) * (np.log(x) - half) / (most - half)))
