@@ -18,6 +18,9 @@ _G = re.compile(r"(?<![\w.])g(?!\w)")
 
 _ALIASES = {"": "dimensionless", "-": "dimensionless", "counts": "dimensionless", "count": "dimensionless"}
 
+ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
+"""Units at a rotation by those at a translation."""
+
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:

@@ -194,6 +194,22 @@ def test_a_force_on_a_port_acts_as_an_actuator_there_would(tmp_path):
         np.testing.assert_allclose(other, given[0], atol=1e-12)  # the same force by another way: rounding
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_an_acceleration_holds_the_force_on_a_port_that_acts_at_its_sample(tmp_path, held):
+    t = np.arange(300) / 100
+    force = np.sin(2 * np.pi * 8.0 * t) + 0.3
+    given = []
+    for at in ("coil", "joint:x1", "site:one.x"):
+        more = 'input = true\nhold = "zero"' if held else 'input = true\nhold = "linear"'
+        body = 'rate_hz = 100.0\ninitial = "rest"\n' + channel("u", at, "force", "N", more)
+        body += channel("a", "joint:x1", "acceleration", "m/s^2", 'name = "acc"')
+        case = load_case(write_case(tmp_path, CART, "u,a", [force, t], body))
+        given.append(simulate(case.plant, case.runs()[0]).recording["acc"])
+    for other in given[1:]:
+        np.testing.assert_allclose(other, given[0], atol=1e-10)  # the same force by another way: rounding
+    assert given[1][0] == pytest.approx(0.0 if held else 0.3)  # F/m at rest; a held command stands from its sample on
+
+
 def test_a_dead_channel_is_named_and_the_others_are_compared(tmp_path):
     states = free(np.array([0.02, -0.01, 0.3, 0.5]), 200)
     body = (

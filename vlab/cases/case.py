@@ -19,7 +19,7 @@ from vlab.plants.base import Plant
 from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
-from vlab.recordings.assemble import ColumnSpec, to_recording
+from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.schema import Reader
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
@@ -82,7 +82,7 @@ class Case:
             for c, label in zip(table.channel, table.channel_names, strict=True)
         ]
         whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
-        return make_run(self.plant, name, table, whole, self.hardware)
+        return make_run(self.plant, name, table, on_even_stamps(whole), self.hardware)
 
 
 def load_case(path: Path | str) -> Case:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from vlab.cases.playback import Bench, Clock, State, at_timestep, bench_for, plan_clock, play
+from vlab.cases.playback import Bench, Clock, Loads, State, at_timestep, bench_for, plan_clock, play
 from vlab.cases.wiring import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
@@ -26,8 +26,9 @@ PERIODS = 2.0
 """Periods of the slowest oscillation in the window of the estimate."""
 LEAST_SAMPLES, MOST_SAMPLES = 20, 2000
 MOST_MODES = 8
-AT_REST = 0.02
-"""A driven recording starts at rest where its first sample is within this share of its largest deflection."""
+AT_REST, STILL = 0.02, 5
+"""A driven recording starts at rest where its first sample is within this share of its largest deflection; of accelerations
+alone, where so many samples are."""
 REFINEMENTS = 4
 WORTH, ENOUGH = 1.1, 0.02
 """The estimate is refined on the model where it leaves this much more there than on the linearisation, which says that
@@ -127,7 +128,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     deviation = deviation - np.where([c.from_rest for c in compared], 0.0, offset)
     largest = np.abs(deviation).max(axis=0, initial=0.0)
     slow = [run.measured.channels[run.measured.index(c.channel)].kind not in _ACCELERATIONS for c in compared]
-    starts_at_rest = bool(run.drives) and bool(np.all(np.abs(deviation[0, slow]) <= AT_REST * largest[slow]))
+    starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool))
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
     linear: SecondOrderModel | None = None
@@ -173,6 +174,23 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         window_s=span,
         nrmse=float(np.sqrt(lost / size)) if size > 0 else 0.0,
     )
+
+
+def begins_at_rest(deviation: Array, slow: Array) -> bool:
+    """Return whether channels begin at their rest values.
+
+    Parameters
+    ----------
+    deviation : (n, n_channels) array
+        From rest.
+    slow : (n_channels,) array of bool
+        Channels that stand still while the thing does; accelerations do so under a steady force as well, so where there is
+        nothing else, several samples must be still.
+    """
+    largest = np.abs(deviation).max(axis=0, initial=0.0)
+    if np.any(slow):
+        return bool(np.all(np.abs(deviation[0, slow]) <= AT_REST * largest[slow]))
+    return bool(np.all(np.abs(deviation[:STILL]) <= AT_REST * largest))
 
 
 def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
@@ -412,9 +430,11 @@ def _output_matrix(problem: _Problem) -> Array:
     return np.array(columns).T
 
 
-def _values(bench: Bench, compared: tuple[Compared, ...], state: State, ctrl: Array) -> Array:
+def _values(
+    bench: Bench, compared: tuple[Compared, ...], state: State, ctrl: Array, loads: Loads | None = None
+) -> Array:
     bench.start(state)
-    bench.look(ctrl)
+    bench.look(ctrl, loads=loads)
     return bench.values(compared, bench.sensors())
 
 
@@ -426,9 +446,13 @@ def _input_matrices(problem: _Problem) -> tuple[Array, Array]:
     rest = bench.rest_values(problem.run.compared)
     forces = np.zeros((bench.model.nv, len(window.drives)))
     direct = np.zeros((rest.size, len(window.drives)))
+    still = np.zeros(bench.model.nu)
     for i, drive in enumerate(window.drives):
         if drive.port:
-            forces[:, i] = plant.port(drive.port).row(data)
+            port = plant.port(drive.port)
+            forces[:, i] = port.row(data)
+            pair = [_values(bench, problem.run.compared, bench.rest, still, [(port, load)]) for load in (1.0, 0.0)]
+            direct[:, i] = pair[0] - pair[1]
         elif drive.actuator is not None:
             ctrl = plant.control_matrix[:, drive.actuator]
             data.ctrl[:] = ctrl

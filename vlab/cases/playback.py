@@ -15,16 +15,18 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from vlab.cases.wiring import Compared, Drive, Law, Run
+from vlab.cases.wiring import Compared, Law, Run
 from vlab.errors import BadCase
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import coil_gain
 from vlab.lab.callback import control_callback
 from vlab.physics.running import STAGGERED, Running
-from vlab.plants.base import Plant, check_run
+from vlab.plants.base import Plant, Port, check_run
 from vlab.signals import Array
 
+Loads = Sequence[tuple[Port, float]]
+"""Forces [N or N m] on ports."""
 CHECK_EVERY = 500
 """Integration steps between two looks at the state: a diverged run stops here."""
 MAX_STEPS = 100_000_000
@@ -84,6 +86,8 @@ def plan_clock(timestep: float, run: Run) -> Clock:
     """
     time = run.measured.time - run.measured.time[0]
     sample = 1.0 / run.measured.rate if run.measured.is_uniform else None
+    if sample is None:
+        timestep = min(timestep, float(np.median(np.diff(time))))
     law = None if run.law is None else 1.0 / run.law.rate_hz
     period, law_every, dense = sample or law, 1, sample is None
     if sample is not None and law is not None:
@@ -148,18 +152,38 @@ class Bench:
             np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
         )
 
-    def look(self, ctrl: Array, physics: Running | None = None) -> None:
+    def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
         """Evaluate the present true state in the copy, under given controls and the applied forces.
 
         Physics that is at work acts as it would there; it remembers nothing of it.
+
+        Parameters
+        ----------
+        loads : sequence of (Port, float) or None
+            Forces on ports at present; those of the last step stay without it.
         """
         data, model = self._at_present(), self.model
+        if loads is not None:
+            if not all(port.is_constant for port, _ in loads):  # their rows are those of the present configuration
+                mujoco.mj_fwdPosition(model, data)
+            self.apply(data, loads)
         data.ctrl[:] = ctrl
         mujoco.mj_forward(model, data)
         if physics is not None and physics.ports is not None:
             data.qfrc_applied[:] = self.applied
             physics.ports.look(data, physics.force)
             mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
+
+    def apply(self, data: mujoco.MjData, loads: Loads) -> None:
+        """Apply forces on ports and what is prescribed of the plant, at the state that some data are in."""
+        applied = self.applied
+        if self.plant.prescribed is None:
+            applied[:] = 0.0
+        else:
+            self.plant.prescribed(data.qpos, data.qvel, applied)
+        for port, load in loads:
+            applied += port.row(data) * load
+        data.qfrc_applied[:] = applied
 
     def look_at_motion(self) -> None:
         """Evaluate positions and velocities of the present true state in the copy, whatever forces act."""
@@ -270,7 +294,8 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
     plant, model, data = bench.plant, bench.model, bench.data
     means, present = _drives(run, clock, plant)
     loads = [drive for drive in run.drives if drive.port]
-    load_means, _ = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
+    load_means, load_present = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
+    ports = [plant.port(drive.port) for drive in loads]
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix
     every = bool(loads) or plant.prescribed is not None or physics is not None
@@ -289,7 +314,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
             force = present[k] + feedback[part - 1]
             if physics is not None:
                 force = force + physics.last_change
-            bench.look(controls @ force, physics)
+            bench.look(controls @ force, physics, list(zip(ports, load_present[k], strict=True)) if every else None)
         else:
             bench.look_at_motion()
         if raw is not None:
@@ -306,7 +331,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
             break
         first = k * clock.steps
         force = means[first : first + clock.steps] + feedback[part : part + clock.steps]
-        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, loads, physics)
+        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, ports, physics)
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
@@ -343,10 +368,10 @@ def _advance(
     controls: Array,
     force: Array,
     loads: Array | None,
-    drives: Sequence[Drive],
+    ports: Sequence[Port],
     physics: Running | None = None,
 ) -> None:
-    """Take the integration steps between two readings."""
+    """Take the integration steps between two readings, under forces (n, n_actuators) and loads (n, n_ports) or none."""
     plant, data = bench.plant, bench.data
     if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
         data.ctrl[:] = controls @ force[0]
@@ -358,14 +383,7 @@ def _advance(
             physics.force[:], physics.is_due = row, True
         data.ctrl[:] = controls @ row
         if loads is not None:
-            applied = bench.applied
-            if plant.prescribed is None:
-                applied[:] = 0.0
-            else:
-                plant.prescribed(data.qpos, data.qvel, applied)
-            for load, drive in zip(loads[i], drives, strict=True):
-                applied += plant.port(drive.port).row(data) * load
-            data.qfrc_applied[:] = applied
+            bench.apply(data, list(zip(ports, loads[i], strict=True)))
         mujoco.mj_step(plant.model, data)
 
 

@@ -23,6 +23,8 @@ from vlab.signals import Array
 EXPLAINED = 0.5
 """Share of the replay's squared error that a limit must take away."""
 GRID = 24
+AT_LIMIT = 0.98
+"""Commands above this share of the limit stand at it; it belongs to the actuator with most of them."""
 
 
 class Limited:
@@ -56,7 +58,7 @@ class CommandLimit:
     Parameters
     ----------
     actuator : str
-        Name of the actuator.
+        Name of the actuator; of several the one that stands at the limit most.
     limit : float
         Largest command in the law's own unit.
     sd : float
@@ -101,7 +103,9 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return None
     recorded = [_recorded(run) for run in loops]
     size = float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in recorded]) ** 2)))
-    largest = max(float(np.abs(r / law.per_actuator).max()) for r in recorded)
+    columns = _columns(loops[0])
+    own = [np.abs(r / law.per_actuator[columns]) for r in recorded]  # in the law's own unit
+    largest = max(float(r.max()) for r in own)
 
     def error(limit: float | None, is_known: bool) -> float:
         parts = [_replay(plant, run, limit, is_known) - r for run, r in zip(loops, recorded, strict=True)]
@@ -115,14 +119,22 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return None
     fine = limit * np.linspace(0.96, 1.04, 17)
     after, limit = min((error(float(x), known), float(x)) for x in fine)
-    actuator = plant.actuators[law.actuators[0]].name
+    there = np.sum([np.sum(r >= AT_LIMIT * limit, axis=0) for r in own], axis=0)
+    actuator = plant.actuators[law.actuators[columns[int(np.argmax(there))]]].name
     return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
+
+
+def _columns(run: Run) -> list[int]:
+    """Return which of a law's commands were recorded."""
+    assert run.law is not None
+    recorded = {c.actuator for c in run.compared if c.actuator is not None}
+    return [i for i, a in enumerate(run.law.actuators) if a in recorded]
 
 
 def _recorded(run: Run) -> Array:
     assert run.law is not None
     by_actuator = {c.actuator: c.channel for c in run.compared if c.actuator is not None}
-    return np.column_stack([run.measured[by_actuator[a]] for a in run.law.actuators if a in by_actuator])
+    return np.column_stack([run.measured[by_actuator[run.law.actuators[i]]] for i in _columns(run)])
 
 
 def _replay(plant: Plant, run: Run, limit: float | None, is_known: bool) -> Array:
@@ -132,5 +144,4 @@ def _replay(plant: Plant, run: Run, limit: float | None, is_known: bool) -> Arra
     bench = bench_for(plant, run)
     law, _ = warmed_up(law, run, bench)
     out = replayed_commands(run, law, run.measured, bench)
-    recorded = {c.actuator for c in run.compared if c.actuator is not None}
-    return out[:, [i for i, a in enumerate(law.actuators) if a in recorded]]
+    return out[:, _columns(run)]

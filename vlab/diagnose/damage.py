@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab.cases.wiring import Compared, Run, compared_names
-from vlab.recordings.quality import findings, flat_tops, held_samples
+from vlab.recordings.quality import findings, flat_tops, held_samples, long_step
 from vlab.signals import Array
 
 MOST_LOST = 0.2
 """A case of which a larger share of samples is lost says nothing."""
-DAMAGING = ("constant", "duplicate", "gap", "held", "jitter", "quantisation", "sign", "units")
-"""Kinds of warnings that may be why a recording is not explained; samples at a limit are left out and said."""
-LONG_STEP = 1.5
-"""Multiple of the usual time step beyond which samples are missing."""
+DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
+"""Kinds of warnings that may be why a recording is not explained. Samples at a limit are left out and said; uneven samples are
+compared at their own times; a sensor that stands still in one recording may be right."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +113,7 @@ def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool
     last = np.searchsorted(time, grid + 1.01 * reach, side="right")
     whole = count[last] - count[first] == 0
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    bridged = time[after] - time[after - 1] > LONG_STEP * h
+    bridged = time[after] - time[after - 1] > long_step(time)
     return np.asarray(whole & ~bridged[:, None] & (last > first)[:, None])
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.misfit import misfit
-from vlab.cases.wiring import Run
 from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
@@ -24,6 +23,7 @@ from vlab.diagnose.prepare import MODEL_ERROR, Problem
 from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.terms import Fit
+from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.diagnose.zeros import Zero, shifted_zeros
@@ -147,8 +147,8 @@ def diagnose(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     problem, along = prepared(case)
-    holdouts = case.runs(("holdout",)) if case.recordings(("holdout",)) else []
-    seen = look(problem, assess([*problem.runs, *holdouts]))
+    unseen = held_out(case, problem.names)
+    seen = look(problem, assess([*problem.runs, *unseen.runs]))
     sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
     find = partial(search, problem) if along is None else along.search
     found = find(sought, lambda share, what: report(0.8 * share, what))
@@ -161,7 +161,7 @@ def diagnose(
     if seen.is_missing and fit_after.terms and not _is_needed(problem, without, after):
         fit_after, after = fit_before, without
     report(0.9, "checking in MuJoCo")
-    runs: list[Run] = list(holdouts) or list(problem.runs)
+    runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
     is_amended = bool(choice.best.terms) or seen.is_missing
     nominal = Amended(plant=case.plant)
     checked = check(runs, before, after if is_amended else None, seen.benign_hums, nominal=nominal)
@@ -169,9 +169,8 @@ def diagnose(
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
-    diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, time.monotonic() - began)
-    if along is not None:
-        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, along.note))
+    notes = (*unseen.notes, *problem.notes, *(() if along is None else (along.note,)))
+    diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
@@ -267,14 +266,10 @@ def _say(
     fit: Fit,
     checked: Sequence[Checked],
     seen: Seen,
+    notes: Sequence[str],
     seconds: float,
 ) -> Diagnosis:
     case = problem.case
-    notes = (
-        []
-        if case.recordings(("holdout",))
-        else ["no hold-out recording: nothing could be verified on data that the search did not use"]
-    )
     findings = (*seen.of_law(problem), *of_terms(choice, fit, problem), *seen.of_sensors(problem))
     return Diagnosis(
         title=case.table.title,

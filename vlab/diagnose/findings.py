@@ -12,10 +12,11 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.terms import Fit
+from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.zeros import Zero
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import Effect
+from vlab.physics.effect import ActuatorEffect, Effect, SensorEffect
+from vlab.units import ANGULAR
 
 SEEN = 0.99
 """Probability of what recordings show without any model."""
@@ -26,14 +27,7 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     law = next(run.law for run in problem.runs if run.law is not None)
     effect = EFFECTS["actuator-clipping"]
     index = problem.plant.actuator_index(limit.actuator)
-    tap = problem.plant.actuators[index]
-    recorded = [
-        run.measured.channels[run.measured.index(c.channel)].unit
-        for run in problem.runs
-        for c in run.compared
-        if c.actuator == index
-    ]
-    unit = tap.unit if tap.unit != "command" else next(iter(recorded), "")
+    unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
     told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
@@ -66,7 +60,7 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
                 if parameter.signed
                 else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
             )
-            unit = _unit(parameter.unit, term.place.angular)
+            unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         places = choice.places if i == 0 else {term.place.name: 1.0}
         alike = [term.effect.name, *(name for h in choice.alike for name in _instead(h, fit, i))]
@@ -105,15 +99,55 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
     return names
 
 
-_ANGULAR = {"N": "N m", "m": "rad", "kg": "kg m^2", "m/s": "rad/s", "N/m": "N m/rad", "N s/m": "N m s/rad"}
+def _unit(unit: str, term: Term, problem: Problem) -> str:
+    """Return the unit of a parameter at its place: of a sensor its channel's, of an actuator its command's, else of the motion."""
+    effect, place = term.effect, term.place
+    if isinstance(effect, SensorEffect):
+        own = _channel_unit(problem, place.index)
+        if "command" in effect.needs:
+            return {"m/N": _ratio(own, command_unit(problem, place.other))}.get(unit, unit)
+        return {"m": own, "m/s": _rate(own)}.get(unit, unit)
+    if isinstance(effect, ActuatorEffect):
+        own = command_unit(problem, place.indices[0])
+        return {"N": own, "N/s": _rate(own)}.get(unit, unit)
+    return at_rotation(unit) if place.angular else unit
 
 
-def _unit(unit: str, angular: bool) -> str:
-    """Return a parameter's unit at a rotation, where forces are moments and displacements angles."""
-    if not angular:
-        return unit
-    if unit in _ANGULAR:
-        return _ANGULAR[unit]
+def _rate(unit: str) -> str:
+    """Return the unit of what changes by a unit in a second."""
+    return f"{unit}^2" if unit.endswith("/s") else _ratio(unit, "s")
+
+
+def _ratio(unit: str, other: str) -> str:
+    above, below = (f"({u})" if "/" in u or " " in u else u or "1" for u in (unit, other))
+    return f"{above}/{below}" if other else unit
+
+
+def _channel_unit(problem: Problem, index: int) -> str:
+    for run in getattr(problem, "runs", ()):  # responses have the units that they come in
+        name = problem.names[index]
+        if name in run.measured.names:
+            return str(run.measured.channels[run.measured.index(name)].unit)
+    return "m"
+
+
+def command_unit(problem: Problem, index: int) -> str:
+    """Return the unit of an actuator's commands: its own, or what was recorded of them."""
+    tap = problem.plant.actuators[index]
+    if tap.unit != "command":
+        return str(tap.unit)
+    for run in getattr(problem, "runs", ()):
+        channels = [d.channel for d in run.drives if d.actuator == index]
+        channels += [c.channel for c in run.compared if c.actuator == index]
+        if channels:
+            return str(run.measured.channels[run.measured.index(channels[0])].unit)
+    return ""
+
+
+def at_rotation(unit: str) -> str:
+    """Return a unit at a rotation, where forces are moments and displacements angles."""
+    if unit in ANGULAR:
+        return ANGULAR[unit]
     if unit == "kg m^2":  # a rotary inertia is one at a rotation only
         return unit
     return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")

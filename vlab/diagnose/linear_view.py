@@ -1,7 +1,8 @@
 """A plant as its channels and ports see it near rest: the map from modes to every channel that a recording has."""
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -77,18 +78,24 @@ def _clean(rows: Array) -> Array:
 
 
 def _evaluate(
-    bench: Bench, compared: tuple[Compared, ...], move: Array, velocity: Array, applied: Array
+    bench: Bench,
+    compared: tuple[Compared, ...],
+    move: Array,
+    velocity: Array,
+    applied: Array,
+    ctrl: Array | None = None,
 ) -> tuple[Array, Array]:
     qpos = bench.rest.qpos.copy()
     mujoco.mj_integratePos(bench.model, qpos, move, 1.0)
     bench.start(State(qpos, velocity))
     bench.data.qfrc_applied[:] = applied
-    bench.look(np.zeros(bench.model.nu))
+    bench.look(np.zeros(bench.model.nu) if ctrl is None else ctrl)
     return bench.values(compared, bench.sensors()), bench.acceleration.copy()
 
 
 def actuator_forces(plant: Plant) -> Array:
-    """Return the generalised force of a unit command of every actuator at rest, (nv, n_actuators)."""
+    """Return the generalised force of a unit command of every actuator at rest and within its limits, (nv, n_actuators)."""
+    plant = without_limits(plant)
     data = plant.new_data()
     base = data.qfrc_actuator.copy()
     out = np.zeros((plant.model.nv, len(plant.actuators)))
@@ -102,3 +109,50 @@ def actuator_forces(plant: Plant) -> Array:
         out[:, i] = (high - (data.qfrc_actuator - base)) / 2
         data.ctrl[:] = 0.0
     return out
+
+
+def without_limits(plant: Plant) -> Plant:
+    """Return a plant whose actuators have no limits: a unit command may be far outside of them."""
+    model = copy.copy(plant.model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    model.actuator_forcelimited[:] = 0
+    model.jnt_actfrclimited[:] = 0
+    model.tendon_actfrclimited[:] = 0
+    return replace(plant, model=model)
+
+
+def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
+    """Return commands (n,) as the plant's own limits let them through: of its controls, and of the forces of plain motors."""
+    model, out = plant.model, commands
+    for control in plant.actuators[actuator].controls:
+        share = plant.control_matrix[control, actuator]
+        limits = []
+        if model.actuator_ctrllimited[control] and not model.opt.disableflags & int(
+            mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+        ):
+            limits.append(model.actuator_ctrlrange[control])
+        gain = model.actuator_gainprm[control, 0]
+        is_motor = (
+            model.actuator_gaintype[control] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_NONE
+        )
+        if model.actuator_forcelimited[control] and is_motor and gain:
+            limits.append(np.sort(model.actuator_forcerange[control] / gain))
+        for low, high in limits if share else ():
+            out = np.clip(out, *np.sort([low / share, high / share]))
+    return np.asarray(out)
+
+
+def command_readings(plant: Plant, compared: Sequence[Compared]) -> Array:
+    """Return what channels read of a unit command while nothing accelerates, (n_channels, n_actuators): measured forces."""
+    plant = without_limits(plant)
+    bench, channels = Bench(plant), tuple(compared)
+    forces, still = actuator_forces(plant), np.zeros(plant.model.nv)
+    out = np.zeros((len(channels), len(plant.actuators)))
+    for i in range(len(plant.actuators)):
+        column = plant.control_matrix[:, i]
+        high, low = (
+            _evaluate(bench, channels, still, still, -sign * forces[:, i], sign * column)[0] for sign in (1.0, -1.0)
+        )
+        out[:, i] = (high - low) / 2
+    return _clean(out)

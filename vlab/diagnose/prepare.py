@@ -9,12 +9,12 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.initial import replayed_commands
-from vlab.cases.playback import bench_for
+from vlab.cases.playback import bench_for, plan_clock
 from vlab.cases.wiring import ORDER, Compared, Law, Run
 from vlab.diagnose.hum import Hum, find_hum, without_hum
-from vlab.diagnose.linear_view import actuator_forces, channel_rows
+from vlab.diagnose.linear_view import actuator_forces, channel_rows, command_readings, within_limits
 from vlab.diagnose.places import Place, places_of
-from vlab.diagnose.signals import Signals, fastest, signals_of, uniform
+from vlab.diagnose.signals import Seen, Signals, fastest, signals_of, uniform
 from vlab.diagnose.twin import Change, Part, Twin, observable
 from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters
 from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
@@ -30,6 +30,10 @@ MODEL_ERROR, MESH_ERROR = 0.002, 0.005
 """Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
 BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
+
+
+LONG = 0.9
+"""Less than this share of a recording searched is worth saying."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +81,22 @@ class Problem:
         """How often every channel is the derivative of a position."""
         measured = self.runs[0].measured
         return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What must be said of the search: parts of recordings that it did not look at, what was stated and not used."""
+        out = []
+        for run, part in zip(self.runs, self.signals, strict=True):
+            whole, seen = float(run.measured.time[-1] - run.measured.time[0]), len(part) * part.h
+            if seen < LONG * whole:
+                out.append(
+                    f"{run.name}: searched from {part.t0:.4g} to {part.t0 + seen:.4g} s of {whole:.4g} s; the verdict is on all of it"
+                )
+        known = {p.kind for p in self.parameters}
+        unused = [kind for kind in self.case.table.model.uncertain if ":" not in kind and kind not in known]
+        if unused:
+            out.append(f"[model.uncertain] {', '.join(unused)}: nothing of that kind is uncertain in this model")
+        return (*out, *getattr(self.plant, "notes", ()))
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""
@@ -172,7 +192,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     if not kept.any():
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {0.45 * rate:.3g} Hz")
     basis = shapes[:, kept]
-    stepped = _as_stepped(plant, linear, basis)
+    stepped = _as_stepped(plant, linear, basis, min(plan_clock(plant.timestep, run).timestep for run in runs))
     structure, variant = case.structure, case.table.model.variant
     given = case.table.model.uncertain
     parameters: tuple[Uncertain, ...]
@@ -201,9 +221,11 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         parts=parts,
     )
     hums = find_hum(runs)
+    into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
+    seen = Seen(direct=twin.rows.at_a @ into, commands=command_readings(plant, channels))
     signals = tuple(
         signals_of(
-            without_hum(run, hums),
+            _limited(plant, without_hum(run, hums)),
             channels,
             rows.rest,
             len(plant.actuators),
@@ -211,6 +233,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             orders=orders,
             commands=recorded_commands(plant, run),
             highest_hz=highest,
+            seen=seen,
         )
         for run in runs
     )
@@ -230,14 +253,14 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     )
 
 
-def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array) -> tuple[Array, Array]:
+def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -> tuple[Array, Array]:
     """Return what MuJoCo's step adds to the modes' damping and stiffness.
 
     A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
     end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
     the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step.
     """
-    h, model = plant.timestep, plant.model
+    model = plant.model
     c, k = (np.einsum("ij,ik,kj->j", basis, part, basis) for part in (linear.C, linear.K))
     if model.opt.integrator not in STAGGERED:
         return np.zeros_like(c), np.zeros_like(k)
@@ -252,6 +275,17 @@ def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array) -> tuple[A
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h
     return (-s.sum(axis=1)).real - c, s.prod(axis=1).real - k
+
+
+def _limited(plant: Plant, run: Run) -> Run:
+    """Return a run whose driving channels are what the plant's own limits let through: the search is linear in them."""
+    measured = run.measured
+    data = measured.data.copy()
+    for drive in run.drives:
+        if drive.actuator is not None:
+            i = measured.index(drive.channel)
+            data[:, i] = within_limits(plant, drive.actuator, data[:, i])
+    return run if np.array_equal(data, measured.data) else replace(run, measured=replace(measured, data=data))
 
 
 def _lowest(omega: Array, kept: Array) -> float:
@@ -269,7 +303,8 @@ def recorded_commands(plant: Plant, run: Run) -> Array | None:
     replayed = replayed_commands(run, law, run.measured, bench_for(plant, run))
     for column, actuator in enumerate(law.actuators):
         recorded = next((c for c in run.compared if c.actuator == actuator), None)
-        out[:, actuator] = replayed[:, column] if recorded is None else run.measured[recorded.channel]
+        commands = replayed[:, column] if recorded is None else run.measured[recorded.channel]
+        out[:, actuator] = within_limits(plant, actuator, commands)
     return out
 
 

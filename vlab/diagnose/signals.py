@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal
 
+from vlab.cases.initial import begins_at_rest
 from vlab.cases.wiring import Compared, Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.hardware.output_chain import OutputChain
@@ -17,7 +18,9 @@ POINTS_PER_CYCLE = 14.0
 ENOUGH_SAMPLES = 6000
 """A run is not thinned below this length."""
 MOST_SAMPLES = 8000
-"""The search looks at the first part of longer runs; the verdict at all of them."""
+"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
+FIRST_WILL_DO = 0.25
+"""It is the first part, whose start is known best, where that has this share of the power of any other."""
 POWER_SHARE = 0.99
 NOISE_BAND = 0.7
 """The noise is read off the spectrum above this share of half the sample rate, as its median there."""
@@ -88,6 +91,33 @@ class Signals:
         """Return the first samples alone."""
         valid = None if self.valid is None else self.valid[:most]
         return replace(self, u=self.u[:most], load=self.load[:most], y=self.y[:most], valid=valid)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """What channels show of inputs at once.
+
+    Parameters
+    ----------
+    direct : (n_channels, n_actuators + n_ports) array
+        What they read of the accelerations that a unit command or load gives.
+    commands : (n_channels, n_actuators) array
+        What they read of a unit command while nothing accelerates, as sensors of forces do.
+    """
+
+    direct: Array
+    commands: Array
+
+    def shows(self, column: int) -> bool:
+        """Return whether any channel shows an input at once."""
+        return bool(np.any(self.direct[:, column]) or np.any(self.commands[:, column : column + 1]))
+
+    def ahead(self, column: int, mean: Array, now: Array) -> Array:
+        """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,); (n, n_channels)."""
+        out = np.outer(now - mean, self.direct[:, column])
+        if column < self.commands.shape[1]:
+            out += np.outer(now, self.commands[:, column])
+        return out
 
 
 WINDOWS = 16
@@ -163,10 +193,14 @@ def noise_level(column: Array) -> float:
         return LEAST_NOISE * float(np.std(column) or 1.0)
     freq, power = signal.welch(column - column.mean(), 1.0, nperseg=min(len(column), 1024), window="blackmanharris")
     floor = float(np.median(power[freq > NOISE_BAND / 2]))
-    steps = np.diff(np.unique(column))
-    grain = float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
     rms = float(np.std(column)) or 1.0
-    return float(np.hypot(max(np.sqrt(floor / 2), LEAST_NOISE * rms), grain / np.sqrt(12)))
+    return float(np.hypot(max(np.sqrt(floor / 2), LEAST_NOISE * rms), _grain(column) / np.sqrt(12)))
+
+
+def _grain(column: Array) -> float:
+    """Return the step of a coarsely quantised channel, else 0."""
+    steps = np.diff(np.unique(column))
+    return float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
 
 
 def uneven_noise(time: Array, column: Array) -> float:
@@ -185,7 +219,8 @@ def uneven_noise(time: Array, column: Array) -> float:
             if i != j:
                 weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
     left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
-    return max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+    noise = max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+    return float(np.hypot(noise, _grain(column) / np.sqrt(12)))
 
 
 def thinning(count: int, h: float, highest_hz: float) -> int:
@@ -248,6 +283,7 @@ def signals_of(
     orders: Sequence[int],
     commands: Array | None = None,
     highest_hz: float | None = None,
+    seen: Seen | None = None,
 ) -> Signals:
     """Put one run on the search's clock.
 
@@ -261,6 +297,9 @@ def signals_of(
         What a law in the loop commanded, added to the inputs.
     highest_hz : float or None
         Fastest motion of interest; found from the run itself by default.
+    seen : Seen or None
+        The search lets inputs act with their means over the intervals, and readings show the inputs of their own moment; what
+        channels show of the difference is taken off them.
     """
     time = run.measured.time - run.measured.time[0]
     h = uniform(time)
@@ -269,28 +308,35 @@ def signals_of(
     )
     top = fastest(columns, h, orders) if highest_hz is None else highest_hz
     thin = thinning(len(time), h, top)
-    grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)[:MOST_SAMPLES]
+    grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
     y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
-    u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(port_names)))
+    recorded = y.copy()
+    inputs = np.zeros((len(grid), n_actuators + len(port_names)))
+
+    def add(column: int, values: Array, is_held: bool) -> None:
+        mean = interval_means(time, values, is_held, grid)
+        inputs[:, column] += mean
+        if seen is not None and seen.shows(column):
+            before = np.concatenate([[0.0], values[:-1]]) if is_held else values  # a reading sees the command before it
+            y[:] -= seen.ahead(column, mean, on_grid(time, before, grid, thin))
+
     for drive in run.drives:
         values, is_held = run.measured[drive.channel], drive.is_held
         if drive.through_chain and run.hardware is not None:
             values, is_held = through_chain(run, values, run.hardware.converter.rate), True
-        mean = interval_means(time, values, is_held, grid)
-        if drive.actuator is not None:
-            u[:, drive.actuator] += mean
-        else:
-            load[:, list(port_names).index(drive.port)] += mean
+        at = n_actuators + list(port_names).index(drive.port) if drive.actuator is None else drive.actuator
+        add(at, values, is_held)
     if commands is not None:
         for j in range(n_actuators):
-            values = commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz)
-            u[:, j] += interval_means(time, values, True, grid)
+            add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
+    u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
     usable = on_clock(run, says_something(run, compared), grid)
-    scale = np.std(y, axis=0)
-    scale = np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12)
-    largest = np.abs(y).max(axis=0)
+    part = liveliest(recorded, MOST_SAMPLES)
+    recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
+    scale = np.std(recorded, axis=0)
+    scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
     slow = np.array([order < 2 for order in orders])
-    starts = bool(np.all(np.abs(y[0, slow]) <= 0.02 * largest[slow])) and (bool(run.drives) or commands is not None)
+    starts = begins_at_rest(y, slow) and (bool(run.drives) or commands is not None)
     return Signals(
         name=run.name,
         role=run.role,
@@ -298,8 +344,23 @@ def signals_of(
         u=u,
         load=load,
         y=y,
-        noise=np.array([noise_level(column) for column in y.T]),
+        noise=np.array([noise_level(column) for column in recorded.T]),
         scale=scale,
-        at_rest=run.initial == "rest" or (run.initial == "auto" and starts),
+        at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
+        t0=float(grid[part.start]),
         valid=None if usable.all() else usable,
     )
+
+
+def liveliest(y: Array, most: int) -> slice:
+    """Return which `most` samples of channels (n, p) to look at: the first, or those with the most power where the first have little."""
+    n = len(y)
+    if n <= most:
+        return slice(0, n)
+    size = np.std(y, axis=0)
+    power = np.sum(((y - y.mean(axis=0)) / np.where(size > 0, size, 1.0)) ** 2, axis=1)
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    starts = np.append(np.arange(0, n - most, max(most // 8, 1)), n - most)
+    held = total[starts + most] - total[starts]
+    start = 0 if held[0] >= FIRST_WILL_DO * held.max() else int(starts[np.argmax(held)])
+    return slice(start, start + most)

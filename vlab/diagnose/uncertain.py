@@ -117,7 +117,8 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[tuple[str, int], ...]]:
 def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
     """Return the plant with its uncertain parameters at given log-factors; channel gains are not the plant's.
 
-    The equilibrium is found again. Actuator gains go into the plant's actuators' gain or gear.
+    The equilibrium is found again. Actuator gains multiply what a command is worth, and leave alone what a servo makes of the
+    motion it measures.
     """
     model = copy.copy(plant.model)
     for parameter, value in zip(parameters, theta, strict=True):
@@ -126,7 +127,7 @@ def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Pla
             getattr(model, name)[index] *= factor
         if parameter.actuator is not None:
             for control in plant.actuators[parameter.actuator].controls:
-                model.actuator_gear[control] *= factor
+                model.actuator_gainprm[control] *= factor
     return with_model(plant, model)
 
 

@@ -15,7 +15,7 @@ from vlab.diagnose.prepare import Problem
 from vlab.diagnose.signals import noise_level, uneven_noise
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.zeros import Zero
-from vlab.errors import VlabError
+from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
@@ -49,17 +49,28 @@ class Amended:
     hums: tuple[Hum, ...] = ()
 
     def simulated(self, run: Run) -> Recording:
-        """Return what a run's channels are with this plant."""
+        """Return what a run's channels are with this plant; a run need not have all channels that are corrected.
+
+        Raises
+        ------
+        Diverged
+            The model runs away.
+        BadCase
+            No initial state was found.
+        """
         recording = simulate(self.plant, run if self.limit is None else self.limit.on(run)).recording
         data = recording.data.copy()
         if self.sensor_gain is not None and self.offset is not None:
             for name, gain, offset in zip(self.names, self.sensor_gain, self.offset, strict=True):
-                data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
+                if name in recording.names:
+                    data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
         for hum in self.hums:
-            data[:, recording.index(hum.channel)] += hum.expected(run)
+            if hum.channel in recording.names:
+                data[:, recording.index(hum.channel)] += hum.expected(run)
         for stop in self.stops:
-            column = recording.index(stop.channel)
-            data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
+            if stop.channel in recording.names:
+                column = recording.index(stop.channel)
+                data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
         return replace(recording, data=data)
 
 
@@ -210,7 +221,7 @@ def _rms(x: Array) -> float:
 def _try(model: Amended | None, run: Run) -> Array | None:
     try:
         return None if model is None else model.simulated(run).data
-    except VlabError:  # diverged, or no start found: it cannot follow this recording at all
+    except (Diverged, BadCase):  # or no start was found: it cannot follow this recording at all
         return None
 
 

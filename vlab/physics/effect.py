@@ -34,7 +34,8 @@ class Parameter:
     Parameters
     ----------
     unit : str
-        SI unit at a translation; at a rotation N is N m, m is rad.
+        SI unit at a translation; at a rotation N is N m, m is rad. Of an actuator N stands for the unit of its command, of a
+        sensor m for that of its channel.
     low, high : float
         Range of the prior, in that unit, or in multiples of the `reference` where one is given.
     role : str

@@ -11,7 +11,6 @@ from vlab.recordings.assemble import own_si
 
 FORM = "NAME@PLACE:param=value,param=value, for example coulomb-friction@20in:force=0.05lbf"
 _VALUE = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)$")
-_ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
 
 
 def parse_effect(text: str) -> Attached:
@@ -53,6 +52,6 @@ def _factor(unit: str, parameter: Parameter) -> float:
     except BadUnit:
         if parameter.reference in ("input", "output"):
             return units.factor(unit, own_si(unit))
-        if parameter.unit in _ANGULAR and units.same_dimension(unit, _ANGULAR[parameter.unit]):
-            return units.factor(unit, _ANGULAR[parameter.unit])
+        if parameter.unit in units.ANGULAR and units.same_dimension(unit, units.ANGULAR[parameter.unit]):
+            return units.factor(unit, units.ANGULAR[parameter.unit])
         raise

@@ -121,6 +121,12 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
     _check_finite(model, label)
     if model.nv == 0:
         raise BadStructure(f"{label}: nothing in the model can move; it needs at least one joint")
+    wide = [i for i in range(model.nactuator) if model.actuator_ctrlnum[i] != 1]
+    if wide:
+        name = model.actuator(wide[0]).name or f"actuator {wide[0]}"
+        raise BadStructure(
+            f"{label}: {name!r} takes {model.actuator_ctrlnum[wide[0]]} inputs; only actuators of one input can be driven"
+        )
     rest, notes = settle(model)
     sensors, unread = _sensor_taps(model)
     unnamed = sum(not model.actuator(i).name for i in range(model.nu))

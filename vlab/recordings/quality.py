@@ -19,6 +19,8 @@ HELD_RUN = 10
 SAME = 1e-10
 """1 - |correlation| below which two channels are one signal: they differ by 1.4e-5 of their size, sensors by more."""
 
+USUAL = 0.02
+"""Share of the time steps above which long ones are no gaps, but uneven sampling."""
 COARSE = 0.03
 """Quantisation step over standard deviation that is worth saying: its noise, step/sqrt(12), is then above 1 %."""
 
@@ -81,14 +83,14 @@ def _count(number: int, noun: str) -> str:
 
 def _time(recording: Recording) -> Iterator[Finding]:
     steps = np.diff(recording.time)
-    usual = float(np.median(steps))
-    gaps = np.flatnonzero(steps > 1.5 * usual)
+    usual, long = float(np.median(steps)), long_step(recording.time)
+    gaps = np.flatnonzero(steps > long)
     if gaps.size:
         lost = int(np.sum(np.rint(np.minimum(steps[gaps] / usual, 1e12)) - 1))
         where = f"the first after t = {recording.time[gaps[0]]:g} s"
         text = f"{_count(gaps.size, 'gap')} in the time stamps, about {lost} samples lost, {where}"
         yield Finding("time", "gap", text, "warning")
-    regular = steps[steps <= 1.5 * usual]
+    regular = steps[steps <= long]
     spread = float(np.ptp(regular)) / usual
     if spread > 1e-4:  # as Recording.is_uniform
         severity: Literal["note", "warning"] = "warning" if spread > 0.05 else "note"
@@ -98,6 +100,14 @@ def _time(recording: Recording) -> Iterator[Finding]:
             f"the time steps vary from {regular.min():g} to {regular.max():g} s ({100 * spread:.2g} %)",
             severity,
         )
+
+
+def long_step(time: Array) -> float:
+    """Return the time step beyond which samples are missing: one and a half of the usual one, more where such steps are usual."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    is_uneven = np.mean(steps > 1.5 * usual) > USUAL
+    return (4.0 if is_uneven else 1.5) * usual
 
 
 def _step(values: Array) -> float:

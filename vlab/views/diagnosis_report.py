@@ -322,6 +322,12 @@ def _mismatch(done: Diagnosed) -> Section:
         :ROWS
     ]
     found = [(run, name, misfit(run.measured, _refitted(run), name)) for run, name in pairs]
+    common = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
+    text = []
+    if common[0] >= common[1]:  # no frequency that all recordings hold
+        others = {run.name for run, _, _ in found} - {found[0][0].name}
+        found = [f for f in found if f[0] is found[0][0]]
+        text.append(f"Other frequencies, not shown: {', '.join(sorted(others))}.")
     low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     edges = np.geomspace(low, high, BANDS + 1).tolist()
     refitted = _picture(
@@ -343,7 +349,7 @@ def _mismatch(done: Diagnosed) -> Section:
                     "The same with the physics found, on a scale of its own.",
                 )
             )
-    return Section(title="Where the mismatch is", figures=figures)
+    return Section(title="Where the mismatch is", text=text, figures=figures)
 
 
 def _picture(found: Sequence[tuple[Checked, str, Misfit]], edges: Sequence[float], title: str) -> str:

@@ -221,6 +221,9 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
     out = list(problem.view.left_out)
+    unused = [name for name, _ in problem.case.recordings()]
+    if unused:
+        out.append(f"[[recording]] {', '.join(unused)} not used: the case has responses and tables of modes to fit")
     if not problem.held_out:
         out.append("no hold-out data: nothing can be verified on data that the search did not use")
     if left_out is not None:

@@ -7,15 +7,15 @@ import mujoco
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
-from vlab.cases.initial import exponentials, joint_of
+from vlab.cases.initial import begins_at_rest, exponentials, joint_of
 from vlab.cases.wiring import Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.signals import noise_level, on_grid, thinning, uneven_noise, uniform
+from vlab.diagnose.signals import liveliest, noise_level, on_grid, thinning, uneven_noise, uniform
 from vlab.signals import Array
 
 MOST_SAMPLES = 2500
-"""The search looks at the first part of longer runs; the verdict at all of them."""
+"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
 WIDE = 0.5
 """Spread of an unknown first state, as a share of the largest motion of its kind."""
 
@@ -96,8 +96,9 @@ def course_of(
         columns = [on_grid(time, column, grid, thin) for column in columns]
     else:
         grid = time
-    grid = grid[:MOST_SAMPLES]
     y = np.column_stack([column[: len(grid)] for column in columns])
+    part = liveliest(y, MOST_SAMPLES) if not stepper.model.na else slice(0, MOST_SAMPLES)  # its states start at zero
+    grid, y = grid[part], y[part]
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
     u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
     for drive in run.drives:
@@ -113,10 +114,9 @@ def course_of(
     )  # fmt: skip
     orders = [_order(stepper, i, run) for i in range(y.shape[1])]
     slow = np.array([order < 2 for order in orders])
-    quiet = bool(np.all(np.abs(deviation[0, slow]) <= 0.02 * np.abs(deviation).max(axis=0)[slow]))
-    starts = quiet and (bool(run.drives) or commands is not None)
+    starts = begins_at_rest(deviation, slow) and (bool(run.drives) or commands is not None)
     valid = says_something(run, stepper.channels)
-    usable = on_clock(run, valid, grid) if is_even else valid[: len(grid)]
+    usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)
     return Course(
         name=run.name,
@@ -129,7 +129,7 @@ def course_of(
         y=y,
         noise=np.array([_noise(grid, column, is_even) for column in y.T]),
         scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
-        at_rest=run.initial == "rest" or (run.initial == "auto" and starts),
+        at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         valid=None if usable.all() else usable,
     )
 

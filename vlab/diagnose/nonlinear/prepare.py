@@ -157,6 +157,7 @@ def _signals(course: Course, h: float) -> Signals:
         noise=course.noise,
         scale=course.scale,
         at_rest=course.at_rest,
+        t0=float(course.time[0]),
         valid=course.valid,
     )
 

@@ -52,6 +52,8 @@ def linear_problem(case: Case) -> Problem | None:
         return problem if departure < EXACT else with_own_nonlinearity(problem)
     if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > MOST_COORDINATES:
         return prepare(case, ("fit",))
+    if plant.model.na:
+        return None  # actuators with states of their own: no linear twin has them
     try:
         linear = plant.linearise()
     except BadStructure:

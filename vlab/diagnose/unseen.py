@@ -1,0 +1,69 @@
+"""The data of a case that the search never sees: recordings held out for the verdict, and what is not used at all."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.playback import plan_clock
+from vlab.cases.wiring import Run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOut:
+    """Recordings held out.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+        Those that say something.
+    notes : tuple of str
+        What is missing from them, or not used.
+    """
+
+    runs: tuple[Run, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def held_out(case: Case, names: Sequence[str]) -> HeldOut:
+    """Read the recordings that a case holds out.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Channels of the recordings to fit.
+
+    Raises
+    ------
+    BadRecording
+        A file is damaged or not what the case says.
+    BadCase
+        A recording that the model cannot be driven with, or that takes too many steps.
+    """
+    runs, notes = [], []
+    for run in case.runs(("holdout",)):
+        plan_clock(case.plant.timestep, run)
+        if not moves(run):
+            notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
+            continue
+        runs.append(run)
+        absent = [name for name in names if name not in run.measured.names]
+        if absent:
+            notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
+    if not runs:
+        notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
+    return HeldOut(runs=tuple(runs), notes=(*notes, *_unused(case)))
+
+
+def moves(run: Run) -> bool:
+    """Return whether any compared channel of a run moves."""
+    return any(np.ptp(run.measured[c.channel]) > 0 for c in run.compared)
+
+
+def _unused(case: Case) -> list[str]:
+    kinds = [name for name in ("frf", "modal") if getattr(case.table, name)]
+    if not kinds:
+        return []
+    tables = " and ".join(f"[[{kind}]]" for kind in kinds)
+    return [f"{tables} not used: the case has recordings over time to fit; diagnose them in a case of their own"]
