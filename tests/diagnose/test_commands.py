@@ -112,3 +112,30 @@ def test_no_such_case_is_refused_in_one_line(tmp_path, capsys):
     assert (status, out) == (2, "")
     assert len(err.strip().splitlines()) == 1
     assert "nowhere" in err
+
+
+def test_the_limit_belongs_to_the_actuator_that_stands_at_it(tmp_path):
+    """Two coils under one law, the second at its limit; the first one's commands stay small."""
+    (tmp_path / "rig.xml").write_text(
+        '<mujoco><option gravity="0 0 0"/><worldbody>'
+        '<body name="a"><joint name="a" type="slide" axis="1 0 0" stiffness="9"/><geom size="0.1" mass="1"/></body>'
+        '<body name="b" pos="1 0 0"><joint name="b" type="slide" axis="1 0 0" stiffness="4"/><geom size="0.1" mass="1"/></body>'
+        '</worldbody><actuator><motor name="one" joint="a"/><motor name="two" joint="b"/></actuator>'
+        '<sensor><jointvel name="va" joint="a"/><jointvel name="vb" joint="b"/></sensor></mujoco>'
+    )
+    t = np.arange(600) / 100
+    va, vb = 0.1 * np.sin(3 * t), np.sin(2 * t)
+    columns = np.column_stack([va, vb, -2 * va, np.clip(-2 * vb, -1.2, 1.2)])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="va,vb,one,two", comments="")
+    text = '[model]\nmjcf = "rig.xml"\n[[recording]]\nfile = "run.csv"\nrole = "fit"\nrate_hz = 100.0\n'
+    for name in ("va", "vb"):
+        text += f'[[recording.channel]]\ncolumn = "{name}"\nat = "{name}"\nkind = "velocity"\nunit = "m/s"\n'
+    for name in ("one", "two"):
+        text += f'[[recording.channel]]\ncolumn = "{name}"\nat = "{name}"\nkind = "command"\nunit = "N"\n'
+    text += '[recording.controller]\nsensors = ["va", "vb"]\nactuators = ["one", "two"]\nrate_hz = 100.0\n'
+    (tmp_path / "case.toml").write_text(text + "gains = [[2.0, 0.0], [0.0, 2.0]]\n")
+    case = load_case(tmp_path)
+    found = find_limit(case.plant, case.runs(("fit",)))
+    assert found is not None
+    assert found.actuator == "two"
+    assert found.limit == pytest.approx(1.2, rel=0.01)

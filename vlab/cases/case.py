@@ -24,7 +24,15 @@ from vlab.schema import Reader
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
 
-_NAMED = ("body", "geom", "joint", "tendon", "actuator", "sensor", "site")
+_NAMED = {
+    "body": ("mass", "inertia", "length"),
+    "geom": ("mass",),
+    "joint": ("stiffness", "damping"),
+    "tendon": ("stiffness", "damping"),
+    "actuator": ("gain",),
+    "sensor": ("gain",),
+}
+"""What may be uncertain of which type of element; a geom's mass is that of its body."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,6 +205,8 @@ def _check_uncertain(reader: Reader, name: str, table: CaseTable, plant: Plant) 
         raise reader.fail(key, str(unknown_name("type of element", kind, _NAMED, where=name)))
     if not given or not quantity:
         raise reader.fail(key, f"{name!r} is not type:name:quantity, such as geom:arm:mass")
+    if quantity not in _NAMED[kind]:
+        raise reader.fail(key, str(unknown_name(f"quantity of a {kind}", quantity, _NAMED[kind], where=name)))
     known = [
         n for n in (getattr(plant.model, kind)(i).name for i in range(getattr(plant.model, f"n{_COUNT[kind]}"))) if n
     ]
@@ -211,6 +221,5 @@ _COUNT = {
     "tendon": "tendon",
     "actuator": "u",
     "sensor": "sensor",
-    "site": "site",
 }
 """What MuJoCo calls the number of each type of element."""

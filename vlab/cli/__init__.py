@@ -15,8 +15,9 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from vlab import __version__
-from vlab.cli.common import Outcome, finite
+from vlab.cli.common import Outcome
 from vlab.errors import VlabError
+from vlab.outputs import finite
 
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, a real recording beside its model",

@@ -1,7 +1,6 @@
 """What the verbs share: their outcome, tables of text, progress on stderr."""
 
 import contextlib
-import math
 import signal
 import sys
 import threading
@@ -19,19 +18,6 @@ class Outcome:
     document: Any
     text: str
     holds: bool = True
-
-
-def finite(value: Any) -> Any:
-    """Return plain data in which numbers that are not finite are None: JSON knows no NaN."""
-    if isinstance(value, dict):
-        return {str(key): finite(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(part) for part in value]
-    if hasattr(value, "tolist"):
-        return finite(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

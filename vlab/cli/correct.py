@@ -3,8 +3,8 @@
 import argparse
 import json
 
-from vlab.cli.common import Outcome, finite, progress_bar, text_table
-from vlab.outputs import output_folder, write_manifest
+from vlab.cli.common import Outcome, progress_bar, text_table
+from vlab.outputs import finite, output_folder, write_manifest
 from vlab.reproduce.measured_correction import correct_by_test
 
 PERIOD_S, PERIODS = 100.0, 3

@@ -18,7 +18,7 @@ from controllers.lqg import LqgDesign
 from controllers.lqr import LqrDesign
 from controllers.mfdrf import MfdrfDesign
 from vlab import units
-from vlab.cli.common import Outcome, finite, text_table
+from vlab.cli.common import Outcome, text_table
 from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
 from vlab.design.gain_search import bounded_modes
 from vlab.design.performance import shared_modes
@@ -32,7 +32,7 @@ from vlab.fe.reduced import MODELS, build_reduced_model
 from vlab.hardware.array_controller import array_report, array_text
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report, robustness_text
-from vlab.outputs import keep_apart, output_folder, write_manifest
+from vlab.outputs import finite, keep_apart, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 

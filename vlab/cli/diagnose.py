@@ -8,6 +8,7 @@ from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.diagnose.diagnosis import Diagnosis
 from vlab.diagnose.engine import diagnose
 from vlab.outputs import keep_apart, output_folder, write_manifest
+from vlab.physics.catalogue import EFFECTS, effect_named
 
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
@@ -20,6 +21,13 @@ VERDICTS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("case", help="a case folder with case.toml, or a case file")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="FILE.py:CLASS",
+        help="an effect of your own, sought beside the catalogue; may be repeated; runs the code of that file",
+    )
     parser.add_argument("--out", help="folder for diagnosis.json, report.html, run.rrd and the amended model")
 
 
@@ -28,13 +36,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.out:
         keep_apart(arguments.out, [arguments.case])
     case = load_case(arguments.case)
+    effects = [*EFFECTS.values(), *(effect_named(name) for name in arguments.effect)]
     if not arguments.out:
         with share_bar("diagnose") as report:
-            diagnosis = diagnose(case, progress=report).diagnosis
+            diagnosis = diagnose(case, effects=effects, progress=report).diagnosis
         return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
     with output_folder(arguments.out) as folder:
         with share_bar("diagnose") as report:
-            done = diagnose(case, progress=report)
+            done = diagnose(case, effects=effects, progress=report)
         from vlab.views.diagnosis_report import write_diagnosis
 
         write_diagnosis(done, folder)

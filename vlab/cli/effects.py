@@ -4,8 +4,7 @@ import argparse
 from typing import Any
 
 from vlab.cli.common import Outcome
-from vlab.errors import unknown_name
-from vlab.physics.catalogue import ALIASES, EFFECTS
+from vlab.physics.catalogue import ALIASES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
 
 PLACES = {
@@ -26,16 +25,15 @@ NEEDS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="effects to show (by default all)")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="effects to show (by default all), or your own as FILE.py:CLASS"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """List the catalogue of physics that a model can have left out."""
-    wanted = [ALIASES.get(name, name) for name in arguments.names] or list(EFFECTS)
-    for name in wanted:
-        if name not in EFFECTS:
-            raise unknown_name("effect", name, [*EFFECTS, *ALIASES])
-    document = [_plain(EFFECTS[name]) for name in wanted]
+    wanted = [effect_named(name) for name in arguments.names] or list(EFFECTS.values())
+    document = [_plain(effect) for effect in wanted]
     return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
 
 

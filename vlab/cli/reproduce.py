@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from vlab.cli.common import Outcome, finite, progress_bar, share_bar, text_table
+from vlab.cli.common import Outcome, progress_bar, share_bar, text_table
 from vlab.cli.loop_words import effort_table, ring_down_table
 from vlab.errors import BadExperiment
-from vlab.outputs import output_folder, write_manifest
+from vlab.outputs import finite, output_folder, write_manifest
 from vlab.reproduce.control_bench import HARDWARE, TESTS
 from vlab.reproduce.control_figures import FIGURES, control_figure
 from vlab.reproduce.tables import (

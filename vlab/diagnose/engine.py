@@ -169,7 +169,8 @@ def diagnose(
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
-    notes = (*unseen.notes, *problem.notes, *(() if along is None else (along.note,)))
+    rejected = [f"{name}: its law fits on the linear twin, but not in MuJoCo; dropped" for name in settled.rejected]
+    notes = (*unseen.notes, *problem.notes, *rejected, *(() if along is None else (along.note,)))
     diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(
@@ -179,11 +180,12 @@ def diagnose(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Settled:
-    """A choice with the last fits of the refitted and the amended model."""
+    """A choice with the last fits of the refitted and the amended model, and what MuJoCo did not confirm on the way."""
 
     choice: Choice
     before: Fit
     after: Fit
+    rejected: tuple[str, ...] = ()
 
 
 def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool) -> _Settled:
@@ -194,6 +196,7 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
     """
     whole, first = found.whole, None
     plain = whole.fit((), found.before.long_fit)
+    rejected: list[str] = []
     plain_in_mujoco = cache(lambda: final_fit(problem, whole, plain, seen.limit))
     for _ in range(MOST_TRIED):
         choice, before, after = choose(found), plain, plain
@@ -204,15 +207,16 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
                 before = plain_in_mujoco()
         elif is_linear:
             before = after = plain_in_mujoco()
-        settled = _Settled(choice=choice, before=before, after=after)
+        settled = _Settled(choice=choice, before=before, after=after, rejected=tuple(rejected))
         first = first or settled
         if not choice.best.terms:
             break
         if not is_linear or _is_confirmed(problem, settled, seen):
             return settled
+        rejected.append(choice.best.label)
         found = replace(found, hypotheses=tuple(h for h in found.hypotheses if h is not choice.best))
     assert first is not None
-    return first
+    return replace(first, rejected=tuple(name for name in rejected if name != first.choice.best.label))
 
 
 def _is_confirmed(problem: Problem, settled: _Settled, seen: Seen) -> bool:
@@ -279,7 +283,7 @@ def _say(
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
-        next_measurement=next_measurement(choice, verdict),
+        next_measurement=next_measurement(choice, verdict, [f.effect for f in findings]),
         quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},

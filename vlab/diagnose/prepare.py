@@ -32,6 +32,8 @@ BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
 
 
+LEAST_SAMPLES = 64
+"""What a spectrum takes from which the noise is read."""
 LONG = 0.9
 """Less than this share of a recording searched is worth saying."""
 
@@ -147,12 +149,17 @@ def wire(case: Case, roles: Sequence[str]) -> Wired:
     Raises
     ------
     BadCase
-        No recording, or runs that compare different channels.
+        No recording, one that is too short, or runs that compare different channels.
     """
     runs = tuple(case.runs(roles))
     if not runs:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
+    short = next((run for run in runs if len(run.measured) < LEAST_SAMPLES), None)
+    if short is not None:
+        raise BadCase(
+            f"{case.path}: {short.name} has {len(short.measured)} samples; at least {LEAST_SAMPLES} tell motion from noise"
+        )
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:
         if tuple(c for c in run.compared if c.actuator is None) != channels:

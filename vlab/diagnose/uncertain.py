@@ -61,6 +61,7 @@ def uncertain_parameters(
     actuators : sequence of int
         The actuators that are driven.
     """
+    given = _of_bodies(plant.model, given)
     out: list[Uncertain] = []
     for kind in ("stiffness", "damping", "mass"):
         elements = _elements(plant.model, kind)
@@ -83,8 +84,20 @@ def uncertain_parameters(
         sd = given.get(f"actuator:{name}:gain", given.get("gain", DEFAULT_SD["gain"]))
         out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, actuator=i))
     for i, name in enumerate(channels):
-        sd = given.get(f"sensor:{name}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
+        sd = given.get(f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
         out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
+    return out
+
+
+def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
+    """Return what is stated with masses of geoms as those of their bodies; of several geoms of a body the largest."""
+    out = dict(given)
+    for name, sd in given.items():
+        kind, _, rest = name.partition(":")
+        if kind == "geom":
+            body = model.body(int(model.geom(rest.rpartition(":")[0]).bodyid[0]))
+            of_body = f"body:{body.name or f'body{body.id}'}:mass"
+            out[of_body] = max(sd, out.get(of_body, 0.0))
     return out
 
 

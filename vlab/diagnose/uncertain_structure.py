@@ -7,6 +7,7 @@ import numpy as np
 
 from vlab.diagnose.twin import Part
 from vlab.diagnose.uncertain import DEFAULT_SD, OWN_SHARE, Uncertain
+from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
@@ -59,6 +60,11 @@ def structure_parameters(
         The coils that are driven.
     tuned : int
         How many of the first modes that the coils drive have an uncertain frequency of their own.
+
+    Raises
+    ------
+    UnknownName
+        Something is stated of a parameter that there is none of.
     """
     sd = {kind: given.get(kind, default) for kind, default in {**DEFAULT_SD, **STRUCTURE_SD}.items()}
     out = []
@@ -93,7 +99,10 @@ def structure_parameters(
         out.append(
             StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i)
         )
-    return out
+    unknown = [name for name in given if ":" in name and name not in {p.name for p in out}]
+    if unknown:
+        raise unknown_name("parameter", unknown[0], [p.name for p in out], where="[model.uncertain]")
+    return [replace(p, sd=given.get(p.name, p.sd)) for p in out]
 
 
 def _stiffness(name: str) -> Edit:

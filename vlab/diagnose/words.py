@@ -1,5 +1,7 @@
 """What a diagnosis says in words: what was not excluded, and the measurement that would decide."""
 
+from collections.abc import Sequence
+
 from vlab.diagnose.choose import Choice
 
 _SEPARATES = {
@@ -36,6 +38,15 @@ _SEPARATES = {
 }
 
 
+_AGAIN = "a repetition on another day, with the same excitation at a third of the level"
+_CONFIRMS = {
+    "actuator-clipping": "the same loop at half the level, where no command reaches the limit: the model must then do without it",
+    "sensor-clipping": "the same excitation at a level at which the sensor stays within its range",
+    "mains-hum": "a recording at rest with the leads routed otherwise: hum changes, motion does not",
+    "sensor-offset": "a reading of the sensor at rest, before and after",
+}
+
+
 def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     """Return what the recordings leave open."""
     out: list[str] = []
@@ -56,8 +67,18 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     return tuple(out)
 
 
-def next_measurement(choice: Choice, verdict: str) -> str:
-    """Return the measurement that would separate what is left."""
+def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = ()) -> str:
+    """Return the measurement that would separate what is left.
+
+    Parameters
+    ----------
+    shown : sequence of str
+        Effects that the recordings show without any model.
+    """
+    if verdict == "bad-recording":
+        return "the same recordings again, with the damage that is listed under their quality repaired"
+    if verdict == "missing-physics" and not choice.best.terms:
+        return next((_CONFIRMS[name] for name in shown if name in _CONFIRMS), _AGAIN)
     if verdict == "nothing-missing":
         return "a recording at a level several times higher, which brings out what grows with amplitude"
     if verdict == "none-of-these":
@@ -72,4 +93,4 @@ def next_measurement(choice: Choice, verdict: str) -> str:
             return words
     if len([p for p in choice.places.values() if p > 0.1]) > 1:
         return "a sensor between the places that are left, " + " and ".join(list(choice.places)[:2])
-    return "a repetition on another day, with the same excitation at a third of the level"
+    return _AGAIN

@@ -27,8 +27,9 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
     Raises
     ------
     BadStructure
-        The configuration is not at rest: forces are left over.
+        The configuration is not at rest: forces are left over. Or equality constraints tie coordinates together.
     """
+    check_free(model)
     data = mujoco.MjData(model)
     rest = model.qpos0.copy() if qpos is None else np.array(qpos, dtype=float)
     data.qpos[:] = rest
@@ -65,6 +66,23 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
         C[:, i] = (forces[1] - forces[0]) / (2 * POSITION_STEP)
     names = tuple(_dof_name(model, i) for i in range(model.nv))
     return SecondOrderModel(M=M, C=(C + C.T) / 2, K=(K + K.T) / 2, coordinates=names)
+
+
+def check_free(model: Any) -> None:
+    """Refuse equality constraints: their forces are no function of position and velocity alone.
+
+    Raises
+    ------
+    BadStructure
+        The model has active ones.
+    """
+    active = np.flatnonzero(model.eq_active0)
+    if active.size:
+        name = model.equality(int(active[0])).name or f"number {active[0]}"
+        raise BadStructure(
+            f"the equality constraint {name!r} ties coordinates together, which has no linearisation here; "
+            "tie them by a tendon of high stiffness or by one joint for both"
+        )
 
 
 def _force(model: Any, data: Any) -> Array:

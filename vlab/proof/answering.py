@@ -8,6 +8,7 @@ from typing import Any
 from vlab.cases import load_case
 from vlab.diagnose.engine import Diagnosed, FrequencyDiagnosed, diagnose
 from vlab.errors import VlabError
+from vlab.outputs import finite
 from vlab.proof.baselines import baselines_of
 
 Report = Callable[[Diagnosed | FrequencyDiagnosed, Path], None]
@@ -43,7 +44,7 @@ def answer_case(
             "error": f"{type(error).__name__}: {' '.join(str(error).split())}",
         }
     answer["seconds"] = time.monotonic() - began
-    return name, {"case": name, **_plain(answer)}
+    return name, {"case": name, **finite(answer)}
 
 
 def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dict[str, str]:
@@ -59,16 +60,3 @@ def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dic
                 continue
         paths[name] = str(folder / "report.html")
     return paths
-
-
-def _plain(value: Any) -> Any:
-    """Return plain values; what is not finite becomes None."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if hasattr(value, "item") and not isinstance(value, (str, bytes)):
-        value = value.item()
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value

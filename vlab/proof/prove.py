@@ -240,11 +240,6 @@ def _row(j: Judged) -> dict[str, Any]:
     return {**row, "right": not j.is_wrong}
 
 
-def missed(found: dict[str, Any]) -> list[str]:
-    """Return the measures whose target was missed."""
-    return [m["measure"] for m in found["measures"] if m["met"] is False]
-
-
 def table_rows(found: dict[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
     """Return heads and rows of the table of measures."""
     rows = []

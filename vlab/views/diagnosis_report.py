@@ -12,7 +12,10 @@ import numpy as np
 from vlab.cases.misfit import BANDS, Misfit, misfit
 from vlab.diagnose.engine import Diagnosed
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed
-from vlab.diagnose.verify import Checked
+from vlab.diagnose.terms import Term
+from vlab.diagnose.verify import Checked, gap_closed
+from vlab.outputs import finite
+from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.recordings.files import written_whole
 from vlab.views.amended_model import CASE, AmendedFiles, Done, write_amended
 from vlab.views.diagnosis_frequency import frequency_sections, write_frequency_scene
@@ -76,17 +79,6 @@ def _shown(done: Diagnosed) -> Diagnosed:
     return replace(done, diagnosis=replace(done.diagnosis, checked=checked))
 
 
-def finite(value: Any) -> Any:
-    """Return plain values with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {str(k): finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
-
-
 def _number(value: float) -> str:
     return f"{value:.4g}"
 
@@ -102,7 +94,7 @@ def sections(done: Done, files: AmendedFiles | None = None) -> list[Section]:
         out += frequency_sections(done)
     elif diagnosis.checked:
         out.append(_overlays(done))
-    if diagnosis.findings and not isinstance(done, FrequencyDiagnosed):
+    if not isinstance(done, FrequencyDiagnosed) and _drawn_terms(done):
         out.append(_forces(done))
     if diagnosis.checked:
         out += [_errors(diagnosis.checked, diagnosis.heldout)]
@@ -249,14 +241,26 @@ def _overlays(done: Diagnosed) -> Section:
     return Section(title="Measured, refitted and amended", text=(what, *text), figures=figures)
 
 
+def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
+    """Return the terms whose forces are shown: those found, or where none explains enough the best one that was tried."""
+    if done.diagnosis.findings or done.diagnosis.verdict != "none-of-these":
+        return done.fit.terms
+    tried = (done.choice.best, *done.found.hypotheses)
+    forces = [t for h in tried for t in h.terms if isinstance(t.effect, (PortEffect, LinearPortEffect))]
+    return tuple(forces[:1])
+
+
 def _forces(done: Diagnosed) -> Section:
     figures = []
-    for term in done.fit.terms:
+    attempt = (
+        "The best law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name.",
+    )
+    for term in _drawn_terms(done):
         found = missing_force(done, term)
         values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
         drawing = force_figure(found.curves, found.label, series=found.series)
         figures.append((to_svg(drawing), f"{found.words} Law: {term.effect.law}; {values}. Below: a stretch in time."))
-    return Section(title="The missing force", figures=figures)
+    return Section(title="The missing force", text=() if done.diagnosis.findings else attempt, figures=figures)
 
 
 def _errors(checked: Sequence[Checked], heldout: dict[str, Any]) -> Section:
@@ -265,8 +269,7 @@ def _errors(checked: Sequence[Checked], heldout: dict[str, Any]) -> Section:
         rows.append([run.name, run.role, "all", *_row(run.nominal, run.before, run.after, run.noise, run.gap_closed)])
         if len(run.channels) > 1:
             for name, (nominal, before, after, noise) in run.channels.items():
-                gap = (before - after) / (before - noise) if before > 1.1 * noise and math.isfinite(before) else None
-                rows.append(["", "", name, *_row(nominal, before, after, noise, gap)])
+                rows.append(["", "", name, *_row(nominal, before, after, noise, gap_closed(before, after, noise))])
     keys = ("nominal", "before", "after", "noise")
     rows.append(["all", "", "", *_row(*(heldout[f"nrmse_{k}"] for k in keys), heldout["gap_closed"])])
     headers = ("recording", "role", "channel", "as given", "refitted", "amended", "noise", "gap closed %")
@@ -282,7 +285,7 @@ def _row(*values: float | None) -> list[Any]:
     *errors, gap = values
     return [
         *("cannot follow" if e is None or not math.isfinite(e) else float(e) for e in errors),
-        None if gap is None else 100.0 * gap,
+        None if gap is None or not math.isfinite(gap) else 100.0 * gap,
     ]
 
 
@@ -299,7 +302,8 @@ def _alternatives(done: Done) -> Section:
         "Probabilities of the effects that were fitted, from the fit recordings alone, and what each leaves over in multiples of the noise. "
         f"The refitted model without any effect leaves {done.found.before.level:.3g}.",
     )
-    chosen = 0 if diagnosis.findings or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
+    is_reported = any(f.effect == t.effect.name for f in diagnosis.findings for t in best.terms)
+    chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
     caption = (
         "Ranking; dark: what is reported." if chosen == 0 else "Ranking; nothing of it is reported: see the verdict."
     )
@@ -378,11 +382,15 @@ def _calibration(done: Done) -> Section:
 
 def _files(done: Done, files: AmendedFiles) -> Section:
     what = "the physics found" if done.diagnosis.findings else "the refitted parameters, no physics added"
+    verb = "diagnose" if isinstance(done, FrequencyDiagnosed) else "compare"
     text = [
-        f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab compare {CASE}`."
+        f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab {verb} {CASE}`."
     ]
     if files.tables:
-        text.append(f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}.")
+        text.append(
+            f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}. "
+            f"{CASE} is the complete model; the model file alone lacks these."
+        )
     if files.nrmse is None:
         text.append(f"The files could not be run again: {files.note}.")
     else:

@@ -48,7 +48,3 @@ def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
     out += list(diagnosis.notes)
     out.append(f"Next measurement: {diagnosis.next_measurement}.")
     return out
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}"

@@ -73,6 +73,11 @@ def moving_parameters(
             out.append(Uncertain(name=kind, kind=kind, sd=sd, fields=every))
         if 1 < len(each) <= MOST_ELEMENTS:
             out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=share * sd, fields=f) for n, f in each.items()]
+        for n, f in each.items():
+            own = given.get(f"{n}:{kind}")
+            if own:
+                out = [u for u in out if u.name != f"{n}:{kind}"]
+                out.append(Uncertain(name=f"{n}:{kind}", kind=kind, sd=own, fields=f))
     return out
 
 

@@ -16,6 +16,7 @@ from vlab.diagnose.signals import Signals
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
+from vlab.plants.linearise import check_free
 from vlab.signals import Array
 
 FAR = 0.02
@@ -58,9 +59,10 @@ def linear_problem(case: Case) -> Problem | None:
         linear = plant.linearise()
     except BadStructure:
         return None  # no equilibrium to be linear about
-    if _departure(plant, linear, *_large(plant)) < EXACT:
-        return prepare(case, ("fit",))
     problem = prepare(case, ("fit",))
+    if _departure(plant, linear, *_large(plant)) < EXACT:
+        _check_stable(case, problem, linear)
+        return problem
     q, v = (part @ problem.twin.shapes.T for part in _states(problem))
     if _departure(plant, linear, q, v) > FAR:
         return None
@@ -112,9 +114,10 @@ def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> fl
 
 def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> None:
     omega = linear.eigen[0]
-    if not np.any(omega < 0):
+    growth = np.where(omega < 0, -omega, -np.nan_to_num(linear.zeta) * omega)  # of buckling, or of negative damping
+    if not np.any(growth > 0):
         return
-    rate = float(np.max(-omega))
+    rate = float(np.max(growth))
     for run, signals in zip(problem.runs, problem.signals, strict=True):
         if run.law is None and not run.drives and rate * len(signals) * signals.h > GROWN:
             raise BadCase(
@@ -135,6 +138,7 @@ def check_scope(case: Case) -> None:
         Free flight, muscles, physics that MuJoCo has no element for, too many coordinates.
     """
     model, label = case.plant.model, f"{case.path}: the recorded motion is far from linear, and"
+    check_free(model)
     free = [
         model.joint(i).name or f"joint {i}"
         for i in range(model.njnt)

@@ -1,0 +1,130 @@
+"""Cases that are stated badly or unevenly: hold-outs without a channel, silence, short records, names that mean nothing."""
+
+import numpy as np
+import pytest
+from test_twin_inputs import MOTOR, RIG
+
+from vlab.cases import load_case
+from vlab.diagnose.nonlinear.engine import prepared
+from vlab.diagnose.prepare import prepare
+from vlab.diagnose.signals import liveliest
+from vlab.diagnose.uncertain import uncertain_parameters
+from vlab.diagnose.unseen import held_out
+from vlab.diagnose.verify import Amended, check
+from vlab.errors import BadCase, BadStructure, UnknownName
+from vlab.plants.linearise import linearise
+
+TIME = np.arange(1000) / 500
+SWEEP = np.sin(2 * np.pi * (1 + 4 * TIME) * TIME)
+
+
+def write(folder, files, *, model="", uncertain="", rig=RIG):
+    """Write a case: files are (role, column names, data); columns are named for the model's elements."""
+    (folder / "rig.xml").write_text(rig.format(actuator=MOTOR, step=0.0005, integrator="RK4"))
+    text = f'[model]\nmjcf = "rig.xml"\n{model}\n'
+    text += f"[model.uncertain]\n{uncertain}\n" if uncertain else ""
+    kinds = {"drive": 'kind = "force"\nunit = "N"\ninput = true', "x": 'kind = "displacement"\nunit = "m"'}
+    kinds["v"] = 'kind = "velocity"\nunit = "m/s"'
+    for i, (role, names, data) in enumerate(files):
+        np.savetxt(folder / f"run{i}.csv", np.column_stack(data), delimiter=",", header=",".join(names), comments="")
+        text += (
+            f'[[recording]]\nname = "run{i}"\nfile = "run{i}.csv"\nrole = "{role}"\nrate_hz = 500.0\ninitial = "rest"\n'
+        )
+        for name in names:
+            text += f'[[recording.channel]]\ncolumn = "{name}"\nat = "{name}"\n{kinds[name]}\n'
+    (folder / "case.toml").write_text(text)
+    return load_case(folder)
+
+
+ALL = ("drive", "x", "v")
+FIT = ("fit", ALL, (SWEEP, 0.01 * SWEEP, 0.1 * SWEEP))
+
+
+def test_a_hold_out_may_lack_a_channel_or_stand_still(tmp_path):
+    quiet = ("holdout", ALL, (0 * TIME, 0 * TIME, 0 * TIME))
+    case = write(tmp_path, [FIT, ("holdout", ("drive", "x"), (SWEEP, 0.01 * SWEEP)), quiet])
+    found = held_out(case, ("x", "v"))
+    assert [run.name for run in found.runs] == ["run1"]
+    assert found.notes == (
+        "run1 lacks v; it is checked on its other channels",
+        "run2: no compared sensor moves, so it verifies nothing and is left out",
+    )
+    model = Amended(plant=case.plant, names=("x", "v"), sensor_gain=np.array([2.0, 3.0]), offset=np.zeros(2))
+    (checked,) = check(found.runs, model, None, nominal=Amended(plant=case.plant))
+    assert set(checked.channels) == {"x"}
+    np.testing.assert_allclose(checked.simulated[1]["x"], 2.0 * checked.simulated[0]["x"])
+
+
+def test_without_a_hold_out_nothing_is_verified(tmp_path):
+    assert "nothing could be verified" in held_out(write(tmp_path, [FIT]), ("x", "v")).notes[0]
+
+
+def test_the_search_looks_where_a_long_record_moves():
+    y = np.random.default_rng(0).standard_normal((10_000, 2))
+    assert liveliest(y, 20_000) == slice(0, 10_000)
+    assert liveliest(y, 4000) == slice(0, 4000)  # as lively as any
+    y[:5000] *= 0.01
+    part = liveliest(y, 4000)
+    assert part.start >= 5000
+    assert part.stop - part.start == 4000
+
+
+def test_the_diagnosis_says_what_it_did_not_search(tmp_path):
+    n = 20_000
+    t = np.arange(n) / 500
+    push = np.where(t > 20, np.sin(2 * np.pi * 35 * t), 0.0)  # so fast that nothing is thinned
+    case = write(tmp_path, [("fit", ALL, (push, 1e-3 * push, push))], uncertain="tension = 0.1")
+    problem = prepare(case)
+    assert problem.signals[0].t0 > 19
+    assert not problem.signals[0].at_rest
+    said, unused = problem.notes[:2]
+    assert said.startswith("run0: searched from ")
+    assert "of 40 s" in said
+    assert unused == "[model.uncertain] tension: nothing of that kind is uncertain in this model"
+
+
+def test_a_record_that_is_too_short_is_refused(tmp_path):
+    case = write(tmp_path, [("fit", ALL, tuple(x[:40] for x in (SWEEP, SWEEP, SWEEP)))])
+    with pytest.raises(BadCase, match="run0 has 40 samples; at least 64"):
+        prepared(case)
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ('"body:a:mas" = 0.1', "unknown quantity of a body 'mas'"),
+        ('"site:a:mass" = 0.1', "unknown type of element 'site'"),
+        ('"geom:arm:mass" = 0.1', "unknown geom 'arm'"),
+    ],
+)
+def test_what_is_uncertain_must_mean_something(tmp_path, stated, words):
+    with pytest.raises((BadCase, UnknownName), match=words):
+        write(tmp_path, [FIT], uncertain=stated)
+
+
+def test_the_mass_of_a_geom_is_that_of_its_body(tmp_path):
+    rig = RIG.replace('<geom size="0.1" mass="1"/>', '<geom name="block" size="0.1" mass="1"/>')
+    case = write(tmp_path, [FIT], uncertain='"geom:block:mass" = 0.11\n"joint:b:stiffness" = 0.07', rig=rig)
+    given = case.table.model.uncertain
+    stated = {p.name: p.sd for p in uncertain_parameters(case.plant, given, ("x",), (0,))}
+    assert stated["body:a:mass"] == 0.11
+    assert stated["joint:b:stiffness"] == 0.07
+
+
+def test_a_loop_that_runs_away_by_negative_damping_is_said(tmp_path):
+    """A drag of the wrong sign: recordings that stay at rest for minutes need something that holds them."""
+    rig = RIG.replace('stiffness="400" damping="2"', 'stiffness="400" damping="-8"')
+    still = 1e-3 * np.sin(TIME)
+    folder = tmp_path
+    case = write(folder, [("fit", ("x", "v"), (still, still))], rig=rig)
+    with pytest.raises(BadCase, match="unstable in the model"):
+        prepared(case)
+
+
+def test_equality_constraints_are_refused_in_one_line(tmp_path):
+    tie = '</tendon><equality><joint name="gear" joint1="a" joint2="b"/></equality>'
+    case = write(tmp_path, [FIT], rig=RIG.replace("</tendon>", tie))
+    with pytest.raises(BadStructure, match="'gear' ties coordinates together"):
+        linearise(case.plant.model)
+    with pytest.raises(BadStructure, match="'gear'"):
+        prepared(case)
