@@ -20,7 +20,7 @@ from vlab.errors import VlabError
 from vlab.outputs import finite
 
 VERBS = {
-    "demo": "the whole story on the beam: cross-check, controlled experiment, a real recording beside its model",
+    "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",
     "modes": "FE model, every plant and the published values side by side",
     "design": "a control law designed on a model of a structure, and what it achieves",
     "experiment": "a simulated experiment, written as a run folder",

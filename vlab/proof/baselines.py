@@ -65,14 +65,14 @@ class _Free:
     added: float = 0.0  # 0: the value is multiplied; else the parameter times this is added
 
 
-def _free_parameters(model: Any) -> list[_Free]:
-    """Return every stiffness, damping, mass and dry friction of joints, tendons and bodies."""
+def _free_parameters(model: Any, friction: bool) -> list[_Free]:
+    """Return every stiffness, damping, mass and, if wanted, dry friction of joints, tendons and bodies."""
     out = []
     for i in range(1, model.nbody):
         out += [_Free(f"mass:{i}", "body_mass", i)] if model.body_mass[i] > 0 else []
     for i in range(model.nv):
         out.append(_Free(f"damping:{i}", "dof_damping", i))
-        out.append(_Free(f"friction:{i}", "dof_frictionloss", i, added=1.0))
+        out += [_Free(f"friction:{i}", "dof_frictionloss", i, added=1.0)] if friction else []
     for i in range(model.njnt):
         out += [_Free(f"stiffness:{i}", "jnt_stiffness", i)] if model.jnt_stiffness[i] > 0 else []
     for i in range(model.ntendon):
@@ -82,15 +82,21 @@ def _free_parameters(model: Any) -> list[_Free]:
     return [f for f in out if f.added or np.any(np.asarray(getattr(model, f.array)[f.index]))]
 
 
-def freed(case: Case) -> dict[str, Any]:
-    """Fit all parameters to the recordings with mujoco.sysid's optimiser; simulate the hold-outs."""
+def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
+    """Fit all parameters to the recordings with mujoco.sysid's optimiser; simulate the hold-outs.
+
+    Parameters
+    ----------
+    friction : bool
+        Dry friction, of which the model has none, is a parameter as well.
+    """
     if not HAS_SYSID:
         return {"note": "not run: mujoco.sysid needs its extras; pip install 'vlab[sysid]'"}
     plant, runs = case.plant, case.runs(("fit",))
     if not isinstance(plant, MjcfPlant) or any(run.law is not None for run in runs):
         return {"note": "not run: for MJCF models without a law in the loop"}
     runs = sorted(runs, key=_loudness)[-MOST_RUNS:]
-    free = _free_parameters(plant.model)
+    free = _free_parameters(plant.model, friction)
     largest = max(float(np.abs(run.measured[d.channel]).max()) for run in runs for d in run.drives)
     parameters = sysid.ParameterDict()
     for f in free:

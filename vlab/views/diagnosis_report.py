@@ -34,6 +34,8 @@ from vlab.views.figures.model_drawing import model_figure
 from vlab.views.missing_force import missing_force
 from vlab.views.report import Section, write_report
 
+FIGURES = {"Measured, refitted and amended": "overlay.svg", "The missing force": "missing-force.svg"}
+"""Sections whose first figure is written by itself as well."""
 OVERLAYS = 4
 """Most channels that are drawn over time: the worst of every recording in turn."""
 NOTHING = "no added physics"
@@ -45,7 +47,7 @@ elements take their step a little differently from a law that acts as a force.""
 
 
 def write_diagnosis(done: Done, folder: Path) -> list[Section]:
-    """Write ``diagnosis.json``, ``report.html``, ``run.rrd`` and the amended model of a diagnosis into a folder; return the report's sections.
+    """Write ``diagnosis.json``, ``report.html``, its main figures, ``run.rrd`` and the amended model; return the report's sections.
 
     Raises
     ------
@@ -63,6 +65,9 @@ def write_diagnosis(done: Done, folder: Path) -> list[Section]:
     title = done.diagnosis.title or done.problem.case.path.parent.name
     parts = sections(done, files)
     write_report(folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
+    for part in parts:
+        if part.title in FIGURES and part.figures:
+            (folder / FIGURES[part.title]).write_text(part.figures[0][0], encoding="utf-8")
     if isinstance(done, FrequencyDiagnosed):
         write_frequency_scene(folder / "run.rrd", done, title=title, verdict=verdict_sentence(done))
     elif done.diagnosis.checked:
