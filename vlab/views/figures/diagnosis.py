@@ -315,7 +315,7 @@ def _limit(axes: Any, free: Array | None, force: Array) -> None:
     axes.set_ylim(low - room, high + room)
 
 
-def _thinned(x: Array, y: Array, most: int = 1500) -> tuple[Array, Array]:
+def _thinned(x: Array, y: Array, most: int = 500) -> tuple[Array, Array]:
     keep = np.linspace(0, len(x) - 1, min(most, len(x))).astype(int)
     return x[keep], y[keep]
 
