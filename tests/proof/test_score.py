@@ -79,11 +79,11 @@ def test_a_right_answer_is_right_in_everything():
 
 
 def test_a_class_counts_when_the_table_says_so():
-    lag = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"lag": 0.001})])
+    lag = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"time_constant": 0.001})])
     j = judge(lag, answer(finding("actuator-delay", "actuator:motor")))
     assert (j.right_effect, j.right_class) == (False, True)  # the table
     assert not j.hit  # the probability was that of the name
-    late = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"lag": 0.01})])
+    late = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"time_constant": 0.01})])
     assert not judge(late, answer(finding("actuator-delay", "actuator:motor"))).right_class  # 1.5 rad at 24 Hz
     j = judge(truth(), answer(finding("jenkins-slip", alike=["coulomb-friction"])))
     assert (j.right_effect, j.right_class, j.in_claimed) == (False, False, True)  # the tool's own class counts apart

@@ -86,6 +86,6 @@ def right_class(truth: dict[str, Any], hidden: dict[str, Any]) -> set[str]:
 
 def _phase(truth: dict[str, Any], hidden: dict[str, Any]) -> float:
     """Return the phase [rad] that what is hidden turns at the highest frequency; infinite where it is no time alone."""
-    times = [hidden["parameters"].get(name) for name in ("delay", "lag")]
+    times = [hidden["parameters"].get(name) for name in ("delay", "time_constant")]
     known = [abs(time) for time in times if time is not None]
     return 2 * np.pi * BAND_HZ[truth["bench"]] * known[0] if len(known) == 1 else np.inf
