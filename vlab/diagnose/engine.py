@@ -140,6 +140,8 @@ def diagnose(
     ------
     BadCase
         No recording to fit, or recordings that do not fit the model.
+    BadRecording
+        A file is damaged or not what the case says.
     """
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)

@@ -143,7 +143,7 @@ class Wired:
         return max(fastest(y, uniform(time), orders) for y, time in data)
 
 
-def wire(case: Case, roles: Sequence[str]) -> Wired:
+def wired_runs(case: Case, roles: Sequence[str]) -> Wired:
     """Return a case's runs in some roles.
 
     Raises
@@ -183,7 +183,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     BadCase
         No recording, or runs that compare different channels.
     """
-    wired = wire(case, roles)
+    wired = wired_runs(case, roles)
     runs, channels, names = wired.runs, wired.channels, wired.names
     load_ports, driven = wired.load_ports, wired.driven
     plant = case.plant

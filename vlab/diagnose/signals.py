@@ -243,7 +243,10 @@ def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
 
 
 def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
-    """Return the mean of an input from every grid time to the next (the last interval repeats its start)."""
+    """Return the mean of an input (n,) at times (n,) [s] from every time of a grid (m,) [s] to the next, (m,).
+
+    The last interval repeats its start.
+    """
     h = grid[1] - grid[0]
     edges = np.append(grid, grid[-1] + h)
     if is_held:
@@ -260,7 +263,10 @@ def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Ar
 
 
 def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
-    """Return a channel at the grid's times: low-passed where the grid is coarser, interpolated where it is not aligned."""
+    """Return a channel (n,) at times (n,) [s] at those of a grid (m,) [s] that takes every `thin`-th sample, (m,).
+
+    It is low-passed where the grid is coarser, and interpolated where the times are not even.
+    """
     h = uniform(time)
     even = time[0] + h * np.arange(round((time[-1] - time[0]) / h) + 1)
     aligned = even.size == time.size and bool(np.all(np.abs(even - time) < 1e-3 * h))

@@ -228,7 +228,7 @@ def _at_port(plant: Plant, one: Attached, port: Port) -> AtPort:
 
 
 def own_stiffness(plant: Plant, place: str) -> float:
-    """Return the stiffness of the elastic element at a place, also where another port of the same motion has it."""
+    """Return the stiffness [N/m or N m/rad] of the elastic element at a place, also where another port of the same motion has it."""
     if place not in plant.ports:
         return 0.0
     own = plant.own_stiffness(place)

@@ -50,7 +50,7 @@ def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
         _rate("what is hidden is in the class that the answer claims", [j.in_claimed for j in known]),
         _value("size of the claimed class, mean", [j.claimed for j in named], np.mean),
         _rate("two effects: both named, nothing else", [j.all_right for j in known if len(j.hidden) == 2]),
-        _rate("one effect: nothing named beside it", [j.hit for j in named if len(j.hidden) == 1 and j.right_class]),
+        _rate("one effect: nothing named beside it", [j.all_right for j in named if len(j.hidden) == 1 and j.right_class]),
         _rate("right place, exact", [bool(j.place_exact) for j in named], at_least=0.70),
         _rate("right place, within one element or joint", [bool(j.place_near) for j in named], at_least=0.90),
         _rate("coverage of the 90 % place set", [bool(j.place_covered) for j in named], at_least=0.85, at_most=0.95),

@@ -14,7 +14,7 @@ from vlab.diagnose.nonlinear.course import Course, Motion, course_of, first_moti
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import places_of
-from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wire
+from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import MOST_ELEMENTS, OWN_SHARE, Uncertain, uncertain_parameters
@@ -97,7 +97,7 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
     BadCase
         No recording, or runs that compare different channels.
     """
-    wired = wire(case, ("fit",))
+    wired = wired_runs(case, ("fit",))
     plant, runs, channels, names = case.plant, wired.runs, wired.channels, wired.names
     load_ports, driven = wired.load_ports, wired.driven
     stepper = Stepper(plant, channels, load_ports)
