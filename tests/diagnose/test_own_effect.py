@@ -37,6 +37,12 @@ def test_an_effect_of_ones_own_is_listed(capsys):
     assert [p["name"] for p in entry["parameters"]] == ["force", "pitch"]
 
 
+def test_an_effect_of_ones_own_needs_a_name_of_its_own(capsys):
+    status, _, err = run(capsys, "diagnose", str(asset("cases/emps/case.toml")), "--effect", "coulomb-friction")
+    assert status == 2
+    assert "another effect named 'coulomb-friction'" in err
+
+
 @pytest.mark.slow
 def test_an_effect_of_ones_own_is_found(capsys, tmp_path):
     rng, records = np.random.default_rng(3), []
@@ -51,7 +57,8 @@ def test_an_effect_of_ones_own_is_found(capsys, tmp_path):
     ]
     mjcf, uncertain = RIG.format(k=K, c=C, m=M), {"stiffness": 0.02, "damping": 0.2, "mass": 0.02, "gain": 0.02}
     write_case(tmp_path, title="", mjcf=mjcf, uncertain=uncertain, channels=channels, records=records)
-    status, text, _ = run(capsys, "diagnose", str(tmp_path), "--effect", OWN, "--json")
+    out = tmp_path.with_name("out")
+    status, text, _ = run(capsys, "diagnose", str(tmp_path), "--effect", OWN, "--json", "--out", str(out))
     assert status == 0
     found = json.loads(text)
     assert found["verdict"] == "missing-physics"
@@ -61,3 +68,4 @@ def test_an_effect_of_ones_own_is_found(capsys, tmp_path):
     assert parameters["pitch"]["value"] == pytest.approx(PITCH, rel=0.02)
     assert parameters["force"]["value"] == pytest.approx(FORCE, rel=0.05)  # the motor's gain is 2 % uncertain
     assert found["heldout"]["gap_closed"] > 0.9
+    assert "cogging is an effect of your own" in (out / "report.html").read_text()

@@ -1,11 +1,14 @@
 """The linear twin's inputs against MuJoCo's runs: limits of actuators, servos, coarse models, readings that show inputs at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, multisine, write_case
 from test_twin import marched
 
 from vlab.cases import load_case, simulate
+from vlab.cases.initial import find_initial_state
 from vlab.diagnose.linear_view import actuator_forces, command_readings
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.prepare import prepare
@@ -129,3 +132,18 @@ def test_an_actuator_of_several_inputs_is_refused_in_one_line(tmp_path):
     )
     with pytest.raises(BadStructure, match="'drive' takes 2 inputs"):
         build_mjcf("rig.xml", folder=tmp_path)
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_start_is_estimated_from_accelerations_under_way(tmp_path, hold):
+    """Recorded from the middle of a run: the state at the first sample follows from accelerations and the command alone."""
+    reads = (("acc.x", "acceleration", "m/s^2"), ("joint:b", "acceleration", "m/s^2"))
+    case = recorded(tmp_path, hold=hold, reads=reads)
+    (whole,) = case.runs()
+    cut = replace(
+        whole.measured, time=whole.measured.time[400:] - whole.measured.time[400], data=whole.measured.data[400:]
+    )
+    found = find_initial_state(case.plant, replace(whole, measured=cut, initial="auto"))
+    assert found.how == "estimated"
+    # the command before the first sample is not known: one reading of some hundreds is off
+    assert found.nrmse < 0.1

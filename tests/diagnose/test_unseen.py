@@ -8,7 +8,7 @@ from vlab.cases import load_case
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.signals import liveliest
-from vlab.diagnose.uncertain import uncertain_parameters
+from vlab.diagnose.uncertain import uncertain_parameters, unused
 from vlab.diagnose.unseen import held_out
 from vlab.diagnose.verify import Amended, check
 from vlab.errors import BadCase, BadStructure, UnknownName
@@ -77,10 +77,10 @@ def test_the_diagnosis_says_what_it_did_not_search(tmp_path):
     problem = prepare(case)
     assert problem.signals[0].t0 > 19
     assert not problem.signals[0].at_rest
-    said, unused = problem.notes[:2]
+    said, idle = problem.notes[:2]
     assert said.startswith("run0: searched from ")
     assert "of 40 s" in said
-    assert unused == "[model.uncertain] tension: nothing of that kind is uncertain in this model"
+    assert idle.startswith("[model.uncertain] tension: not used")
 
 
 def test_a_record_that_is_too_short_is_refused(tmp_path):
@@ -108,6 +108,9 @@ def test_the_mass_of_a_geom_is_that_of_its_body(tmp_path):
     given = case.table.model.uncertain
     stated = {p.name: p.sd for p in uncertain_parameters(case.plant, given, ("x",), (0,))}
     assert stated["body:a:mass"] == 0.11
+    parameters = uncertain_parameters(case.plant, given, ("x",), (0,))
+    assert unused(given, parameters) == []
+    assert "joint:b:damping" in unused({"joint:b:damping": 0.1}, [p for p in parameters if p.kind != "damping"])[0]
     assert stated["joint:b:stiffness"] == 0.07
 
 

@@ -19,7 +19,7 @@ from vlab.cases.playback import Bench, Clock, Loads, State, at_timestep, bench_f
 from vlab.cases.wiring import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
-from vlab.plants.base import Plant
+from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array, Channel, Recording
 
 PERIODS = 2.0
@@ -378,6 +378,10 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
     C = _output_matrix(problem)
     time, names = window.measured.time, [d.channel for d in window.drives]
     inputs = window.measured.select(names).data if names else np.zeros((len(time), 0))
+    held = np.array([d.is_held for d in window.drives], dtype=bool)
+    present = np.where(
+        held, np.vstack([np.zeros((1, len(held))), inputs[:-1]]), inputs
+    )  # a reading sees the one before
     steps = np.diff(time)[: 1 if window.measured.is_uniform else None]
     n, p = 2 * m, B.shape[1]
     blocks = np.zeros((steps.size, n + p, n + p))
@@ -386,7 +390,7 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
     free, forced = np.diag(scale), np.zeros(n)
     matrix, drive = np.zeros((len(time), C.shape[0], n)), np.zeros((len(time), C.shape[0]))
     for k in range(len(time)):
-        matrix[k], drive[k] = C @ free, C @ forced + direct @ inputs[k]
+        matrix[k], drive[k] = C @ free, C @ forced + direct @ present[k]
         if k + 1 < len(time):
             move = moves[min(k, len(moves) - 1)]
             free, forced = move[:n, :n] @ free, move[:n, :n] @ forced + move[:n, n:] @ inputs[k]
@@ -440,7 +444,9 @@ def _values(
 
 def _input_matrices(problem: _Problem) -> tuple[Array, Array]:
     """Return the generalised forces (nv, inputs) and the direct effect on the channels (channels, inputs) of the drives."""
-    bench, plant, window = problem.bench, problem.bench.plant, problem.run
+    window = problem.run
+    plant = without_limits(problem.bench.plant)  # a unit command may be far outside of them
+    bench = bench_for(plant, window)
     data = plant.new_data()
     base = data.qfrc_actuator.copy()
     rest = bench.rest_values(problem.run.compared)

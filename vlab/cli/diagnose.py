@@ -7,6 +7,7 @@ from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.diagnose.diagnosis import Diagnosis
 from vlab.diagnose.engine import diagnose
+from vlab.errors import BadExperiment
 from vlab.outputs import keep_apart, output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS, effect_named
 
@@ -36,7 +37,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.out:
         keep_apart(arguments.out, [arguments.case])
     case = load_case(arguments.case)
-    effects = [*EFFECTS.values(), *(effect_named(name) for name in arguments.effect)]
+    own = [effect_named(name) for name in arguments.effect]
+    effects = [*EFFECTS.values(), *own]
+    names = [effect.name for effect in effects]
+    for effect in own:
+        if names.count(effect.name) > 1:
+            raise BadExperiment(
+                f"--effect: there is another effect named {effect.name!r}; give yours a name of its own"
+            )
     if not arguments.out:
         with share_bar("diagnose") as report:
             diagnosis = diagnose(case, effects=effects, progress=report).diagnosis

@@ -27,14 +27,26 @@ def before(u: Array) -> Array:
     return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
 
 
-def port_series(effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0) -> Array:
-    """Return an effect's force along given motion, time along the first axis."""
+def port_series(
+    effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0, starts: Any = 0.0
+) -> Array:
+    """Return an effect's force along given motion, time along the first axis.
+
+    Parameters
+    ----------
+    z, v : (n, ...) array
+        At the middles of the steps.
+    h : float
+        Their length [s].
+    starts : float or array
+        Times at which they begin [s], one for each of the motions.
+    """
     memory = effect.memory(z.shape[1:])
-    t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h
+    t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
     out = np.zeros(z.shape)
     with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
         for k in range(len(z)):
-            out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=(k + 0.5) * h), memory)
+            out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=t[k]), memory)
         return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))

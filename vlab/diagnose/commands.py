@@ -103,8 +103,7 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return None
     recorded = [_recorded(run) for run in loops]
     size = float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in recorded]) ** 2)))
-    columns = _columns(loops[0])
-    own = [np.abs(r / law.per_actuator[columns]) for r in recorded]  # in the law's own unit
+    own = [np.abs(r / law.per_actuator[_columns(run)]) for run, r in zip(loops, recorded, strict=True)]  # its own unit
     largest = max(float(r.max()) for r in own)
 
     def error(limit: float | None, is_known: bool) -> float:
@@ -119,8 +118,10 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return None
     fine = limit * np.linspace(0.96, 1.04, 17)
     after, limit = min((error(float(x), known), float(x)) for x in fine)
-    there = np.sum([np.sum(r >= AT_LIMIT * limit, axis=0) for r in own], axis=0)
-    actuator = plant.actuators[law.actuators[columns[int(np.argmax(there))]]].name
+    there = np.zeros(len(law.actuators))
+    for run, r in zip(loops, own, strict=True):
+        there[_columns(run)] += np.sum(r >= AT_LIMIT * limit, axis=0)
+    actuator = plant.actuators[law.actuators[int(np.argmax(there))]].name
     return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
 
 

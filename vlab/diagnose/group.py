@@ -75,6 +75,16 @@ class Group:
         return self.runs[0].h
 
     @property
+    def starts(self) -> Array:
+        """Times of the runs' first samples from the starts of their recordings [s], (n_runs,)."""
+        return np.array([run.t0 for run in self.runs])
+
+    @property
+    def times(self) -> Array:
+        """Times of all samples from the starts of the recordings [s], (n, n_runs)."""
+        return np.arange(len(self.y))[:, None] * self.h + self.starts
+
+    @property
     def counts(self) -> Array:
         """Which samples count from the first that does, (n - first, n_runs) array of bool."""
         keep = np.arange(self.first, len(self.e))[:, None] < self.lengths[None, :]

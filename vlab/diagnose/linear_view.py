@@ -1,15 +1,14 @@
 """A plant as its channels and ports see it near rest: the map from modes to every channel that a recording has."""
 
-import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from vlab.cases.playback import Bench, State
 from vlab.cases.wiring import Compared
-from vlab.plants.base import Plant
+from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array
 
 STEP = 1e-6
@@ -111,18 +110,11 @@ def actuator_forces(plant: Plant) -> Array:
     return out
 
 
-def without_limits(plant: Plant) -> Plant:
-    """Return a plant whose actuators have no limits: a unit command may be far outside of them."""
-    model = copy.copy(plant.model)
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-    model.actuator_forcelimited[:] = 0
-    model.jnt_actfrclimited[:] = 0
-    model.tendon_actfrclimited[:] = 0
-    return replace(plant, model=model)
-
-
 def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
-    """Return commands (n,) as the plant's own limits let them through: of its controls, and of the forces of plain motors."""
+    """Return commands (n,) as the plant's own limits let them through: of its controls, and of the forces of plain motors.
+
+    Limits of servos' forces and of joints depend on the motion: the search does not know them, MuJoCo's verdict does.
+    """
     model, out = plant.model, commands
     for control in plant.actuators[actuator].controls:
         share = plant.control_matrix[control, actuator]
@@ -135,6 +127,7 @@ def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
         is_motor = (
             model.actuator_gaintype[control] == mujoco.mjtGain.mjGAIN_FIXED
             and model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_NONE
+            and model.actuator_dyntype[control] == mujoco.mjtDyn.mjDYN_NONE
         )
         if model.actuator_forcelimited[control] and is_motor and gain:
             limits.append(np.sort(model.actuator_forcerange[control] / gain))

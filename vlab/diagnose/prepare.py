@@ -16,7 +16,7 @@ from vlab.diagnose.linear_view import actuator_forces, channel_rows, command_rea
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.signals import Seen, Signals, fastest, signals_of, uniform
 from vlab.diagnose.twin import Change, Part, Twin, observable
-from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters
+from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters, unused
 from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
 from vlab.errors import BadCase
 from vlab.fe.damping import driven_modes
@@ -89,15 +89,12 @@ class Problem:
         """What must be said of the search: parts of recordings that it did not look at, what was stated and not used."""
         out = []
         for run, part in zip(self.runs, self.signals, strict=True):
-            whole, seen = float(run.measured.time[-1] - run.measured.time[0]), len(part) * part.h
-            if seen < LONG * whole:
+            whole = float(run.measured.time[-1] - run.measured.time[0])
+            if part.last_s - part.t0 < LONG * whole:
                 out.append(
-                    f"{run.name}: searched from {part.t0:.4g} to {part.t0 + seen:.4g} s of {whole:.4g} s; the verdict is on all of it"
+                    f"{run.name}: searched from {part.t0:.4g} to {part.last_s:.4g} s of {whole:.4g} s; the verdict is on all of it"
                 )
-        known = {p.kind for p in self.parameters}
-        unused = [kind for kind in self.case.table.model.uncertain if ":" not in kind and kind not in known]
-        if unused:
-            out.append(f"[model.uncertain] {', '.join(unused)}: nothing of that kind is uncertain in this model")
+        out += unused(self.case.table.model.uncertain, self.parameters)
         return (*out, *getattr(self.plant, "notes", ()))
 
     def adjusted(self, theta: Array) -> Plant:

@@ -198,9 +198,8 @@ class Screen:
             smoothed = group.smoothed
             if effects:
                 y = group.y.copy()
-                t = np.arange(len(y)) * group.h
                 for effect, place, values in effects:
-                    y[..., place.index] = effect.correct(y[..., place.index], values, group.h, t)
+                    y[..., place.index] = effect.correct(y[..., place.index], values, group.h, group.times)
                 smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths, usable=group.usable)
             out += [(run, smoothed.x[: len(run), i]) for i, run in enumerate(group.runs)]
         return out
@@ -559,8 +558,9 @@ class Screen:
             return [Cause(series=(effect.mix(recorded, other, values) - recorded)[..., None], channel=place.index)]
         if isinstance(effect, SensorEffect):
             recorded = group.y[..., place.index]
-            t = np.arange(len(recorded)) * group.h
-            parts = [recorded - effect.correct(recorded, v, group.h, t) for v in unit_amplitudes(effect, shape)]
+            parts = [
+                recorded - effect.correct(recorded, v, group.h, group.times) for v in unit_amplitudes(effect, shape)
+            ]
             return [Cause(series=np.stack(parts, axis=-1), channel=place.index)]
         if isinstance(effect, ActuatorEffect):
             return [
@@ -580,14 +580,14 @@ class Screen:
     ) -> Array:
         """Return an effect's force along the motion at a place; laws with memory are marched at all places at once."""
         if effect.memory((1,)) is None:
-            return port_series(effect, z, v, values, group.h, command)
+            return port_series(effect, z, v, values, group.h, command, group.starts)
         ports = [p for p in self.problem.places if p.kind == "port" and admissible(effect, p)]
         unit = tuple(values[p.name] for p in effect.amplitudes)
         shapes = [self._shapes(effect, p) for p in ports]
         at = next((i for i, p in enumerate(ports) if p.name == place.name), -1)
         shape = {p.name: values[p.name] for p in effect.shapes}
         if at < 0 or shape not in shapes[at]:
-            return port_series(effect, z, v, values, group.h, command)
+            return port_series(effect, z, v, values, group.h, command, group.starts)
         which = shapes[at].index(shape)
         key = (id(group), effect.name, unit)
         if key not in self._marched:  # of all ports and shapes side by side: samples are what takes time
@@ -596,7 +596,10 @@ class Screen:
             own = {p.name: np.array([[s[p.name] for s in of_port] for of_port in shapes]) for p in effect.shapes}
             amplitudes = {p.name: values[p.name] for p in effect.amplitudes}
             wide = np.zeros((1, 1, 1, len(shapes[at])))
-            self._marched[key] = port_series(effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h)
+            starts = group.starts[:, None, None]
+            self._marched[key] = port_series(
+                effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h, starts=starts
+            )
         return np.asarray(self._marched[key][..., at, which])
 
     def _linear_causes(self, group: Group, place: Place, effect: LinearPortEffect) -> list[Cause]:

@@ -97,5 +97,5 @@ def _forces(screen: Screen, group: Group, term: Term) -> list[tuple[Signals, Arr
     z, v = group.smoothed.x[..., :m] @ row, group.smoothed.x[..., m:] @ row
     after = np.vstack([v[1:], v[-1:]])
     command = group.u[..., term.place.coil] if term.place.coil is not None else 0.0
-    force = port_series(term.effect, z + 0.5 * h * v, 0.5 * (v + after), dict(term.values), h, command)
+    force = port_series(term.effect, z + 0.5 * h * v, 0.5 * (v + after), dict(term.values), h, command, group.starts)
     return [(run, force[:, i]) for i, run in enumerate(group.runs)]

@@ -58,6 +58,8 @@ class Signals:
         Modal states at the samples before the first one, for laws with memory.
     valid : (n, n_channels) array of bool or None
         Which samples say something of the structure; all of them by default.
+    end : float or None
+        Time of the last sample where the sample period is not even.
     """
 
     name: str
@@ -73,6 +75,12 @@ class Signals:
     start: Array | None = None
     before: Array | None = None
     valid: Array | None = None
+    end: float | None = None
+
+    @property
+    def last_s(self) -> float:
+        """Time of the last sample from the start of the recording [s]."""
+        return self.t0 + (len(self.y) - 1) * self.h if self.end is None else self.end
 
     @property
     def usable(self) -> Array:
@@ -102,7 +110,12 @@ class Seen:
     direct : (n_channels, n_actuators + n_ports) array
         What they read of the accelerations that a unit command or load gives.
     commands : (n_channels, n_actuators) array
-        What they read of a unit command while nothing accelerates, as sensors of forces do.
+        What they read of a unit command while nothing accelerates, as sensors of forces do. What an actuator's effect does to
+        its command does not show there.
+
+    Notes
+    -----
+    Both are those of the nominal model: of a refitted gain its deviation times the difference is left, a small thing times a small one.
     """
 
     direct: Array

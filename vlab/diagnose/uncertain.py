@@ -89,6 +89,27 @@ def uncertain_parameters(
     return out
 
 
+def unused(given: Mapping[str, float], parameters: Sequence[Uncertain]) -> list[str]:
+    """Return what is stated in ``[model.uncertain]`` and moves nothing, in a sentence."""
+    kinds, names = {p.kind for p in parameters}, {p.name for p in parameters}
+    stated = [name for name in given if not name.startswith("geom:")]  # the mass of its body
+    idle = [name for name in stated if not (_meant(name) & names if ":" in name else name in kinds)]
+    if not idle:
+        return []
+    return [f"[model.uncertain] {', '.join(idle)}: not used, nothing of that kind or name is uncertain in this case"]
+
+
+def _meant(name: str) -> set[str]:
+    """Return the names of parameters that a stated name may set."""
+    kind, _, rest = name.partition(":")
+    element, _, quantity = rest.rpartition(":")
+    return {
+        "actuator": {f"gain:{element}"},
+        "sensor": {f"sensor:{element}", f"sensor:sensor:{element}"},
+        "body": {name, f"body:{element}:mass"} if quantity == "inertia" else {name},
+    }.get(kind, {name})
+
+
 def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
     """Return what is stated with masses of geoms as those of their bodies; of several geoms of a body the largest."""
     out = dict(given)

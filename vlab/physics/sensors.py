@@ -31,7 +31,7 @@ def _delay_taps(samples: float) -> tuple[int, list[float]]:
 
 def _over(t: Any, y: Array) -> Any:
     """Return times beside signals with time along the first axis."""
-    return t.reshape(-1, *(1,) * (np.ndim(y) - 1)) if np.ndim(y) else t
+    return t.reshape(-1, *(1,) * (np.ndim(y) - 1)) if np.ndim(y) > np.ndim(t) else t
 
 
 def _times(y: Array, h: float, factor: Callable[[Array], Array]) -> Array:

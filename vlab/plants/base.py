@@ -9,6 +9,7 @@ sensors of the structure plants undo this half step with the velocity at hand, s
 their time stamps to second order.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -295,6 +296,16 @@ def set_options(spec: Any, title: str, *, gravity: float = 0.0) -> None:
     spec.option.gravity = [0.0, 0.0, -gravity]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+
+
+def without_limits(plant: Plant) -> Plant:
+    """Return a plant whose actuators have no limits: a unit command may be far outside of them."""
+    model = copy.copy(plant.model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    model.actuator_forcelimited[:] = 0
+    model.jnt_actfrclimited[:] = 0
+    model.tendon_actfrclimited[:] = 0
+    return replace(plant, model=model)
 
 
 def check_run(model: Any, data: Any, expected_time: float) -> None:

@@ -190,7 +190,7 @@ def regenerate_cases(
         raise BadExperiment(f"{sealed_cases} has no case {unknown[0]!r}; accepted: {names[0]} to {names[-1]}")
     items = _items(plan["suites"], len(document["cases"]), plan["seed"])
     items = [item for item in items if not only or item[2] in only]
-    changed = plan.get("generator") != generator_digest()
+    changed = plan.get("generator", "") != generator_digest()
     with output_folder(out) as cases:
         work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
         for done, (name, _) in enumerate(run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler)):

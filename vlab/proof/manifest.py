@@ -13,7 +13,7 @@ import vlab
 from vlab.assets import asset
 from vlab.proof.sealing import canonical, digest, files_digest
 
-VERSIONS = ("mujoco", "numpy", "scipy")
+VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/score", "proof/judge", "proof/statistics")
 """Sources that no answer depends on."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
@@ -48,11 +48,11 @@ def scoring_digest() -> str:
 
 
 def generator_digest() -> str:
-    """Return the SHA-256 of all that concealed cases are made with: sources, structures, numpy and scipy."""
+    """Return the SHA-256 of all that concealed cases are made with: sources, structures, numpy, scipy and pyarrow."""
     root = Path(vlab.__file__).parent
     made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
     made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
-    return digest([*made, _structures(), metadata.version("numpy"), metadata.version("scipy")])
+    return digest([*made, _structures(), *(metadata.version(name) for name in VERSIONS[1:])])
 
 
 def _structures() -> str:

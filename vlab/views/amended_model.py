@@ -139,7 +139,7 @@ def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: P
 def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
     """Return the refitted gains and zeros of channels, and of a structure's coils, as effects of the catalogue."""
     out, problem = [], done.problem
-    if problem.case.structure is not None:  # of an MJCF they are in the gear
+    if problem.case.structure is not None:  # of an MJCF they are in the actuators' own gains
         for parameter, value in zip(problem.parameters, theta, strict=True):
             index = parameter.actuator
             if index is not None and index < len(problem.plant.actuators) and abs(value) > LEAST:

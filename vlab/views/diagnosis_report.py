@@ -15,6 +15,7 @@ from vlab.diagnose.frequency.engine import FrequencyDiagnosed
 from vlab.diagnose.terms import Term
 from vlab.diagnose.verify import Checked, gap_closed
 from vlab.outputs import finite
+from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.recordings.files import written_whole
 from vlab.views.amended_model import CASE, AmendedFiles, Done, write_amended
@@ -258,7 +259,7 @@ def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
 def _forces(done: Diagnosed) -> Section:
     figures = []
     attempt = (
-        "The best law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name.",
+        "The best force law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name.",
     )
     for term in _drawn_terms(done):
         found = missing_force(done, term)
@@ -396,7 +397,12 @@ def _files(done: Done, files: AmendedFiles) -> Section:
             f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}. "
             f"{CASE} is the complete model; the model file alone lacks these."
         )
-    if files.nrmse is None:
+    own = [t.effect.name for t in done.fit.terms if t.effect.name not in EFFECTS]
+    if own:
+        text.append(
+            f"A case runs nobody's code, so {CASE} cannot be loaded: {', '.join(own)} is an effect of your own."
+        )
+    elif files.nrmse is None:
         text.append(f"The files could not be run again: {files.note}.")
     else:
         same = abs(files.nrmse - files.reported) <= REPRODUCED * max(files.reported, 1e-12)

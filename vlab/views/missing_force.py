@@ -55,7 +55,7 @@ def _at_port(done: Diagnosed, term: Term) -> Missing:
     parts: list[tuple[Array, Array, Array, Array]] = []
     for group in done.found.screen.groups:
         free, z, v, a, u = _motion(done, group, term)
-        law = _along(term, z, v, a, u, group.h)
+        law = _along(term, z, v, a, u, group)
         for i, count in enumerate(group.lengths):
             keep = slice(group.first, int(count) - 1)
             parts.append((z[keep, i], v[keep, i], free[keep, i], law[keep, i]))
@@ -99,17 +99,17 @@ def _motion(done: Diagnosed, group: Group, term: Term) -> tuple[Array, Array, Ar
     for other in done.fit.terms:
         if other is not term and isinstance(other.effect, (PortEffect, LinearPortEffect)):
             row, z, v, a, u = port(other)
-            asked = asked - _along(other, z, v, a, u, group.h)[..., None] * row
+            asked = asked - _along(other, z, v, a, u, group)[..., None] * row
     row, z, v, a, u = port(term)
     return asked @ row / float(row @ row), z, v, a, u
 
 
-def _along(term: Term, z: Array, v: Array, a: Array, command: Any, h: float) -> Array:
+def _along(term: Term, z: Array, v: Array, a: Array, command: Any, group: Group) -> Array:
     if isinstance(term.effect, LinearPortEffect):
         mass, damping, stiffness = term.effect.impedance(term.values, term.place.stiffness)
         return np.asarray(-(mass * a + damping * v + stiffness * z))
     assert isinstance(term.effect, PortEffect)
-    return port_series(term.effect, z, v, term.values, h, command)
+    return port_series(term.effect, z, v, term.values, group.h, command, group.starts)
 
 
 def _around(values: Array) -> slice:
@@ -148,7 +148,7 @@ def _at_sensor(done: Diagnosed, term: Term, effect: SensorEffect) -> Missing:
         for i, count in enumerate(group.lengths):
             y = group.y[: int(count), i, term.place.index]
             after.append(y)
-            before.append(np.asarray(effect.correct(y, term.values, h, np.arange(len(y)) * h)))
+            before.append(np.asarray(effect.correct(y, term.values, h, group.times[: int(count), i])))
     words = f"What the sensor {name} would give without {effect.name} (grey), and what it gave."
     return _changed(before, after, h, "without the effect", channel.unit, "recorded", words)
 

@@ -19,10 +19,12 @@ def write_proof(found: Mapping[str, Any], path: Path) -> None:
         The file cannot be written.
     """
     missed = [m["measure"] for m in found["measures"] if m["met"] is False]
+    open_ = sum(m["met"] is None and bool(m["target"]) for m in found["measures"])
+    met = "Every target that could be counted is met" + (f"; {open_} had no cases." if open_ else ".")
     summary = (
         f"{found['cases']} cases, seed {found['plan']['seed']}, answered before their truth was opened; "
         f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.",
-        f"Targets missed: {'; '.join(missed)}." if missed else "Every target is met.",
+        f"Targets missed: {'; '.join(missed)}." if missed else met,
     )
     parts = [_measures(found), _suites(found), _detection(found), _calibration(found), _confusion(found)]
     parts += [_failures(found), _baselines(found)]
@@ -104,6 +106,8 @@ def _calibration(found: Mapping[str, Any]) -> Section:
 
 def _confusion(found: Mapping[str, Any]) -> Section:
     single = {truth: row for truth, row in found["confusion"].items() if " + " not in truth}
+    if not single:
+        return Section(title="What was taken for what", text="Two things were hidden in every case.")
     caption = "A row for what was hidden alone, a column for the first answer; the ring is the effect's own name."
     return Section(title="What was taken for what", figures=[(to_svg(confusion_figure(single)), caption)])
 

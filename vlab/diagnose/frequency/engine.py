@@ -28,6 +28,7 @@ from vlab.diagnose.frequency.verify import (
     modal_errors,
 )
 from vlab.diagnose.terms import Fit
+from vlab.diagnose.uncertain import unused
 from vlab.diagnose.verify import gap_closed, total
 from vlab.diagnose.words import next_measurement, not_excluded
 from vlab.physics.catalogue import EFFECTS
@@ -221,9 +222,10 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
     out = list(problem.view.left_out)
-    unused = [name for name, _ in problem.case.recordings()]
-    if unused:
-        out.append(f"[[recording]] {', '.join(unused)} not used: the case has responses and tables of modes to fit")
+    aside = [name for name, _ in problem.case.recordings()]
+    if aside:
+        out.append(f"[[recording]] {', '.join(aside)} not used: the case has responses and tables of modes to fit")
+    out += unused(problem.case.table.model.uncertain, problem.parameters)
     if not problem.held_out:
         out.append("no hold-out data: nothing can be verified on data that the search did not use")
     if left_out is not None:

@@ -163,6 +163,7 @@ def _signals(course: Course, h: float) -> Signals:
         scale=course.scale,
         at_rest=course.at_rest,
         t0=float(course.time[0]),
+        end=float(course.time[-1]),
         valid=course.valid,
     )
 
