@@ -196,7 +196,8 @@ def baseline_rows(judged: Sequence[Judged], answers: dict[str, Any], truths: dic
     rows[-1]["note"] = f"leaves at most 1.5 x the noise in {sum(explained)} of {len(explained)}"
     methods = sorted({m for j in known for m in answers[j.case].get("baselines", {})})
     for method in methods:
-        done = [(j, answers[j.case].get("baselines", {}).get(method, {})) for j in known]
+        asked = [j for j in known if method in answers[j.case].get("baselines", {})]
+        done = [(j, answers[j.case]["baselines"][method]) for j in asked]
         ran = [(j, b) for j, b in done if not b.get("note")]
         named = [_named_right(j, b, truths[j.case]) for j, b in ran if "named" in b]
         gaps = [g for j, b in ran if (g := _gap(answers[j.case], b)) is not None]
