@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from vlab.cases.playback import Bench, Clock, Loads, State, at_timestep, bench_for, plan_clock, play
+from vlab.cases.playback import Bench, Clock, Loads, State, at_timestep, before, bench_for, plan_clock, play
 from vlab.cases.wiring import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
@@ -379,9 +379,7 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
     time, names = window.measured.time, [d.channel for d in window.drives]
     inputs = window.measured.select(names).data if names else np.zeros((len(time), 0))
     held = np.array([d.is_held for d in window.drives], dtype=bool)
-    present = np.where(
-        held, np.vstack([np.zeros((1, len(held))), inputs[:-1]]), inputs
-    )  # a reading sees the one before
+    present = np.where(held, before(inputs), inputs)
     steps = np.diff(time)[: 1 if window.measured.is_uniform else None]
     n, p = 2 * m, B.shape[1]
     blocks = np.zeros((steps.size, n + p, n + p))

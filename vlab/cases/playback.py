@@ -450,6 +450,11 @@ def _channels(run: Run, clock: Clock, names: list[str], held: list[bool]) -> tup
     return means, present
 
 
+def before(u: Array) -> Array:
+    """Return the held commands (n, ...) that stand while samples are read: the ones before them."""
+    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+
+
 def _held_means(time: Array, values: Array, edges: Array) -> Array:
     """Return the means between edges of a staircase that takes a new value at every time stamp."""
     end = max(edges[-1], time[-1]) + 1.0

@@ -22,11 +22,6 @@ def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, fl
     return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
 
 
-def before(u: Array) -> Array:
-    """Return the command that stands while a sample is read: the one before it."""
-    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-
-
 def port_series(
     effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0, starts: Any = 0.0
 ) -> Array:

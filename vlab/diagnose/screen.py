@@ -16,7 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.fft import next_fast_len
 
-from vlab.diagnose.causes import before, commands_changed, port_series, unit_amplitudes
+from vlab.cases.playback import before
+from vlab.diagnose.causes import commands_changed, port_series, unit_amplitudes
 from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
 from vlab.diagnose.observer import filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.parallel import side_by_side

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vlab.cases.playback import before
 from vlab.diagnose.causes import port_series
 from vlab.diagnose.group import Group
 from vlab.diagnose.prepare import Problem
@@ -83,7 +84,7 @@ def _corrected(run: Signals, term: Term) -> Signals:
     assert isinstance(term.effect, SensorEffect)
     y, i, k = run.y.copy(), term.place.index, term.place.other
     if isinstance(term.effect, PickUp):
-        other = np.concatenate([[0.0], run.u[:-1, k]]) if term.place.tag == "command" else run.y[:, k]
+        other = before(run.u[:, k]) if term.place.tag == "command" else run.y[:, k]
         y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # small: taken off once
     else:
         y[:, i] = term.effect.correct(y[:, i], dict(term.values), run.h, run.t)

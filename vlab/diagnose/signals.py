@@ -8,6 +8,7 @@ import numpy as np
 from scipy import signal
 
 from vlab.cases.initial import begins_at_rest
+from vlab.cases.playback import before
 from vlab.cases.wiring import Compared, Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.hardware.output_chain import OutputChain
@@ -336,8 +337,8 @@ def signals_of(
         mean = interval_means(time, values, is_held, grid)
         inputs[:, column] += mean
         if seen is not None and seen.shows(column):
-            before = np.concatenate([[0.0], values[:-1]]) if is_held else values  # a reading sees the command before it
-            y[:] -= seen.ahead(column, mean, on_grid(time, before, grid, thin))
+            now = before(values) if is_held else values
+            y[:] -= seen.ahead(column, mean, on_grid(time, now, grid, thin))
 
     for drive in run.drives:
         values, is_held = run.measured[drive.channel], drive.is_held

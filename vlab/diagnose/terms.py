@@ -23,26 +23,16 @@ class Term:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
-    """An effect at a place with the shape that the screening found best.
+class Candidate(Term):
+    """A term with the shape that the screening found best.
 
     Parameters
     ----------
     gain : float
         Log-likelihood gained by the regression, shape and amplitude chosen.
-    values : mapping
-        Parameter values of the effect.
     """
 
-    effect: Effect
-    place: Place
-    values: dict[str, float]
     gain: float
-
-    @property
-    def label(self) -> str:
-        """Effect and place in one string."""
-        return f"{self.effect.name}@{self.place.name}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,9 @@ from vlab.assets import asset
 from vlab.proof.sealing import canonical, digest, files_digest
 
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
-NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/score", "proof/judge", "proof/statistics")
+SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
+"""Sources that say what a right answer is, and count."""
+NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", *SCORING)
 """Sources that no answer depends on."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
@@ -42,9 +44,9 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
 
 
 def scoring_digest() -> str:
-    """Return the SHA-256 of the sources that say what a right answer is, and count."""
-    root = Path(vlab.__file__).parent / "proof"
-    return files_digest((name, root / name) for name in ("equivalence.py", "judge.py", "score.py", "statistics.py"))
+    """Return the SHA-256 of `SCORING`."""
+    root = Path(vlab.__file__).parent
+    return files_digest((Path(name).name, root / name) for name in SCORING)
 
 
 def generator_digest() -> str:

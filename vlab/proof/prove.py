@@ -166,9 +166,8 @@ def _answer(
         write_json(out / ANSWERS / f"{name}.json", answer)
         done += 1
         progress(done, len(names))
-    _check_same(
-        now, manifest(commitments, baselines=baselines), out
-    )  # processes that start late read what is there then
+    # processes that start late read what is there then
+    _check_same(now, manifest(commitments, baselines=baselines), out)
 
 
 def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
