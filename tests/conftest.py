@@ -1,6 +1,7 @@
 """Parts that many tests share, built once."""
 
 import os
+import signal
 from collections.abc import Iterator
 
 from vlab.cli import ONE_THREAD
@@ -18,6 +19,8 @@ from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 mpl.use("Agg")
+# a shell that starts the tests in the background has interrupts ignored, and every process that they start inherits that
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 """The choice among hypotheses: how many effects, which class of them, where, with what probability."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,8 +16,8 @@ ABOVE_NOISE = 1.3
 BEYOND_PRIOR = 10.0
 """An effect is also accepted where it gains this much in score: the refitted model may fit as well, but only with uncertain
 parameters that are less likely than the effect by e^-10."""
-ALIKE = 1.05
-"""Hypotheses that leave within this factor of the best one's difference cannot be told apart by the recordings."""
+ALIKE = 3.0
+"""Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,12 +32,16 @@ class Choice:
         With the best one, all that the recordings cannot tell from it.
     probability : float
         Of the best hypothesis' effects, wherever they are.
+    shares : mapping of str to float
+        Of every one of its effects, whatever is there besides it.
     ranking : tuple of (Hypothesis, float)
         Other hypotheses with their probabilities, best first.
     places : dict
         Probability of every place of the first effect.
     is_supported : bool
         Whether it explains enough of what stood above the noise.
+    gained : float
+        Log evidence over that of the refitted model alone.
     """
 
     best: Hypothesis
@@ -46,6 +50,8 @@ class Choice:
     ranking: tuple[tuple[Hypothesis, float], ...]
     places: dict[str, float]
     is_supported: bool
+    shares: Mapping[str, float] = field(default_factory=dict)
+    gained: float = 0.0
 
 
 def _excess(hypothesis: Hypothesis) -> float:
@@ -74,8 +80,9 @@ def choose(found: Found) -> Choice:
             best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={}, is_supported=False
         )
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
-    alike = tuple(h for h in same if h.level <= ALIKE * best.level)
+    alike = tuple(h for h in same if h.score >= best.score - ALIKE)
     probability, ranking = _probabilities(found, best)
+    options = [(best, probability), *ranking]
     return Choice(
         best=best,
         alike=alike,
@@ -83,6 +90,8 @@ def choose(found: Found) -> Choice:
         ranking=ranking,
         places=_places(found, best),
         is_supported=True,
+        shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
+        gained=best.score - before.score,
     )
 
 

@@ -10,16 +10,19 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.misfit import misfit
-from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.choose import BEYOND_PRIOR, Choice, choose
 from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.final_fit import final_fit, loudest_and_quietest
-from vlab.diagnose.findings import of_hum, of_limit, of_stop, of_terms, of_zero, place_of
+from vlab.diagnose.findings import of_hum, of_limit, of_step, of_stop, of_terms, of_zero, place_of
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
+from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.nonlinear.engine import prepared
-from vlab.diagnose.prepare import MODEL_ERROR, Problem
+from vlab.diagnose.prepare import MESH_OWN_ERROR, MODEL_ERROR, Problem
+from vlab.diagnose.refine import EXACT, Refiner
+from vlab.diagnose.resolution import SensorStep, sensor_steps
 from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
 from vlab.diagnose.terms import Fit
@@ -32,13 +35,15 @@ from vlab.physics.effect import Effect
 
 ABOVE_NOISE = 1.5
 """Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""
-LEAST_MISFIT, MESH_MISFIT = 0.005, 0.025
-"""...and more than this share of their rms: what integration and interpolation leave of a user's model; what the mesh and the
-places of the sensors leave of one of the two structures."""
+LEAST_MISFIT = 0.005
+"""...and more than this share of their rms, or what the mesh of a structure leaves: what integration and interpolation leave of
+a user's model."""
 LEAST_GAP, LEAST_TO_NOISE = 0.7, 0.5
 """An effect is reported as found where it closes this share of the held-out gap down to noise and what the simulation itself
 misses, and this share of the gap down to the noise alone. On concealed cases of two rigs single effects that were there closed
 .91 and more, pairs and one effect of a pair alone .78 and more but for one (.52), laws fitted to others .58 to .64."""
+NO_WORSE = 1.02
+"""A model is no worse than another where it leaves at most this multiple: what the fits' own convergence is good for."""
 MOST_TRIED = 3
 """Hypotheses that are tried in MuJoCo until it confirms one."""
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
@@ -57,6 +62,8 @@ class Seen:
         Of the commands of a law in the loop.
     stops : tuple of SensorLimit
         Of sensors, where they matter.
+    steps : tuple of SensorStep
+        Of sensors whose readings are coarse.
     hums, benign_hums : tuple of Hum
         On sensors: where it matters, and elsewhere.
     damage : Damage
@@ -67,6 +74,7 @@ class Seen:
 
     limit: CommandLimit | None
     stops: tuple[SensorLimit, ...]
+    steps: tuple[SensorStep, ...]
     hums: tuple[Hum, ...]
     benign_hums: tuple[Hum, ...]
     damage: Damage
@@ -75,11 +83,11 @@ class Seen:
     @property
     def is_missing(self) -> bool:
         """Whether any of it is physics that the model lacks."""
-        return self.limit is not None or bool(self.stops) or bool(self.hums) or bool(self.zeros)
+        return self.limit is not None or bool(self.stops) or bool(self.steps) or bool(self.hums) or bool(self.zeros)
 
     def on(self, model: Amended) -> Amended:
         """Return a model with it."""
-        return replace(model, limit=self.limit, stops=self.stops, hums=self.hums)
+        return replace(model, limit=self.limit, stops=self.stops, steps=self.steps, hums=self.hums)
 
     def of_law(self, problem: Problem) -> list[Finding]:
         """Return the limit of the commands as a finding: the law is known, so nothing is surer."""
@@ -89,6 +97,7 @@ class Seen:
         """Return what sensors show as findings."""
         units = {c.name: c.unit for c in problem.runs[0].measured.channels}
         out = [of_stop(stop, units[stop.channel]) for stop in self.stops]
+        out += [of_step(step, units[step.channel]) for step in self.steps]
         out += [of_hum(hum, units[hum.channel]) for hum in self.hums]
         return out + [of_zero(zero, units[zero.channel]) for zero in self.zeros]
 
@@ -104,7 +113,8 @@ def look(problem: Problem, damage: Damage) -> Seen:
         (big if matters else small).append(hum)
     stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP)
     limit = find_limit(problem.case.plant, runs)
-    return Seen(limit=limit, stops=stops, hums=tuple(big), benign_hums=tuple(small), damage=damage)
+    steps = tuple(step for step in sensor_steps(runs) if step.channel not in {stop.channel for stop in stops})
+    return Seen(limit=limit, stops=stops, steps=steps, hums=tuple(big), benign_hums=tuple(small), damage=damage)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,7 +213,9 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
     for _ in range(MOST_TRIED):
         choice, before, after = choose(found), plain, plain
         if choice.best.terms:
-            on_twin = whole.fit(choice.best.terms, choice.best.long_fit, 6)
+            on_twin = (
+                _exactly(whole, choice.best) if is_linear else whole.fit(choice.best.terms, choice.best.long_fit, 6)
+            )
             after = final_fit(problem, whole, on_twin, seen.limit) if is_linear else on_twin
             if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
                 before = plain_in_mujoco()
@@ -219,6 +231,11 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
         found = replace(found, hypotheses=tuple(h for h in found.hypotheses if h is not choice.best))
     assert first is not None
     return replace(first, rejected=tuple(name for name in rejected if name != first.choice.best.label))
+
+
+def _exactly(whole: Refiner, best: Hypothesis) -> Fit:
+    """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
+    return whole.fit(best.terms, best.long_fit, settled=EXACT)
 
 
 def _is_confirmed(problem: Problem, settled: _Settled, seen: Seen) -> bool:
@@ -247,7 +264,7 @@ def _closes(errors: Mapping[str, float], is_structure: bool) -> bool:
         What is left ``"before"`` and ``"after"``, and ``"noise"``.
     """
     gap = gap_closed(errors["before"], errors["after"], errors["noise"])
-    reachable = float(np.hypot(errors["noise"], MESH_MISFIT if is_structure else MODEL_ERROR))
+    reachable = float(np.hypot(errors["noise"], MESH_OWN_ERROR if is_structure else MODEL_ERROR))
     share = gap_closed(errors["before"], errors["after"], reachable)
     return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= LEAST_GAP
 
@@ -256,9 +273,15 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structur
     if seen.damage.fatal:
         return "bad-recording"
     errors = _errors(checked)
-    floor = MESH_MISFIT if is_structure else LEAST_MISFIT
+    floor = MESH_OWN_ERROR if is_structure else LEAST_MISFIT
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
     if (choice.best.terms or seen.is_missing) and _closes(errors, is_structure):
+        return "missing-physics"
+    is_followed = (
+        errors["before"] <= ABOVE_NOISE * errors["noise"]
+    )  # no gap to close: coarse steps count as noise, and...
+    is_needed = choice.gained > BEYOND_PRIOR and errors["after"] <= NO_WORSE * errors["before"]
+    if is_followed and (seen.steps or is_needed):  # ...a refit may follow with parameters that nobody believes
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"

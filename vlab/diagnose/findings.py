@@ -12,6 +12,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
 from vlab.diagnose.prepare import Problem
+from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.zeros import Zero
 from vlab.physics.catalogue import EFFECTS
@@ -53,7 +54,7 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     for i, term in enumerate(fit.terms):
         parameters: dict[str, dict[str, Any]] = {}
         for parameter in term.effect.parameters:
-            value, sd = term.values[parameter.name], choice.best.fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
+            value, sd = term.values[parameter.name], fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
             spread = 1.645 * sd
             low, high = (
                 (value - spread, value + spread)
@@ -70,7 +71,7 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
                 family=term.effect.family,
                 place=place_of(term.place.name, term.effect, problem),
                 places_90=tuple(dict.fromkeys(place_of(p, term.effect, problem) for p in _most(places))),
-                probability=choice.probability,
+                probability=min(choice.shares.get(term.effect.name, choice.probability), 1.0),
                 alike=tuple(dict.fromkeys(alike)),
                 parameters=parameters,
                 law=term.effect.law,
@@ -180,6 +181,15 @@ def of_stop(stop: SensorLimit, unit: str) -> Finding:
     """Return the finding of a sensor that stops at the end of its range."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
     return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+
+
+def of_step(step: SensorStep, unit: str) -> Finding:
+    """Return the finding of a sensor with coarse readings."""
+    spread = 1.645 * step.sd
+    interval = [step.step - spread, step.step + spread]
+    parameters = {"step": {"value": step.step, "unit": unit, "ci90": interval}}
+    words = f"its values stand on steps of {100 * step.share:.2g} % of its rms"
+    return _seen("sensor-quantisation", step.channel, parameters, words)
 
 
 def of_zero(zero: Zero, unit: str) -> Finding:

@@ -1,14 +1,18 @@
 """Hypotheses, their scores, and what every search leaves to choose from."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from vlab.diagnose.terms import Fit, Term
 
 WORTH = 40.0
-"""Independent samples that a score counts at most. The recordings hold many more, but what a model leaves of them is its own
-error, which does not average out: five per cent less of it are odds of e^2, not of e^50."""
+"""Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
+is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
+
+NOISE_KNOWN = 0.05
+"""The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,10 +23,14 @@ class Hypothesis:
     ----------
     fit : Fit
         In windows, where there are any.
-    score : float
-        Log evidence by Schwarz's approximation, of at most `WORTH` samples; larger is better.
     level : float
         Root mean square of the remaining difference over the noise.
+    misfit : float
+        Logarithm of the level, or of what noise alone leaves where it is below that.
+    price : float
+        What the uncertain parameters are less likely than their priors' means, as a logarithm, and what the search costs.
+    worth : float
+        Independent values that the misfit counts as.
     gain : float
         Log-likelihood gained in the screening.
     whole : Fit or None
@@ -30,10 +38,18 @@ class Hypothesis:
     """
 
     fit: Fit
-    score: float
     level: float
+    misfit: float
+    price: float
+    worth: float = WORTH
     gain: float = 0.0
     whole: Fit | None = None
+
+    @property
+    def score(self) -> float:
+        """Log evidence by Schwarz's approximation; larger is better."""
+        count = sum(len(t.effect.parameters) for t in self.terms)
+        return float(-self.worth * self.misfit - self.price - 0.5 * count * np.log(self.worth))
 
     @property
     def long_fit(self) -> Fit:
@@ -56,8 +72,8 @@ class Hypothesis:
         return " + ".join(t.label for t in self.terms) or "nothing"
 
 
-def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int = 1) -> Hypothesis:
-    """Return a fit as a hypothesis with its score.
+def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int = 1, floor: float = 1.0) -> Hypothesis:
+    """Return a fit as a hypothesis with its score, all that it leaves taken for the model's own error.
 
     Parameters
     ----------
@@ -67,12 +83,42 @@ def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int
         Of how many independent values the data hold.
     tried : int
         Among how many effects at places every one of its effects was picked: it pays for that.
+    floor : float
+        Level that noise alone leaves.
     """
     level = float(np.sqrt(fit.cost / samples))
-    count = sum(len(t.effect.parameters) for t in fit.terms)
-    counted = min(worth, WORTH)
-    score = -counted * np.log(max(level, 1.0)) - 0.5 * (fit.chi2 - fit.cost) - 0.5 * count * np.log(counted)
-    return Hypothesis(fit=fit, score=float(score - len(fit.terms) * np.log(max(tried, 1))), level=level, gain=gain)
+    return Hypothesis(
+        fit=fit,
+        level=level,
+        misfit=float(np.log(max(level, floor))),
+        price=0.5 * (fit.chi2 - fit.cost) + len(fit.terms) * float(np.log(max(tried, 1))),
+        worth=min(worth, WORTH),
+        gain=gain,
+    )
+
+
+def weighed(hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float) -> list[Hypothesis]:
+    """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
+
+    With noise of variance f and an error of the model of variance m spread over `WORTH` directions, the log-likelihood that a
+    smaller difference gains is its decrease over twice f/n + m/`WORTH`, n the samples; so all n count where noise is all that the
+    best hypothesis leaves, and no more than `WORTH` where the model's error is.
+
+    Parameters
+    ----------
+    noise : float
+        Share of the noise in the variance that levels are counted in.
+    error : float
+        The same of the model's own error, at least.
+    samples : float
+        Independent values that the recordings hold.
+    """
+    if not hypotheses or samples <= WORTH:
+        return list(hypotheses)
+    least = min(h.level for h in hypotheses)
+    error = max(error, NOISE_KNOWN * noise, least**2 - noise)
+    worth = (noise + error) / (noise / samples + error / WORTH)
+    return [replace(h, worth=float(worth)) for h in hypotheses]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

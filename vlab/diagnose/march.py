@@ -7,7 +7,7 @@ laws, takes a loop over the samples.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,8 @@ class _Law:
     mobility: Array
     coil: int | None
     memory: Any
+    last: Array = field(default_factory=lambda: np.zeros(()))
+    """What the force of the last step did to what the ports see."""
 
 
 def march(
@@ -134,7 +136,9 @@ class _Marcher:
         for law, j, count in zip(laws, self.linear, counts, strict=True):
             memory = [unit[..., start + i] for i in range(count)]
             start += count
-            force, memory = self._force(law, j, at, after, Step(h=self.h / self.substeps), memory)
+            now = Step(h=self.h / self.substeps)
+            first, _ = self._force(law, j, at, after, now, memory)
+            force, memory = self._force(law, j, at, after + first[..., None] * law.felt, now, memory)
             x, after = x + force[..., None] * law.push, after + force[..., None] * law.felt
             memories += memory
             pushed.append(force)
@@ -199,7 +203,11 @@ class _Marcher:
         return np.broadcast_to(force, (count, len(self.AT), len(self.late)))
 
     def _force(self, law: _Law, j: int, at: Array, after: Array, now: Step, memory: Any) -> tuple[Array, Any]:
-        """Return a law's force in a step from what its ports see before and after it, and its memory."""
+        """Return a law's force in a step from what its ports see before and after it, and its memory.
+
+        What they see after the step is to hold the force itself, as well as it is known: a force of the velocity is otherwise
+        late by half a step, which in a structure with damping ratios of a hundredth is no small damping.
+        """
         middle, count = 0.5 * (at + after), len(self.laws)
         return law.effect.force(middle[..., j], middle[..., count + j], law.values, now, memory)
 
@@ -212,6 +220,7 @@ class _Marcher:
         count = len(self.laws)
         states = np.zeros(drive.shape)
         at = x @ seen
+        last = {j: law.last for j, law in laws}
         for k in range(len(part)):
             states[k] = x
             for sub in range(self.substeps):
@@ -219,6 +228,9 @@ class _Marcher:
                 x += drive[k]
                 after = x @ seen
                 t = self.late + ((first + k) * self.h + (sub + 0.5) * step)
+                own = sum(
+                    last.values()
+                )  # forces change by little in a step: the last ones stand for those not known yet
                 for j, law in laws:
                     now = Step(
                         h=step,
@@ -227,10 +239,12 @@ class _Marcher:
                         free_velocity=after[..., count + j],
                         command=0.0 if law.coil is None else part[k][..., law.coil],
                     )
-                    force, law.memory = self._force(law, j, at, after, now, law.memory)
+                    force, law.memory = self._force(law, j, at, after + own, now, law.memory)
                     force = force[..., None]
                     x += force * law.push
-                    after += force * law.felt
+                    own = own - last[j]
+                    last[j] = force * law.felt
+                    after += last[j]
                     if sub == 0:
                         pushed[k, ..., j] = force[..., 0]
                 at = after
@@ -238,6 +252,9 @@ class _Marcher:
                 contained = _contained(x)
                 if contained is not x:
                     x, at = contained, contained @ seen
+                    last = {j: np.zeros(()) for j, _ in laws}
+        for j, law in laws:
+            law.last = last[j]
         return states, x
 
 

@@ -23,14 +23,20 @@ FROZEN = 2
 at once moves to where the law does nothing."""
 EXPLAINED = 1.7
 """Mean square of the weighted difference below which a fit needs no second start."""
+NEAR_ENOUGH, EXACT = 1.0, 0.02
+"""Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
+and for the values of parameters."""
+FAR_OFF = 1.5
+"""...and square of the uncertain parameters' distance from their priors' means over what is usual, above which it is tried too."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
 MOST_DIRECTIONS = 40
-PRIOR_BOUND = 3.0
-"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
-INFORMED = 0.1
+PRIOR_BOUND = 6.0
+"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration. Their priors
+alone are what a score counts; a bound at work stops a descent."""
+INFORMED = 0.005
 """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
 error, root mean square, stay at the prior's mean."""
 PROBE = 0.3
@@ -75,6 +81,10 @@ class Refiner:
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        noise = np.array([run.noise for run in self.runs])
+        scale = np.array([run.scale for run in self.runs])
+        self.noise_share = float(np.mean((noise / self.sigma) ** 2))
+        self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
         self.active = self._active()
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
@@ -224,6 +234,7 @@ class Refiner:
         start: Fit | None = None,
         iterations: int = ITERATIONS,
         thetas: Sequence[Array] = (),
+        settled: float = NEAR_ENOUGH,
     ) -> Fit:
         """Fit a hypothesis.
 
@@ -234,18 +245,26 @@ class Refiner:
         ----------
         thetas : sequence of (n_changes,) arrays
             Other log-factors of the uncertain parameters to start from where `start` knows all terms.
+        settled : float
+            The descent ends where two steps in a row lower the cost by less.
         """
         layout = self._layout(terms)
         first, *others = self._starts(layout, terms, start, thetas)
-        best = self._descend(layout, terms, first, iterations)
+        best = self._descend(layout, terms, first, iterations, settled)
         samples = sum(run.y.size for run in self.runs)
-        for x in others:  # only worth the time where the first one led no way down to the noise
-            if best.cost < EXPLAINED * samples:
+        for x in others:  # only worth the time where the first one led no way down to the noise, or only far from the priors
+            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < FAR_OFF * layout.r:
                 break
-            best = min(best, self._descend(layout, terms, x, iterations), key=lambda fit: fit.cost)
+            best = min(best, self._descend(layout, terms, x, iterations, settled), key=self._unlikeliness)
         return best
 
-    def _descend(self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int) -> Fit:
+    def _unlikeliness(self, fit: Fit) -> float:
+        """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
+        return self.worth * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
+
+    def _descend(
+        self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
+    ) -> Fit:
         damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         jacobian = slopes
@@ -276,15 +295,18 @@ class Refiner:
                 if damping > 1e6:
                     break
                 continue
-            small = small + 1 if costs[pick] > cost * (1 - 5e-3) else 0
+            small = small + 1 if costs[pick] > cost - settled else 0
             step, change = trials[pick] - x, residuals[pick] - raw
             promised = cost - float(np.sum((best + jacobian @ step) ** 2))
             slopes = carried_on(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             damping = max(lams[pick] * 0.1, 1e-8)
-            if (small >= 2 and shapes_too) or spread_is_noise(raw, layout.r + layout.n_channels):
+            is_noise = settled > EXACT and spread_is_noise(raw, layout.r + layout.n_channels)
+            if (small >= 2 and shapes_too) or is_noise:
                 break
+        if settled <= EXACT:
+            slopes = self._jacobian(layout, terms, x, raw)  # what is carried on is good for steps, not for intervals
         return self._result(layout, terms, x, raw, slopes * self._weight(layout, raw)[:, None])
 
     def _shape_entries(self, layout: _Layout, terms: Sequence[Term]) -> list[int]:
@@ -390,7 +412,7 @@ class Refiner:
             state = self.first_state(run) if start is None or run.name not in start.starts else start.starts[run.name]
             parts.append(self._pack(state))
         parts.append(np.array([inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
-        return np.concatenate(parts)
+        return np.asarray(self._bounded(layout, np.concatenate(parts)[None])[0])
 
     def _pack(self, state: Array) -> Array:
         m = self.twin.m

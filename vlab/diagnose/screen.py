@@ -52,6 +52,8 @@ WORTH = 500.0
 """Independent values that the innovations count as in the estimate of the uncertain parameters."""
 SHARES = 2
 """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
+ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015)
+"""Factors by which shapes are moved off the best values of their grids, one after the other."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
@@ -359,7 +361,10 @@ class Screen:
 
     def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
         """Return the columns of some effects at a place, one block for every effect and shape."""
-        plans = [(effect, values) for effect in effects for values in self._shapes(effect, place)]
+        return self._columns(place, [(effect, values) for effect in effects for values in self._shapes(effect, place)])
+
+    def _columns(self, place: Place, plans: list[tuple[Effect, dict[str, float]]]) -> "_Plan":
+        """Return the columns of effects with their shapes at a place."""
         parts: list[Array] = []
         widths: list[int] = []
         for group in self.groups:
@@ -411,10 +416,35 @@ class Screen:
     def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
         if place.name not in self._cache:
             self._cache[place.name] = self._plan(place, effects)
-        plan = self._cache[place.name]
+        best: dict[str, Candidate] = {}
+        for candidate in self._regressed(place, self._cache[place.name]):
+            name = candidate.effect.name
+            if name not in best or candidate.gain > best[name].gain:
+                best[name] = candidate
+        return list(best.values())
+
+    def zoomed(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with its shape sought between the values of the grid.
+
+        A law with an edge - a gap, a threshold, a step - has slopes only near the right one: a fit that starts between two
+        values of a coarse grid finds no way to either.
+        """
+        best = candidate
+        shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
+        for width in ZOOM if shapes else ():
+            values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
+            tried = [
+                (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)
+            ]
+            found = self._regressed(candidate.place, self._columns(candidate.place, tried))
+            best = max([best, *found], key=lambda c: c.gain)
+        return best
+
+    def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:
+        """Return the candidates of a plan with their amplitudes and gains."""
         rows = np.asfortranarray(plan.rows, dtype=float)  # a column is read at once
         left = np.asfortranarray(self._left(rows))
-        best: dict[str, Candidate] = {}
+        out: list[Candidate] = []
         start = 0
         for (effect, values), width in zip(plan.effects, plan.widths, strict=True):
             part = slice(start, start + width)
@@ -425,9 +455,8 @@ class Screen:
             start += width
             names = [p.name for p in effect.amplitudes]
             found = {**values, **dict(zip(names, amplitudes.tolist(), strict=False))} if names else dict(values)
-            if effect.name not in best or gain > best[effect.name].gain:
-                best[effect.name] = Candidate(effect=effect, place=place, values=found, gain=gain)
-        return list(best.values())
+            out.append(Candidate(effect=effect, place=place, values=found, gain=gain))
+        return out
 
     def _gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
         """Return the log-likelihood that columns gain beside the uncertain parameters, and their coefficients.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.diagnose.hypothesis import Found, Hypothesis, scored
+from vlab.diagnose.hypothesis import Found, Hypothesis, scored, weighed
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
@@ -28,6 +28,13 @@ WHOLE_ITERATIONS, WHOLE_SINGLES, WHOLE_PAIRS, WHOLE_FINISHED = 5, 7, 4, 3
 SLOW, SLOWEST, SLOW_SHORTLIST = 1e-3, 1e-6, 5
 """Where something is to be explained, observers that trust the model more, by these factors in the unknown forces, look as well: they
 forget slowly and see what only adds up over many cycles; the slowest sees stiffness and damping of a ring-down change with its size."""
+KINDRED = (
+    {"friction", "hysteresis"},
+    {"nonlinear-stiffness", "contact", "clearance"},
+    {"timing", "sensor-dynamics"},
+    {"saturation", "clearance"},
+)
+"""Families whose laws look alike in a linear regression."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
 SECONDS, MOST_SECONDS = 3, 60
@@ -91,7 +98,7 @@ def search(
     candidates = screen.candidates(effects)
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
-    shortlist = shortlisted(candidates)
+    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
     if before.level > ENOUGH:
         report(0.2, "screening with slower observers")
         screen.slower = tuple(Screen(problem, screen.runs, trust=trust, like=screen) for trust in (SLOW, SLOWEST))
@@ -99,13 +106,16 @@ def search(
         for slow in screen.slower:
             known = {c.label for c in shortlist}
             slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
-            shortlist += [c for c in slowly if c.label not in known]
+            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
     screen.forget()
     report(0.25, "fitting single effects")
     rough = in_windows(screen, every=2, model_error=narrow.model_error)
     fitted = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), shortlist)
     fitted = _finished(narrow, fitted)
+    akin = side_by_side(screen.zoomed, _akin(candidates, fitted)) if before.level > ENOUGH else []
+    near = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), akin)
+    fitted = sorted([*fitted, *_finished(narrow, near)], key=lambda h: -h.score)
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
@@ -118,7 +128,10 @@ def search(
         report(0.85, "fitting whole recordings")
         fitted += on_whole_runs(whole, narrow, pairs, WHOLE_PAIRS, plain)
         fitted.sort(key=lambda h: -h.score)
+    before, *fitted = weighed([before, *fitted], whole.noise_share, whole.error_share, whole.worth)
+    fitted.sort(key=lambda h: -h.score)
     places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
+    places = {name: replace(h, worth=before.worth) for name, h in places.items()}
     report(0.95, "choosing")
     return TimeFound(
         problem=problem,
@@ -230,11 +243,13 @@ def on_whole_runs(
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)
         level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
-        both.append(replace(h, score=0.5 * (h.score + other.score), level=level, whole=fit))
-    worse = min((b.score - h.score for b, h in zip(both, chosen, strict=True)), default=0.0)
+        misfit, price = 0.5 * (h.misfit + other.misfit), 0.5 * (h.price + other.price)
+        both.append(replace(h, misfit=misfit, price=price, level=level, whole=fit))
+    misfit = max((b.misfit - h.misfit for b, h in zip(both, chosen, strict=True)), default=0.0)
+    price = max((b.price - h.price for b, h in zip(both, chosen, strict=True)), default=0.0)
     more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)
     rest = [
-        replace(h, score=h.score + worse, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
+        replace(h, misfit=h.misfit + misfit, price=h.price + price, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
         for h in list(hypotheses)[most:]
     ]
     return sorted([*both, *rest], key=lambda h: -h.score)
@@ -285,6 +300,23 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
+def _akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
+    if not fitted or len(fitted[0].terms) != 1:
+        return []
+    best, known = fitted[0].terms[0], {h.label for h in fitted}
+    families = next((group for group in KINDRED if best.effect.family in group), {best.effect.family})
+    return [
+        c
+        for c in candidates
+        if c.place.name == best.place.name
+        and c.effect.family in families
+        and c.effect.kind == best.effect.kind
+        and c.label not in known
+        and c.gain > 0
+    ]
+
+
 def _best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
     """Return the labels of every effect at the places where it gained most."""
     count: dict[str, int] = {}
@@ -333,7 +365,8 @@ def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
 
 def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
     """Return a refiner's fit as a hypothesis with its score."""
-    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain)
+    floor = float(np.sqrt(refiner.noise_share))
+    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor)
 
 
 def _pairs(

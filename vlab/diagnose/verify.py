@@ -12,6 +12,7 @@ from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
+from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.signals import noise_level, uneven_noise
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.zeros import Zero
@@ -38,6 +39,8 @@ class Amended:
         Ends of sensors' ranges.
     hums : tuple of Hum
         On sensors, with the amplitude found on the recordings to fit and the phase of each recording.
+    steps : tuple of SensorStep
+        Of coarse readings.
     """
 
     plant: Plant
@@ -47,6 +50,7 @@ class Amended:
     limit: CommandLimit | None = None
     stops: tuple[SensorLimit, ...] = ()
     hums: tuple[Hum, ...] = ()
+    steps: tuple[SensorStep, ...] = ()
 
     def simulated(self, run: Run) -> Recording:
         """Return what a run's channels are with this plant; a run need not have all channels that are corrected.
@@ -67,6 +71,10 @@ class Amended:
         for hum in self.hums:
             if hum.channel in recording.names:
                 data[:, recording.index(hum.channel)] += hum.expected(run)
+        for step in self.steps:
+            if step.channel in recording.names:
+                column = recording.index(step.channel)
+                data[:, column] = step.on(data[:, column])
         for stop in self.stops:
             if stop.channel in recording.names:
                 column = recording.index(stop.channel)
@@ -187,6 +195,10 @@ def _checked(
     measured = [run.measured[n] for n in names]
     noise = np.array([noise_level(y) if is_even else uneven_noise(time, y) for y in measured])
     noise = noise / scale
+    for step in next((m.steps for m in reversed(models) if m is not None), ()):
+        if step.channel in names:
+            i = names.index(step.channel)
+            noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
     for hum in hums:
         if hum.channel in names:
             i = names.index(hum.channel)

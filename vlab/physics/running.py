@@ -120,6 +120,8 @@ class PortForces:
             else:
                 self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, a.coil))
                 self._memory.append(a.effect.memory(()))
+        self._last = np.zeros(n)
+        """The laws' forces of the last step: they change by little in a step, and stand for what is not known of this one."""
         self._is_linear, self._has_inertia = len(self._laws) < n, bool(np.any(self._added))
 
     def push(self, data: Any, commands: Array) -> None:
@@ -127,7 +129,7 @@ class PortForces:
 
         Kinematics and controls must be up to date, as they are in MuJoCo's control callback.
         """
-        self._memory = self._add(data, commands)
+        self._memory, self._last = self._add(data, commands)
 
     def look(self, data: Any, commands: Array) -> None:
         """Add the forces of the present state to the applied forces; nothing is remembered."""
@@ -141,7 +143,7 @@ class PortForces:
             mujoco.mj_solveM(self._model, data, correction, self._solved * self._damping)
             self._solved -= correction
 
-    def _add(self, data: Any, commands: Array) -> list[Any]:
+    def _add(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
         model = self._model
         for i in self._moving:
             self._rows[i] = self._ports[i].row(data)
@@ -151,34 +153,35 @@ class PortForces:
             self._solve(data)
         return self._add_one(data, commands) if len(self._rows) == 1 else self._add_all(data, commands)
 
-    def _add_one(self, data: Any, commands: Array) -> list[Any]:
+    def _add_one(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
         """Find the force of a single port in plain numbers, several times as fast as `_add_all`."""
         row, solved, h = self._rows[0], self._solved[0], self._h
         v, a = float(row.dot(data.qvel)), float(solved.dot(data.qfrc_smooth))
         z = self._ports[0].position(data) - self._rest[0]
-        if not self._is_staggered:
-            z += h / 2 * (v + h / 4 * a)
         G = float(row.dot(solved))
+        own = G * float(self._last[0])
+        if not self._is_staggered:
+            z += h / 2 * (v + h / 4 * (a + own))
         memory: list[Any] = []
         if self._laws:
             (_, law, p, coil), after = self._laws[0], v + h * a
             command = 0.0 if coil is None else float(commands[coil])
             step = Step(h, data.time + h / 2, h * G, after, command)
-            force, now = law.force(z, 0.5 * (v + after), p, step, self._memory[0])
+            force, now = law.force(z, 0.5 * (v + after + h * own), p, step, self._memory[0])
             memory.append(now)
         else:
             added = float(self._added[0])
             force = -float(self._viscous[0]) * v - float(self._spring[0]) * z
             force -= added * (a + G * force) / (1.0 + G * added)
         data.qfrc_applied += row * force
-        return memory
+        return memory, np.array([force if self._laws else 0.0])
 
-    def _add_all(self, data: Any, commands: Array) -> list[Any]:
+    def _add_all(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
         rows, h = self._rows, self._h
         v, a, G = rows @ data.qvel, self._solved @ data.qfrc_smooth, rows @ self._solved.T
         z = np.array([port.position(data) - rest for port, rest in zip(self._ports, self._rest, strict=True)])
         if not self._is_staggered:
-            z += h / 2 * (v + h / 4 * a)
+            z += h / 2 * (v + h / 4 * (a + G @ self._last))
         push = np.zeros(len(v))
         if self._is_linear:
             push = -self._viscous * v - self._spring * z
@@ -186,19 +189,22 @@ class PortForces:
             if self._has_inertia:
                 shared = np.linalg.inv(np.eye(len(v)) + G * self._added)
                 a, G = shared @ a, shared @ G
-        memory, t = [], data.time + h / 2
+        memory, t, expected = [], data.time + h / 2, self._last.copy()
         for (i, law, p, coil), past in zip(self._laws, self._memory, strict=True):
             before = float(v[i])
             after = before + h * float(a[i])
             step = Step(h, t, h * float(G[i, i]), after, 0.0 if coil is None else float(commands[coil]))
-            force, now = law.force(float(z[i]), 0.5 * (before + after), p, step, past)
+            own = h * float(G[i] @ expected)
+            force, now = law.force(float(z[i]), 0.5 * (before + after + own), p, step, past)
             memory.append(now)
-            push[i] = force
+            push[i], expected[i] = force, 0.0
             a += G[:, i] * force
+        of_laws = np.zeros(len(v))
+        of_laws[[i for i, *_ in self._laws]] = [push[i] for i, *_ in self._laws]
         if self._has_inertia:
             push = push - self._added * a
         data.qfrc_applied += push @ rows
-        return memory
+        return memory, of_laws
 
 
 def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array, Array] | None:

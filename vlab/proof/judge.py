@@ -31,7 +31,7 @@ class Judged:
     all_right : bool
         Every hidden effect was named in class, and nothing else.
     hit : bool
-        What the first finding's probability speaks of is true: the effects that are named, all of them and no other.
+        The first finding, which is what its probability speaks of, is there.
     place_exact, place_near, place_covered : bool or None
         Of the finding that was judged; None where nothing was named.
     places : int
@@ -108,7 +108,7 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
         right_class=first is not None and any(first["effect"] in right_class(truth, h) for h in hidden),
         in_claimed=first is not None and any(_is_claimed(h, first) for h in hidden),
         all_right=bool(hidden) and _match(findings, [right_class(truth, h) for h in hidden]),
-        hit=_is_hit(findings, hidden),
+        hit=first is not None and any(first["effect"] in h["accepted"] for h in hidden),
         **_place(first, meant or (hidden[0] if hidden else None)),
         claimed=len(first.get("class", ())) if first else 0,
         probability=float(first["probability"]) if first and first.get("probability") is not None else None,
@@ -135,14 +135,6 @@ def _meant(truth: dict[str, Any], first: dict[str, Any] | None, hidden: list[dic
     options = named or alike or [h for h in hidden if _is_claimed(h, first)]
     at_place = [h for h in options if same_place(first["place"], h)]
     return next(iter(at_place or options), None)
-
-
-def _is_hit(findings: list[dict[str, Any]], hidden: list[dict[str, Any]]) -> bool:
-    """Return whether what is named is there; the probability of several findings is that of all of them together."""
-    accepted = [set(h["accepted"]) for h in hidden]
-    if len(findings) == 1:
-        return any(findings[0]["effect"] in names for names in accepted)
-    return bool(findings) and _match(findings, accepted)
 
 
 def _match(findings: list[dict[str, Any]], accepted: list[set[str]]) -> bool:

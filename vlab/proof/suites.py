@@ -1,6 +1,7 @@
 """Suites of concealed cases by name: what is hidden, how large, on which bench."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from vlab.proof.generator.rigs import shaft, slider
 from vlab.proof.generator.strange import STRANGE
 
 BENCHES: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft, "beam": beam, "grid": grid}
-SHARES = {"slider": 0.47, "shaft": 0.47, "beam": 0.05, "grid": 0.01}
+SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03}
 """How often each bench comes up: the structures seldom, for a case of theirs takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
 """What a refit leaves of something hidden, in units of the noise: range of all suites but near-threshold."""
@@ -23,6 +24,9 @@ NEAR = (0.1, 1.5)
 """The same of near-threshold."""
 EXPLAINED_AWAY, ABSORBED = (1.0, 10.0), 0.5
 """The same where a linear refit explains it away, and the share of the change that the refit takes up at least."""
+IN_LOOP, ONE_LEVEL = 0.15, 0.15
+"""How often a law is in the loop, or all recordings to fit have nearly one level, where nothing known is hidden: as often as in all
+suites together, for loops and single levels must not tell that something is hidden."""
 ATTEMPTS = 8
 """Draws of bench and physics for one case before it is given up."""
 CHAIN = ("actuator", "sensor", "sensor and coil", "two sensors")
@@ -47,14 +51,26 @@ def _masked(rng: np.random.Generator) -> Wanted:
         kinds = tuple(k for k in LIBRARY if k.name in LOOK_ALIKE)
         low, high = EXPLAINED_AWAY
         return Wanted(suite="masked", kinds=(kinds,), low=low, high=high, one_level=True, absorbed=ABSORBED)
-    return Wanted(suite="masked", kinds=(_STRUCTURAL,), in_loop=True)
+    return Wanted(suite="masked", kinds=(_STRUCTURAL,), in_loop=True, veiled=True)
+
+
+def _null(rng: np.random.Generator) -> Wanted:
+    return Wanted(suite="null", in_loop=rng.random() < IN_LOOP, one_level=rng.random() < ONE_LEVEL)
+
+
+def _strange(rng: np.random.Generator) -> Wanted:
+    in_loop, one_level = rng.random() < IN_LOOP, rng.random() < ONE_LEVEL
+    kinds = tuple(
+        k for k in STRANGE if not in_loop or k.on not in CHAIN
+    )  # the law of a case sees its sensors as they are
+    return Wanted(suite="out-of-library", kinds=(kinds,), in_loop=in_loop, one_level=one_level)
 
 
 SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
     "in-library": lambda rng: Wanted(suite="in-library", kinds=(LIBRARY,)),
     "other-form": lambda rng: Wanted(suite="other-form", kinds=(FORMS,)),
-    "out-of-library": lambda rng: Wanted(suite="out-of-library", kinds=(STRANGE,)),
-    "null": lambda rng: Wanted(suite="null"),
+    "out-of-library": _strange,
+    "null": _null,
     "near-threshold": lambda rng: Wanted(suite="near-threshold", kinds=(LIBRARY,), low=NEAR[0], high=NEAR[1]),
     "two-effects": lambda rng: Wanted(suite="two-effects", kinds=(_STRUCTURAL, LIBRARY)),
     "chain-only": lambda rng: Wanted(suite="chain-only", kinds=(_CHAIN,)),
@@ -64,7 +80,10 @@ MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
     + ("other-form", "out-of-library", "chain-only", "two-effects", "masked"),
-    "campaign": ("in-library",) * 6 + ("null",) * 3 + ("other-form", "out-of-library") * 2 + ("two-effects", "masked"),
+    "campaign": ("in-library",) * 6
+    + ("null",) * 3
+    + ("other-form", "out-of-library") * 2
+    + ("two-effects", "masked", "near-threshold", "chain-only"),
     "all": tuple(SUITES),
 }
 """Suites that are mixed in these shares, in an order that the seed shuffles."""
@@ -111,7 +130,8 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Conc
         shares = np.array([SHARES[b] for b in possible])
         bench = str(rng.choice(possible, p=shares / shares.sum()))
         try:
-            return conceal(BENCHES[bench](), wanted, rng)
+            made = conceal(BENCHES[bench](), wanted, rng)
+            return replace(made, truth={**made.truth, "attempt": attempt})
         except BadExperiment as error:
             last = error
     raise last or BadExperiment(f"the suite {suite!r} has no case on {', '.join(benches)}; add another bench")

@@ -165,7 +165,7 @@ def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
 
 
 def _ranges(done: Done) -> list[Attached]:
-    """Return the ends of sensors' ranges that were found, and the limit of commands that their law knows nothing of."""
+    """Return the ends of sensors' ranges and the steps of their readings that were found, and the limit of commands that their law knows nothing of."""
     if not isinstance(done, Diagnosed):
         return []
     model = done.after
@@ -176,6 +176,14 @@ def _ranges(done: Done) -> list[Attached]:
             values={"limit": stop.limit},
         )
         for stop in model.stops
+    ]
+    out += [
+        Attached(
+            effect=effect_named("sensor-quantisation"),
+            place=f"sensor:{step.channel.removeprefix('sensor:')}",
+            values={"step": step.step},
+        )
+        for step in model.steps
     ]
     limit, law = model.limit, next((run.law for run in done.problem.runs if run.law is not None), None)
     if limit is not None and law is not None and not limit.is_known:

@@ -10,7 +10,7 @@ from vlab.cases.simulate import simulate
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.refine import ITERATIONS
+from vlab.diagnose.refine import ITERATIONS, NEAR_ENOUGH
 from vlab.diagnose.terms import Fit, Term
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
@@ -43,10 +43,11 @@ class SimulatedRefiner(MovingRefiner):
         start: Fit | None = None,
         iterations: int = ITERATIONS,
         thetas: Sequence[Array] = (),
+        settled: float = NEAR_ENOUGH,
     ) -> Fit:
         """See `Refiner`."""
         self._compare_with(self.recorded)
-        best = super().fit(terms, start, iterations, thetas)
+        best = super().fit(terms, start, iterations, thetas, settled)
         left, bias = self._missed(best)
         for _ in range(CORRECTIONS):
             if bias is None:

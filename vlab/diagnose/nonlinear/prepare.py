@@ -17,7 +17,7 @@ from vlab.diagnose.places import places_of
 from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import MOST_ELEMENTS, OWN_SHARE, Uncertain, uncertain_parameters
+from vlab.diagnose.uncertain import MOST_ELEMENTS, SHARED, Uncertain, uncertain_parameters
 from vlab.plants.base import Plant
 
 GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
@@ -63,16 +63,17 @@ def moving_parameters(
     out = uncertain_parameters(plant, given, channels, driven)
     model = plant.model
     bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
-    for kind, share in (("inertia", OWN_SHARE["mass"]), ("length", OWN_SHARE["stiffness"])):
+    for kind in ("inertia", "length"):
         sd, each = given.get(kind, GEOMETRY_SD[kind]), {}
         for i in bodies:
             name = f"body:{model.body(i).name or f'body{i}'}"
             each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
         every = tuple(field for fields in each.values() for field in fields)
+        is_split = 1 < len(each) <= MOST_ELEMENTS
         if every:
-            out.append(Uncertain(name=kind, kind=kind, sd=sd, fields=every))
-        if 1 < len(each) <= MOST_ELEMENTS:
-            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=share * sd, fields=f) for n, f in each.items()]
+            out.append(Uncertain(name=kind, kind=kind, sd=SHARED * sd if is_split else sd, fields=every))
+        if is_split:
+            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=SHARED * sd, fields=f) for n, f in each.items()]
         for n, f in each.items():
             own = given.get(f"{n}:{kind}")
             if own:

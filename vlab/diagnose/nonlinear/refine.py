@@ -16,7 +16,7 @@ from vlab.diagnose.nonlinear.laws import Law, Path, path_of
 from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
 from vlab.diagnose.nonlinear.tangent import FINE, stacked
 from vlab.diagnose.places import Place
-from vlab.diagnose.refine import Refiner
+from vlab.diagnose.refine import NEAR_ENOUGH, Refiner
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
@@ -95,6 +95,7 @@ class MovingRefiner(Refiner):
         self._gather()
         self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in runs])
         samples = sum(run.y.size for run in runs)
+        self.noise_share = 1.0
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
@@ -156,11 +157,13 @@ class MovingRefiner(Refiner):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, layout: Any, terms: Sequence[Term], x: Array, iterations: int) -> Fit:
+    def _descend(
+        self, layout: Any, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
+    ) -> Fit:
         theta, offsets, _, entries = self._unpack(layout, x[None])
         values = [{k: float(v[0]) for k, v in p.items()} for p in self._values(layout, terms, entries)]
         self.settle(terms, theta[0], values, offsets[0])
-        return super()._descend(layout, terms, x, iterations)
+        return super()._descend(layout, terms, x, iterations, settled)
 
     def settle(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array

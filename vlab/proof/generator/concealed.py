@@ -28,8 +28,11 @@ LARGEST = 0.6
 """Something hidden changes the signals by at most this share of their rms."""
 PER_PERIOD = 16
 """Samples a period of the highest frequency excited that the refit works on."""
-HALVED_S = 1.5
-"""Seconds of the loudest recording that are integrated again with half the step."""
+HALVED_S, MOST_HALVED = 4.0, 0.1
+"""Seconds of the loudest recording that are integrated again with half the step, and how much of the noise that may change: a
+case whose integration is no better is not worth diagnosing."""
+MOST_VEILED = 0.7
+"""A loop hides something where it shows in the loop by at most this share of what it would show without."""
 DELAY_SAMPLES, CORNER_HZ = 1.35, 677.0
 """Nominal converter of the laboratory (its description says the same); the true one is within 2 %."""
 
@@ -50,6 +53,8 @@ class Wanted:
         Share of the change that the refit takes up, at least.
     in_loop : bool
         A rate feedback is at work in every recording.
+    veiled : bool
+        ...and what is hidden shows less for it, see `MOST_VEILED`.
     """
 
     suite: str
@@ -59,6 +64,7 @@ class Wanted:
     one_level: bool = False
     absorbed: float = 0.0
     in_loop: bool = False
+    veiled: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,6 +101,8 @@ class _Drawn:
     level: str
     null: Array
     law: dict[str, Any] | None
+    open: Setup
+    """The same without a law in the loop."""
 
 
 def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> Concealed:
@@ -107,7 +115,12 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
     """
     drawn = _draw(blueprint, wanted, rng)
     hidden, size, y = _hide(blueprint, wanted, drawn, rng)
-    outputs = drawn.pickup.quantised(y + drawn.noise)
+    halved = _halved(drawn, hidden)
+    if halved["over_noise"] > MOST_HALVED:
+        raise BadExperiment(
+            f"{blueprint.name}: half the step changes the recordings by {halved['over_noise']:.2g} of their noise"
+        )
+    outputs = drawn.pickup.quantised(drawn.setup.read(y + drawn.noise, hidden))
     truth = {
         "suite": wanted.suite,
         "bench": blueprint.name,
@@ -122,7 +135,7 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
         "in_loop": wanted.in_loop,
         "one_level": wanted.one_level,
         "recordings": [asdict(r) for r in drawn.plan.recordings],
-        "step_halved": _halved(drawn, hidden),
+        "step_halved": halved,
     }
     sensors = tuple((name, s.kind, s.unit) for name, s in drawn.setup.bench.sensors.items())
     return Concealed(blueprint=blueprint, plan=drawn.plan, sensors=sensors, outputs=outputs, law=drawn.law, truth=truth)
@@ -156,7 +169,7 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         step=float(rng.uniform(0.2, 1.0)),
     )
     noise = pickup.noise(rng, len(commands), commands.shape[2], blueprint.rate_hz)
-    law = None
+    law, opened = None, setup
     if wanted.in_loop:
         setup, law = _closed(blueprint, setup, noise, rng)
         quiet = setup.run(commands, ())
@@ -169,6 +182,7 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         level=level,
         null=quiet,
         law=law,
+        open=opened,
     )
 
 
@@ -216,15 +230,34 @@ def _hide(
             continue
         try:
             with np.errstate(all="ignore"):
-                y = setup.run(commands, found)
+                y = setup.sensed(commands, found)
         except Diverged:
             continue
-        size = refit.size(y[:, :, fit], drawn.null[:, :, fit])
+        size = refit.size(setup.read(y, found)[:, :, fit], drawn.null[:, :, fit])
         tame = np.all(np.isfinite(y)) and np.abs(y).max() < 1e3 * np.abs(drawn.null).max()
         in_range = wanted.low / CLOSE <= size.left <= wanted.high * CLOSE and size.of_signal <= 1.5 * LARGEST
-        if tame and in_range and size.absorbed >= wanted.absorbed:
+        if (
+            tame
+            and in_range
+            and size.absorbed >= wanted.absorbed
+            and (not wanted.veiled or _is_veiled(drawn, found, y))
+        ):
             return found, size, y
     raise BadExperiment(f"no {wanted.suite} case of the wanted size was found on the {blueprint.name}")
+
+
+def _is_veiled(drawn: _Drawn, hidden: list[Hidden], y: Array) -> bool:
+    """Say whether hidden things show less with the law in the loop than they would without it."""
+    loud = [drawn.plan.loudest]
+    commands = drawn.plan.commands[:, :, loud]
+    try:
+        with np.errstate(all="ignore"):
+            bare, bare_null = drawn.open.run(commands, hidden), drawn.open.run(commands, ())
+    except Diverged:
+        return False
+    sigma = drawn.pickup.sigma[None, :, None]
+    shown = np.sqrt(np.mean(((y - drawn.null)[:, :, loud] / sigma) ** 2))
+    return bool(shown <= MOST_VEILED * np.sqrt(np.mean(((bare - bare_null) / sigma) ** 2)))
 
 
 def _sized(

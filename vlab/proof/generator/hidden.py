@@ -85,7 +85,9 @@ class Action:
     command, force : callable
         Changes samples of a command, (n, runs), or the force on the fine clock.
     sensor : callable
-        Changes samples of a sensor, (n, runs).
+        Changes samples of a sensor, (n, runs), before its noise.
+    reading : callable
+        Changes them behind the noise: a converter rounds and cuts off what it is given.
     """
 
     bench: Callable[[Bench, str], Bench] | None = None
@@ -93,6 +95,7 @@ class Action:
     command: Callable[[Array, Signals], Array] | None = None
     force: Callable[[Array, Signals], Array] | None = None
     sensor: Callable[[Array, Signals], Array] | None = None
+    reading: Callable[[Array, Signals], Array] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -209,9 +209,18 @@ class Hysteresis(Law):
 
 
 class Relaxing(Law):
-    """Maxwell elements side by side, -sum k_i (z - y_i), dy_i/dt = (z - y_i) w_i: a fading memory of displacement."""
+    """Maxwell elements side by side, -sum k_i (z - y_i), dy_i/dt = (z - y_i) w_i: a fading memory of displacement.
 
-    def __init__(self, stiffness: Any, omega: Any) -> None:
+    Parameters
+    ----------
+    stiffness, omega : (m,) array
+        k_i [N/m] and w_i [rad/s].
+    stored : float
+        Stiffness that is taken off: what the elements store at some frequency [N/m].
+    """
+
+    def __init__(self, stiffness: Any, omega: Any, stored: float = 0.0) -> None:
+        self._stored = stored
         self._k = np.asarray(stiffness, dtype=float).reshape(-1, 1)
         self._w = np.asarray(omega, dtype=float).reshape(-1, 1)
 
@@ -222,7 +231,7 @@ class Relaxing(Law):
     def force(self, z: Array, v: Array, t: float, h: float, coil: Any, memory: Memory) -> Array:
         """See `Law`: half way."""
         left = (z - memory["y"]) * np.exp(-0.5 * h * self._w)
-        return -(self._k * left).sum(axis=0)
+        return self._stored * z - (self._k * left).sum(axis=0)
 
     def keep(self, z: Array, v: Array, h: float, memory: Memory) -> None:
         """See `Law`."""

@@ -81,9 +81,9 @@ def _stop(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _one_sided(s: float, p: Shapes, at: Scale) -> Made:
-    gap, k = p["gap"] * at.z, s * at.k
-    rest = max(-gap, 0.0)  # counted from rest, where it may already press
-    return {"stiffness": k, "gap": gap}, _static(lambda z, v, t, u: -k * (np.maximum(z - gap, 0.0) - rest))
+    side, way, k = p["sign"], p["gap"] * at.z, s * at.k  # a negative gap: it touches on the other side
+    law = _static(lambda z, v, t, u: -side * k * np.maximum(side * z - way, 0.0))
+    return {"stiffness": k, "gap": side * way}, law
 
 
 def _sine(s: float, p: Shapes, at: Scale) -> Made:
@@ -117,7 +117,8 @@ def _oscillator(s: float, p: Shapes, at: Scale) -> Made:
 def _loss(s: float, p: Shapes, at: Scale) -> Made:
     loss, centre = s * at.k, np.sqrt(at.low_hz * at.high_hz)
     omega = 2 * np.pi * centre * np.array([0.1, 1.0, 10.0])
-    law = Relaxing(np.full(3, loss / 0.7), omega)  # at the centre: 1/2 + 2 * 0.1/1.01 of one element's stiffness
+    # at the centre 1/2 + 2 * 0.1/1.01 of one element's stiffness are lost and 3/2 stored, which the element already has
+    law = Relaxing(np.full(3, loss / 0.7), omega, stored=1.5 * loss / 0.7)
     return {"loss": loss, "centre": centre}, _port(law)
 
 
@@ -150,6 +151,10 @@ def _jittered(u: Array, most: float, x: Signals) -> Array:
 
 def _sensor(of: Any) -> Action:
     return Action(sensor=of)
+
+
+def _reading(of: Any) -> Action:
+    return Action(reading=of)
 
 
 def _force(of: Any) -> Action:
@@ -213,7 +218,7 @@ LIBRARY: tuple[Kind, ...] = (
          shapes={"bristle": (0.02, 0.2, "log"), "excess": (0.3, 1.0), "speed": (0.05, 0.3, "log")}),
     Kind(name="dead-band", family="clearance", on="element", make=_dead_band, most=2.0),
     Kind(name="stop", family="contact", on="any", make=_stop, shapes={"gap": (0.8, 1.8)}, start=0.3),
-    Kind(name="one-sided-stiffness", family="contact", on="any", make=_one_sided, shapes={"gap": (-0.3, 1.0)}, start=0.1),
+    Kind(name="one-sided-stiffness", family="contact", on="any", make=_one_sided, shapes={"gap": (0.05, 1.0), "sign": "sign"}, start=0.1),
     Kind(name="force-offset", family="bias", on="point", shapes={"sign": "sign"},
          make=lambda s, p, at: ({"force": (f := p["sign"] * s * at.k * at.z)}, _static(lambda z, v, t, u: f + 0.0 * z))),
     Kind(name="sinusoidal-force", family="disturbance", on="point", make=_sine,
@@ -256,7 +261,7 @@ LIBRARY: tuple[Kind, ...] = (
     Kind(name="sensor-drift", family="bias", on="sensor", shapes={"sign": "sign"},
          make=lambda s, p, at: ({"rate": (r := p["sign"] * s * at.z / at.T)}, _sensor(lambda y, x: _ramp(y, r, x.h)))),
     Kind(name="sensor-clipping", family="saturation", on="sensor", most=2.0,
-         make=lambda s, p, at: ({"limit": (most := at.peak * np.exp(-s))}, _sensor(lambda y, x: np.clip(y, -most, most)))),
+         make=lambda s, p, at: ({"limit": (most := at.peak * np.exp(-s))}, _reading(lambda y, x: np.clip(y, -most, most)))),
     Kind(name="sensor-delay", family="timing", on="sensor", start=0.5, most=20.0,
          make=lambda s, p, at: ({"delay": (d := s * at.h)}, _sensor(lambda y, x: moved(y, d, x.h)))),
     Kind(name="sensor-lag", family="timing", on="sensor", start=0.5, most=20.0,
@@ -265,7 +270,7 @@ LIBRARY: tuple[Kind, ...] = (
          make=lambda s, p, at: ({"time_constant": (d := 1 / (s * 2 * np.pi * at.low_hz))},
                                 _sensor(lambda y, x: filtered(y, [d, 0.0], [d, 1.0], x.h)))),
     Kind(name="sensor-quantisation", family="resolution", on="sensor", most=2.0,
-         make=lambda s, p, at: ({"step": (q := s * at.z)}, _sensor(lambda y, x: q * np.round(y / q)))),
+         make=lambda s, p, at: ({"step": (q := s * at.z)}, _reading(lambda y, x: q * np.round(y / q)))),
     Kind(name="mains-hum", family="disturbance", on="sensor", make=_hum,
          shapes={"f": (49.9, 50.1), "phase": (0.0, 6.28)}),
     Kind(name="sensor-resonance", family="sensor-dynamics", on="sensor", make=_resonance, start=0.2, most=0.9,

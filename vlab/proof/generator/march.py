@@ -5,8 +5,8 @@ exact first-order recursion (scipy's `lfilter`). What hidden forces do is marche
 the transition is a matrix exponential; their laws see the middle of the step, found by fixed-point iteration.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy import linalg, signal
 
 from vlab.errors import Diverged
 from vlab.proof.generator.bench import Bench
+from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.law import Law, Static
 from vlab.signals import Array
 
@@ -100,15 +101,47 @@ class Feedback:
         Force u = -gains y.
     noise : (n_samples, n_sensors, runs) array
         Of the sensors; the law sees it.
-    shape : callable
-        From what the law asks for to what the actuators give.
+    output : Output
+        Converter, delay and filter between what the law asks for and the forces.
     """
 
     actuators: tuple[int, ...]
     sensors: tuple[int, ...]
     gains: Array
     noise: Array
-    shape: Callable[[Array], Array] = lambda u: u
+    output: Output = field(default_factory=Output)
+
+
+class _Way:
+    """The way of commands, one a sample, to the forces of steps: later by the delay, then through the filter.
+
+    The same as `Output.forces`, one step at a time.
+    """
+
+    def __init__(self, output: Output, step: float, substeps: int, shape: tuple[int, ...]) -> None:
+        self._late, self._sub = output.delay_s / step, substeps
+        omega = 2 * np.pi * output.corner_hz * step
+        self._kept = float(np.exp(-omega)) if omega else 0.0
+        self._share = float((1.0 - self._kept) / omega) if omega else 0.0
+        self._past: list[Array] = []
+        self._none = self._state = np.zeros(shape)
+
+    def say(self, command: Array) -> None:
+        """Take the next sample's command."""
+        self._past.append(command)
+
+    def force(self, k: int) -> Array:
+        """Return the mean force over a step."""
+        at = k - self._late
+        first, last = int(np.floor(at / self._sub)), int(np.floor((at + 1) / self._sub))
+        share = last * self._sub - at if last > first else 1.0  # of the step before the next sample comes out
+        u = share * self._sample(first) + (1.0 - share) * (self._sample(last) if share < 1.0 else 0.0)
+        out = u + (self._state - u) * self._share
+        self._state = u + (self._state - u) * self._kept
+        return np.asarray(out)
+
+    def _sample(self, index: int) -> Array:
+        return self._past[index] if index >= 0 else self._none
 
 
 def march(
@@ -157,6 +190,7 @@ def march(
         linear=linear,
         laws=tuple(law for _, law in laws),
         coils=tuple(_coil(bench, place, commands) for place, _ in laws),
+        fed_back=tuple(_fed_back(bench, place, feedback) for place, _ in laws),
         step=step,
         substeps=substeps,
     )
@@ -172,6 +206,14 @@ def _coil(bench: Bench, place: str, commands: Array) -> Array | None:
     """Return the force that the actuator along a place is asked for, (n_steps, runs)."""
     name = bench.places[place].actuator
     return commands[:, list(bench.actuators).index(name)] if name else None
+
+
+def _fed_back(bench: Bench, place: str, feedback: Feedback | None) -> int | None:
+    """Return which of the fed-back actuators pushes along a place."""
+    names, name = list(bench.actuators), bench.places[place].actuator
+    if feedback is None or not name or names.index(name) not in feedback.actuators:
+        return None
+    return feedback.actuators.index(names.index(name))
 
 
 def _transition(bench: Bench, loads: Array, step: float) -> tuple[Array, Array]:
@@ -201,6 +243,10 @@ class _Problem:
         What the commands alone do there.
     linear : (n_samples, n_sensors, runs) array
         What the commands alone do at the sensors.
+    coils : tuple of (n_steps, runs) array or None
+        What the commands ask of the actuator along every law's place.
+    fed_back : tuple of int or None
+        Which fed-back actuator pushes there besides.
     """
 
     move: Array
@@ -211,6 +257,7 @@ class _Problem:
     linear: Array
     laws: tuple[Law, ...]
     coils: tuple[Array | None, ...]
+    fed_back: tuple[int | None, ...]
     step: float
     substeps: int
 
@@ -299,6 +346,7 @@ def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
     memories = [law.start(runs) for law in problem.laws]
     listens = [] if feedback is None else list(feedback.sensors)
     heard, ends, moved = problem.sensors[listens], work[m:], work[:m]
+    way = None if feedback is None else _Way(feedback.output, h, sub, (len(feedback.actuators), runs))
     single = p == 1 and feedback is None
     if single:
         solve, memory, a, b = problem.laws[0].solve, memories[0], float(mobility[0, 0]), float(mobility[1, 0])
@@ -306,9 +354,11 @@ def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
     for k in range(steps):
         if k % sub == 0:
             states[k // sub] = state
-            if feedback is not None:
+            if feedback is not None and way is not None:
                 seen = heard @ state + linear[k // sub, listens] + feedback.noise[k // sub]
-                forces[p:] = feedback.shape(-feedback.gains @ seen)
+                way.say(-feedback.gains @ seen)
+        if way is not None:
+            forces[p:] = way.force(k)
         full.dot(state, out=work)
         ends += free[k + 1]
         if single:
@@ -322,6 +372,8 @@ def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
             v1 = ends[p + j] + mobility[p + j, others] @ forces[others]
             coil_j = problem.coils[j]
             u = 0.0 if coil_j is None else coil_j[k]
+            fed = problem.fed_back[j]
+            u = u if fed is None else u + forces[p + fed]
             forces[j] = problem.laws[j].solve(
                 ports[j], ports[p + j], z1, v1, mobility[j, j], mobility[p + j, j], k * h, h, u, memories[j]
             )

@@ -1,7 +1,7 @@
 """True outputs of a bench with things hidden in it, and how large things are without them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,20 @@ class Setup:
     seed: int = 0
 
     def run(self, commands: Array, hidden: Sequence[Hidden]) -> Array:
-        """Return true samples, (n_samples, n_sensors, runs), of commands (n_samples, n_actuators, runs), from rest."""
+        """Return samples without noise, (n_samples, n_sensors, runs), of commands (n_samples, n_actuators, runs), from rest."""
+        return self.read(self.sensed(commands, hidden), hidden)
+
+    def read(self, y: Array, hidden: Sequence[Hidden]) -> Array:
+        """Return samples (n_samples, n_sensors, runs) as hidden converters read them, their noise included or not."""
+        for x in hidden:
+            change = x.action.reading
+            if change is not None:
+                context = Signals(h=1.0 / self.rate_hz, rng=np.random.default_rng(self.seed))
+                y = _changed(y, _sensor(self.bench, x.place), change, context)
+        return y
+
+    def sensed(self, commands: Array, hidden: Sequence[Hidden]) -> Array:
+        """Return what sensors make of the motion, before their noise and converters; see `run`."""
         bench, h = self.bench, 1.0 / self.rate_hz
         step = h / self.substeps
         rng = np.random.default_rng(self.seed)
@@ -49,7 +62,8 @@ class Setup:
             if action.bench is not None:
                 bench = action.bench(bench, x.place)
         laws = [(x.place, action.law) for x, action in acts if action.law is not None]
-        y = march(bench, forces, laws, step=step, substeps=self.substeps, feedback=self.feedback)
+        feedback = None if self.feedback is None else replace(self.feedback, output=self.output)
+        y = march(bench, forces, laws, step=step, substeps=self.substeps, feedback=feedback)
         for x, action in acts:
             if action.sensor is not None:
                 name, _, second = x.place.partition("/")
