@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vlab.diagnose.hypothesis import Found, Hypothesis
+from vlab.physics.effect import LinearPortEffect
 
 EXPLAINED = 0.5
 """An effect must explain this share of what stood above the noise before it."""
@@ -13,9 +14,11 @@ SECOND_SHARE = 0.005
 """A second effect must explain this share of what stood above the noise without any, too."""
 ABOVE_NOISE = 1.3
 """Below this multiple of the noise there is nothing to explain."""
-BEYOND_PRIOR = 10.0
-"""An effect is also accepted where it gains this much in score: the refitted model may fit as well, but only with uncertain
-parameters that are less likely than the effect by e^-10."""
+BEYOND_PRIOR, OF_LINEAR = 10.0, 5.0
+"""An effect is also accepted where it gains this much in log-likelihood, priors of the uncertain parameters included, and 2 more for
+every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
+is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 10 once in 600; some hundred laws with their
+shapes are looked at at all places, but only a dozen linear ones."""
 ALIKE = 3.0
 """Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
 
@@ -41,7 +44,7 @@ class Choice:
     is_supported : bool
         Whether it explains enough of what stood above the noise.
     gained : float
-        Log evidence over that of the refitted model alone.
+        Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
     """
 
     best: Hypothesis
@@ -58,6 +61,14 @@ def _excess(hypothesis: Hypothesis) -> float:
     return max(hypothesis.level**2 - 1.0, 0.0)
 
 
+def _beyond(more: Hypothesis, less: Hypothesis) -> float:
+    """Return by how much the log-likelihood that one more effect gains exceeds what is enough to believe in it."""
+    count = sum(len(t.effect.parameters) for t in more.terms) - sum(len(t.effect.parameters) for t in less.terms)
+    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in more.terms)
+    enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
+    return more.score - less.score + 0.5 * count * float(np.log(more.worth)) - enough
+
+
 def choose(found: Found) -> Choice:
     """Choose the hypothesis that explains the fit recordings with the fewest effects."""
     before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
@@ -66,14 +77,14 @@ def choose(found: Found) -> Choice:
     if singles:
         one = singles[0]
         explains = before.level > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(before)
-        if explains or one.score - before.score > BEYOND_PRIOR:
+        if explains or _beyond(one, before) > 0:
             best = one
     if best is not before and doubles:
         two = doubles[0]
         gained = _excess(one) - _excess(two)
         first_is_enough = one.level <= ABOVE_NOISE
         explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
-        if (explains and not first_is_enough) or two.score - one.score > BEYOND_PRIOR:
+        if (explains and not first_is_enough) or _beyond(two, one) > 0:
             best = two
     if best is before:
         return Choice(
@@ -91,7 +102,7 @@ def choose(found: Found) -> Choice:
         places=_places(found, best),
         is_supported=True,
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
-        gained=best.score - before.score,
+        gained=_beyond(best, before),
     )
 
 

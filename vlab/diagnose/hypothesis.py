@@ -11,7 +11,7 @@ WORTH = 40.0
 """Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
 is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
 
-NOISE_KNOWN = 0.05
+NOISE_KNOWN = 0.03
 """The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
 
@@ -116,7 +116,7 @@ def weighed(hypotheses: Sequence[Hypothesis], noise: float, error: float, sample
     if not hypotheses or samples <= WORTH:
         return list(hypotheses)
     least = min(h.level for h in hypotheses)
-    error = max(error, NOISE_KNOWN * noise, least**2 - noise)
+    error = max(error, least**2 - (1.0 + NOISE_KNOWN) * noise)
     worth = (noise + error) / (noise / samples + error / WORTH)
     return [replace(h, worth=float(worth)) for h in hypotheses]
 

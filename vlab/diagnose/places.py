@@ -87,6 +87,7 @@ def admissible(effect: Effect, place: Place) -> bool:
         "rotation": place.angular,
         "stiffness": place.stiffness > 0,
         "coil": place.coil is not None,
+        "magnet": place.coil is not None or not place.stiffness > 0,  # elsewhere an element is softer
     }
     return all(has.get(need, True) for need in effect.needs)
 

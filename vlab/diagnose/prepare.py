@@ -28,6 +28,8 @@ from vlab.signals import Array
 MOST_MODES = 24
 MODEL_ERROR, MESH_ERROR = 0.002, 0.005
 """Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
+INTEGRATION_ERROR = 5e-4
+"""What integration leaves of a user's model where nothing is missing."""
 MESH_OWN_ERROR = 0.025
 """What a structure's mesh and the places of its sensors do leave after a refit. It is more than the weights allow for: these say
 what a fit should strive for, this what its success is worth."""
@@ -83,9 +85,8 @@ class Problem:
 
     @property
     def own_error(self) -> float:
-        """Error that the model itself leaves where nothing is missing, as a share of a channel's rms; none that is known of a
-        user's model."""
-        return 0.0 if self.case.structure is None else MESH_OWN_ERROR
+        """Error that the model itself leaves where nothing is missing, as a share of a channel's rms, at least."""
+        return INTEGRATION_ERROR if self.case.structure is None else MESH_OWN_ERROR
 
     @property
     def orders(self) -> tuple[int, ...]:

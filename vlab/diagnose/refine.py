@@ -252,7 +252,9 @@ class Refiner:
         first, *others = self._starts(layout, terms, start, thetas)
         best = self._descend(layout, terms, first, iterations, settled)
         samples = sum(run.y.size for run in self.runs)
-        for x in others:  # only worth the time where the first one led no way down to the noise, or only far from the priors
+        for x in (
+            others
+        ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
             if best.cost < EXPLAINED * samples and best.chi2 - best.cost < FAR_OFF * layout.r:
                 break
             best = min(best, self._descend(layout, terms, x, iterations, settled), key=self._unlikeliness)

@@ -19,7 +19,7 @@ from scipy.fft import next_fast_len
 from vlab.cases.playback import before
 from vlab.diagnose.causes import commands_changed, port_series, unit_amplitudes
 from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
-from vlab.diagnose.observer import filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.observer import Gains, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place, admissible
 from vlab.diagnose.prepare import Problem
@@ -258,6 +258,8 @@ class Screen:
         else:
             intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
             gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y, lengths))
+        if usable is None and all(run.at_rest for run in runs):  # how it starts is known: every sample counts
+            gains = Gains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
         settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]

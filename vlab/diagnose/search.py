@@ -13,7 +13,7 @@ from vlab.diagnose.screen import Screen
 from vlab.diagnose.second import besides
 from vlab.diagnose.signals import windows
 from vlab.diagnose.terms import Candidate, Fit, Term
-from vlab.physics.effect import Effect, SensorEffect
+from vlab.physics.effect import Effect, PortEffect, SensorEffect
 from vlab.signals import Array
 
 SHORTLIST = 6
@@ -35,6 +35,8 @@ KINDRED = (
     {"saturation", "clearance"},
 )
 """Families whose laws look alike in a linear regression."""
+EXPLAINS = 1.1
+"""A single effect that leaves no more than this multiple of what noise leaves needs no slower observers."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
 SECONDS, MOST_SECONDS = 3, 60
@@ -42,15 +44,15 @@ SIBLINGS = 3
 SEEDS = 2
 """Second effects, of a family each, tried on top of each of the best single ones."""
 ENOUGH, ENOUGH_OF_MESH = 1.3, 1.6
-"""A hypothesis that leaves no more than this multiple of the noise needs no second effect; of one of the two structures, whose
-meshes err by as much as a small second effect does."""
+"""A refitted model that leaves no more than this multiple of the noise lacks nothing that is worth much time; nor does a hypothesis
+of one of the two structures, whose meshes err by as much as a small second effect does."""
 PART, MUCH = 0.2, 3.0
 """...and something is left that one effect explains this share of, or that is more than this multiple of the noise..."""
 SECOND_PLACES, MOST_PAIRS = 10, 14
 """Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
 FAR_FETCHED = 20.0
 """...unless it takes uncertain parameters that are less likely than their priors' means by e to this power."""
-HOPELESS = 30.0
+HOPELESS = 12.0
 """Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
 FINER = 0.5
 """Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
@@ -95,12 +97,16 @@ def search(
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "screening")
     screen = Screen(problem)
-    candidates = screen.candidates(effects)
+    candidates = _sharpened(screen, screen.candidates(effects))
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
-    if before.level > ENOUGH:
-        report(0.2, "screening with slower observers")
+    rough = in_windows(screen, every=2, model_error=narrow.model_error)
+    report(0.2, "fitting single effects")
+    fitted = _singles(narrow, rough, shortlist, before)
+    floor = float(np.sqrt(narrow.noise_share))
+    if before.level > ENOUGH and not (fitted and fitted[0].level < EXPLAINS * floor):
+        report(0.25, "screening with slower observers")
         screen.slower = tuple(Screen(problem, screen.runs, trust=trust, like=screen) for trust in (SLOW, SLOWEST))
         among = _best_places(candidates, PLACES)
         for slow in screen.slower:
@@ -108,29 +114,27 @@ def search(
             slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
             shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
+        fitted = _merged(fitted, _singles(narrow, rough, shortlist[len(fitted) :], before))
+    if before.level > ENOUGH:
+        akin = side_by_side(screen.zoomed, _akin(candidates, fitted))
+        fitted = _merged(fitted, _singles(narrow, rough, akin, before))
     screen.forget()
-    report(0.25, "fitting single effects")
-    rough = in_windows(screen, every=2, model_error=narrow.model_error)
-    fitted = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), shortlist)
-    fitted = _finished(narrow, fitted)
-    akin = side_by_side(screen.zoomed, _akin(candidates, fitted)) if before.level > ENOUGH else []
-    near = side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), akin)
-    fitted = sorted([*fitted, *_finished(narrow, near)], key=lambda h: -h.score)
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
     plain = [before.long_fit.theta] if before.level < MUCH else []
     fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), min(WHOLE_SINGLES, _hopeful(fitted)), plain)
-    enough = ENOUGH if problem.case.structure is None else ENOUGH_OF_MESH
-    if fitted and _wants_a_second(before, fitted, enough):
+    enough = EXPLAINS * floor if problem.case.structure is None else ENOUGH_OF_MESH
+    if fitted and _wants_a_second(before, fitted, enough, whole.directions.shape[1]):
         among = _best_places(candidates, SECOND_PLACES)
         pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, among, report))
         report(0.85, "fitting whole recordings")
         fitted += on_whole_runs(whole, narrow, pairs, WHOLE_PAIRS, plain)
         fitted.sort(key=lambda h: -h.score)
+    fitted = [h for h in fitted if _is_meant(h)]
     before, *fitted = weighed([before, *fitted], whole.noise_share, whole.error_share, whole.worth)
     fitted.sort(key=lambda h: -h.score)
-    places = other_places(lambda terms: _for(narrow, terms), fitted[0], candidates, before.fit) if fitted else {}
+    places = other_places(lambda terms: _for(rough, terms, 2), fitted[0], candidates, before.fit) if fitted else {}
     places = {name: replace(h, worth=before.worth) for name, h in places.items()}
     report(0.95, "choosing")
     return TimeFound(
@@ -194,10 +198,16 @@ def shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def _wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
-    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
+def _wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float, usual: int) -> bool:
+    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it.
+
+    Parameters
+    ----------
+    usual : int
+        Directions of the uncertain parameters: their squares' sum where they are as likely as can be.
+    """
     least = min(h.level for h in fitted)
-    if fitted[0].calibration > FAR_FETCHED:
+    if fitted[0].calibration > FAR_FETCHED + 0.5 * usual:
         return True
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
     return least > enough and (explained > PART or before.level > MUCH)
@@ -300,6 +310,15 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
+def _singles(narrow: Refiner, rough: Refiner, candidates: Sequence[Candidate], before: Hypothesis) -> list[Hypothesis]:
+    """Return fits of single effects, best first."""
+    return _finished(narrow, side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), candidates))
+
+
+def _merged(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    return sorted((h for some in hypotheses for h in some), key=lambda h: -h.score)
+
+
 def _akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
     """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
     if not fitted or len(fitted[0].terms) != 1:
@@ -313,8 +332,27 @@ def _akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list
         and c.effect.family in families
         and c.effect.kind == best.effect.kind
         and c.label not in known
-        and c.gain > 0
+        and (c.gain > 0 or not c.effect.amplitudes)
     ]
+
+
+def _sharpened(screen: Screen, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates by gain, the best of every effect that is all shape (a limit, a step, a delay) between its grid's values."""
+    best: dict[str, Candidate] = {}
+    for c in candidates:
+        if c.effect.shapes and not c.effect.amplitudes and c.gain > 0:
+            best.setdefault(c.effect.name, c)
+    sharp = {c.label: c for c in side_by_side(screen.zoomed, list(best.values()))}
+    return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.gain, c.label))
+
+
+def _is_meant(hypothesis: Hypothesis) -> bool:
+    """Return whether the laws of a hypothesis have values that their words fit."""
+    return all(
+        t.effect.is_meant(t.values, t.place.stiffness)
+        for t in hypothesis.long_fit.terms
+        if isinstance(t.effect, PortEffect)
+    )
 
 
 def _best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
@@ -466,5 +504,6 @@ def other_places(
         return scored_by(own, own.fit(terms, start, iterations), candidate.gain)
 
     found = side_by_side(fitted, chosen)
-    here = scored_by(own_of(best.terms), best.fit, best.gain)  # as the others: in windows only
+    own = own_of(best.terms)
+    here = scored_by(own, own.fit(best.terms, best.fit, iterations), best.gain)  # as the others: in windows only
     return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

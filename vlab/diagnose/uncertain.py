@@ -16,9 +16,9 @@ from vlab.signals import Array
 DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.05, "sensor": 0.01}
 """Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
 known to a third, sensors are calibrated."""
-SHARED = 0.5**0.5
-"""Elements of a kind have a common factor and each one of its own, both of this share of the kind's standard deviation: parts of
-one drawing differ from each other as much as all of them from it, and every element deviates by just what is stated."""
+COMMON, OWN = 0.25**0.5, 0.75**0.5
+"""Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
+drawing have some error in common, and every element deviates by just what is stated."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
 
@@ -69,10 +69,10 @@ def uncertain_parameters(
         every = tuple(field for fields in elements.values() for field in fields)
         is_split = 1 < len(elements) <= MOST_ELEMENTS
         if every:
-            out.append(Uncertain(name=kind, kind=kind, sd=SHARED * sd if is_split else sd, fields=every))
+            out.append(Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split else sd, fields=every))
         if is_split:
             out += [
-                Uncertain(name=f"{name}:{kind}", kind=kind, sd=SHARED * sd, fields=fields)
+                Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN * sd, fields=fields)
                 for name, fields in elements.items()
             ]
         for name, fields in elements.items():

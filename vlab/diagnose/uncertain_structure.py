@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.diagnose.twin import Part
-from vlab.diagnose.uncertain import DEFAULT_SD, SHARED, Uncertain
+from vlab.diagnose.uncertain import COMMON, DEFAULT_SD, OWN, Uncertain
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -82,11 +82,9 @@ def structure_parameters(
         out.append(StructureUncertain(name="tension", kind="tension", sd=sd["tension"], edit=_tension))
     if structure.plate:
         out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
-    out.append(StructureUncertain(name=ALL_DAMPING, kind="damping", sd=SHARED * sd["damping"], edit=_damping(None)))
+    out.append(StructureUncertain(name=ALL_DAMPING, kind="damping", sd=COMMON * sd["damping"], edit=_damping(None)))
     out += [
-        StructureUncertain(
-            name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=SHARED * sd["damping"], edit=_damping(i)
-        )
+        StructureUncertain(name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=OWN * sd["damping"], edit=_damping(i))
         for i in range(len(structure.damping.ratios))
     ]
     out += [

@@ -59,6 +59,10 @@ def lagged(x: Array, time_constant: float, h: float) -> Array:
     return np.asarray(signal.lfilter([new, old], [1.0, -a], x, axis=0))
 
 
+CUT_OFF = (0.3, 0.45, 0.6, 0.75, 0.85, 0.92, 0.97)
+"""Shares of the largest command at which a limit is tried: one that is reached in a few samples only leaves its trace there."""
+
+
 class ActuatorGain(ActuatorEffect):
     """A gain that is not what the model says; -2 is a reversed polarity."""
 
@@ -95,7 +99,7 @@ class Clipping(ActuatorEffect):
     law = "force = min(max(u, -L), L)"
     words = "an amplifier or actuator saturates: commands beyond a limit are cut off"
     parameters: ClassVar = (
-        Parameter(name="limit", unit="N", low=0.02, high=0.999, role="shape", reference="input", grid=(0.3, 0.55, 0.8)),
+        Parameter(name="limit", unit="N", low=0.02, high=0.999, role="shape", reference="input", grid=CUT_OFF),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
@@ -128,7 +132,13 @@ class DeadZone(ActuatorEffect):
     words = "a drive does nothing below a threshold: a dead zone of an amplifier or valve"
     parameters: ClassVar = (
         Parameter(
-            name="threshold", unit="N", low=0.005, high=0.7, role="shape", reference="input", grid=(0.03, 0.1, 0.3)
+            name="threshold",
+            unit="N",
+            low=0.005,
+            high=0.7,
+            role="shape",
+            reference="input",
+            grid=(0.01, 0.03, 0.06, 0.1, 0.2, 0.4),
         ),
     )
 
@@ -227,7 +237,7 @@ class ActuatorLag(ActuatorEffect):
         return recursion(*lag_weights(float(p["time_constant"]), h))
 
 
-STEPS = tuple(round(0.02 * 1.13**i, 4) for i in range(32))
+STEPS = tuple(round(0.02 * 1.06**i, 4) for i in range(66))
 """Steps of a converter that are tried: what is lost to steps an eighth larger looks nothing like it where there are many."""
 
 
@@ -255,7 +265,9 @@ class CoarseHold(ActuatorEffect):
     law = "force(t) = u(T floor(t/T))"
     words = "a converter holds its output longer than the model says: steps of a slower clock"
     parameters: ClassVar = (
-        Parameter(name="period", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(2.0, 4.0)),
+        Parameter(
+            name="period", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(2.0, 3.0, 5.0, 9.0)
+        ),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:

@@ -89,6 +89,10 @@ IMPULSE = 4096
 """Samples of the impulse that tells how a sensor's correction stretches noise."""
 
 
+OWN_SHARE = 0.3
+"""Share of an element's stiffness that a law about the element itself is about, at least."""
+
+
 class Effect(ABC):
     """One effect of the catalogue; a user's own effect is a subclass in their own file.
 
@@ -133,6 +137,10 @@ class PortEffect(Effect):
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """Return the law's memory before anything happened, a state of this shape each; None for a law without memory."""
         return None
+
+    def is_meant(self, p: Values, stiffness: float) -> bool:
+        """Return whether fitted values are what the effect's words say, at a place whose own element has a stiffness, 0 without one."""
+        return True
 
     @abstractmethod
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:

@@ -91,6 +91,7 @@ class NegativeStiffness(LinearPortEffect):
     law = "F = +k z"
     words = "a magnet pulls the moving part away from its centre"
     parameters: ClassVar = (Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e7, words="stiffness taken away"),)
+    needs = ("magnet",)
 
     def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""

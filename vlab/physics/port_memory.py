@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect import Parameter, PortEffect, Step, Values, limited
+from vlab.physics.effect import OWN_SHARE, Parameter, PortEffect, Step, Values, limited
 
 RATES = (0.1, 1.0, 10.0)
 """Relaxation rates of the Maxwell elements of `StructuralDamping`, in units of its centre frequency."""
@@ -132,6 +132,10 @@ class PlasticSet(PortEffect):
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """See `PortEffect`: the set."""
         return zeros(1, shape)
+
+    def is_meant(self, p: Values, stiffness: float) -> bool:
+        """See `PortEffect`: a small part of the element that slips while the rest holds is micro-slip, the same but for stiffness."""
+        return p["stiffness"] >= OWN_SHARE * stiffness
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`."""

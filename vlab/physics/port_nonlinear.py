@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect import Parameter, PortEffect, Step, Values, limited, positive, smooth_sign
+from vlab.physics.effect import OWN_SHARE, Parameter, PortEffect, Step, Values, limited, positive, smooth_sign
 
 REST_SPEED = 1e-3
 """Where the step's mobility is not known, friction reverses over this share of the largest velocity seen."""
@@ -136,6 +136,10 @@ class DeadBand(PortEffect):
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`."""
         return p["stiffness"] * limited(z, p["gap"]), memory
+
+    def is_meant(self, p: Values, stiffness: float) -> bool:
+        """See `PortEffect`: a small part of the element that does not act within a gap is a stop beside it."""
+        return p["stiffness"] >= OWN_SHARE * stiffness
 
 
 class Stop(PortEffect):

@@ -220,7 +220,7 @@ class SensorHighPass(SensorEffect):
             high=100.0,
             role="shape",
             reference="step",
-            grid=(20.0, 100.0, 500.0),
+            grid=(20.0, 100.0, 500.0, 2000.0),
         ),
     )
 
@@ -235,8 +235,8 @@ class SensorHighPass(SensorEffect):
         return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`."""
-        return np.asarray(y + np.cumsum(y - np.mean(y, axis=0), axis=0) * (h / float(p["time_constant"])))
+        """See `SensorEffect`; what was lost is the integral of what was seen, that of a wrong zero aside, which grows steadily."""
+        return np.asarray(y + signal.detrend(np.cumsum(y, axis=0), axis=0) * (h / float(p["time_constant"])))
 
 
 class SensorQuantisation(SensorEffect):
@@ -293,8 +293,8 @@ class SensorResonance(SensorEffect):
         "a sensor sits on a mount that resonates: signals near that frequency come out too large, above it too small"
     )
     parameters: ClassVar = (
-        Parameter(name="frequency", unit="Hz", low=1.0, high=1e4, role="shape", grid=(30.0, 100.0, 300.0)),
-        Parameter(name="damping_ratio", unit="1", low=0.005, high=0.7, role="shape", grid=(0.05,)),
+        Parameter(name="frequency", unit="Hz", low=1.0, high=1e4, role="shape", grid=(30.0, 60.0, 100.0, 170.0, 300.0)),
+        Parameter(name="damping_ratio", unit="1", low=0.005, high=0.7, role="shape", grid=(0.05, 0.25)),
     )
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:

@@ -17,7 +17,7 @@ from vlab.diagnose.places import places_of
 from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import MOST_ELEMENTS, SHARED, Uncertain, uncertain_parameters
+from vlab.diagnose.uncertain import COMMON, MOST_ELEMENTS, OWN, Uncertain, uncertain_parameters
 from vlab.plants.base import Plant
 
 GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
@@ -71,9 +71,9 @@ def moving_parameters(
         every = tuple(field for fields in each.values() for field in fields)
         is_split = 1 < len(each) <= MOST_ELEMENTS
         if every:
-            out.append(Uncertain(name=kind, kind=kind, sd=SHARED * sd if is_split else sd, fields=every))
+            out.append(Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split else sd, fields=every))
         if is_split:
-            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=SHARED * sd, fields=f) for n, f in each.items()]
+            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=OWN * sd, fields=f) for n, f in each.items()]
         for n, f in each.items():
             own = given.get(f"{n}:{kind}")
             if own:

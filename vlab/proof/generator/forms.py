@@ -168,7 +168,7 @@ FORMS: tuple[Kind, ...] = (
     Kind(name="jenkins-slip", form="Iwan, even spread", family="hysteresis", on="any", make=_iwan, accepted=HYSTERESIS,
          shapes={"slip": (0.3, 1.0)}, same=False),
     Kind(name="bouc-wen", form="other exponents", family="hysteresis", on="any", make=_wen,
-         accepted=("bouc-wen", "jenkins-slip"), shapes={"yield": (0.2, 0.8), "n": (1.0, 1.5)}, same=False),
+         accepted=("bouc-wen", "jenkins-slip"), shapes={"yield": (0.2, 0.8), "n": (1.5, 4.0)}, same=False),
     Kind(name="cubic-stiffness", form="sinh", family="nonlinear-stiffness", on="any", make=_sinh, accepted=HARDENING,
          shapes={"width": (0.8, 2.0)}, same=False),
     Kind(name="cubic-stiffness", form="string", family="nonlinear-stiffness", on="any", make=_tangent,

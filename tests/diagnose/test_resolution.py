@@ -1,0 +1,53 @@
+"""Coarse readings: found with their steps, and not where there are none."""
+
+import numpy as np
+import pytest
+from synthetic import run_of
+
+from vlab.diagnose.resolution import sensor_steps
+
+TIME = np.arange(6000) / 500.0
+
+
+def motion(seed=0, noise=2e-3):
+    rng = np.random.default_rng(seed)
+    return sum(np.sin(2 * np.pi * f * TIME + p) for f, p in zip((0.7, 2.3, 5.1), rng.uniform(0, 6, 3), strict=True)) + (
+        noise * rng.standard_normal(TIME.size)
+    )
+
+
+def rounded(y, step):
+    return step * np.round(y / step)
+
+
+@pytest.mark.parametrize("step", [0.03, 0.11, 0.5])
+def test_the_step_of_rounded_readings_is_found(step):
+    runs = [run_of(TIME, {"a": rounded(motion(i), step), "b": motion(i)}, name=str(i)) for i in range(3)]
+    (found,) = sensor_steps(runs)
+    assert found.channel == "a"
+    # values reach over 12 steps at least, and the peak of their characteristic function is a part of 1/12 wide
+    assert found.step == pytest.approx(step, rel=2e-3)
+    assert abs(found.step - step) < 4 * found.sd
+
+
+def test_steps_are_found_beneath_noise_that_came_after_them():
+    rng = np.random.default_rng(5)
+    y = rounded(motion(), 0.2) + 0.03 * rng.standard_normal(TIME.size)
+    (found,) = sensor_steps([run_of(TIME, {"a": rounded(y, 0.01)})])
+    assert found.step == pytest.approx(0.2, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        motion(),
+        rounded(motion(), 1e-3),  # fine steps are what every converter has
+        rounded(motion(noise=0.1), 0.05),  # noise over several steps
+        np.where(motion() > 0, 1.0, -1.0),  # a switch
+        np.where(TIME < 9.0, 0.0, motion()),  # still most of the time
+        np.zeros_like(TIME),
+    ],
+    ids=["smooth", "fine", "noisy", "switch", "still", "dead"],
+)
+def test_readings_without_coarse_steps_have_none(y):
+    assert sensor_steps([run_of(TIME, {"a": y})]) == ()
