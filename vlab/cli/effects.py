@@ -15,6 +15,7 @@ PLACES = {
 NEEDS = {
     "stiffness": "with an elastic element of its own",
     "coil": "with an actuator along it",
+    "magnet": "sought only with an actuator along it or without an elastic element of its own",
     "translation": "that moves along a line; a body",
     "rotation": "that turns",
     "tension": "tension: the stretched bar as a whole",

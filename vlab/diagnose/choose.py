@@ -45,6 +45,8 @@ class Choice:
         Whether it explains enough of what stood above the noise.
     gained : float
         Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
+    is_of_priors : bool
+        Most of that is what the refitted model's uncertain parameters are less likely.
     """
 
     best: Hypothesis
@@ -55,6 +57,7 @@ class Choice:
     is_supported: bool
     shares: Mapping[str, float] = field(default_factory=dict)
     gained: float = 0.0
+    is_of_priors: bool = False
 
 
 def _excess(hypothesis: Hypothesis) -> float:
@@ -103,6 +106,7 @@ def choose(found: Found) -> Choice:
         is_supported=True,
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
         gained=_beyond(best, before),
+        is_of_priors=before.price - best.price > best.worth * (before.misfit - best.misfit),
     )
 
 

@@ -44,8 +44,9 @@ misses, and this share of the gap down to the noise alone. On concealed cases of
 more, other forms of them .78 and more, laws fitted to what no law describes .58 to .77."""
 NEAR_NOISE, LEAST_NEAR_NOISE = 1.1, 0.7
 """Where no more than this multiple of the noise is left, this share is enough: the gap was small."""
-NO_WORSE = 1.02
-"""A model is no worse than another where it leaves at most this multiple: what the fits' own convergence is good for."""
+NO_WORSE, BETTER = 1.02, 0.998
+"""A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for; and
+better where it leaves at most that one: hum within the noise has another phase in every recording, and fits none kept aside."""
 NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
 MOST_TRIED = 3
@@ -285,7 +286,8 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structur
     is_followed = (
         errors["before"] <= ABOVE_NOISE * errors["noise"]
     )  # no gap to close: coarse steps count as noise, and...
-    is_needed = choice.gained > 0 and errors["after"] <= NO_WORSE * errors["before"]
+    least = NO_WORSE if choice.is_of_priors else BETTER
+    is_needed = choice.gained > 0 and errors["after"] <= least * errors["before"]
     if is_followed and (seen.steps or is_needed):  # ...a refit may follow with parameters that nobody believes
         return "missing-physics"
     if not unexplained:

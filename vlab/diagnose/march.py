@@ -237,6 +237,7 @@ class _Marcher:
                         t=t,
                         mobility=law.mobility,
                         free_velocity=after[..., count + j],
+                        first_velocity=at[..., count + j],
                         command=0.0 if law.coil is None else part[k][..., law.coil],
                     )
                     force, law.memory = self._force(law, j, at, after + own, now, law.memory)

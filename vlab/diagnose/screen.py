@@ -52,8 +52,9 @@ WORTH = 500.0
 """Independent values that the innovations count as in the estimate of the uncertain parameters."""
 SHARES = 2
 """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
-ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015)
-"""Factors by which shapes are moved off the best values of their grids, one after the other."""
+ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
+"""Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
+one where the step is off by a part in the number of steps."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 

@@ -10,7 +10,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import Screen
-from vlab.diagnose.second import besides
+from vlab.diagnose.second import besides, best_of_families
 from vlab.diagnose.signals import windows
 from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.physics.effect import Effect, PortEffect, SensorEffect
@@ -35,8 +35,8 @@ KINDRED = (
     {"saturation", "clearance"},
 )
 """Families whose laws look alike in a linear regression."""
-EXPLAINS = 1.1
-"""A single effect that leaves no more than this multiple of what noise leaves needs no slower observers."""
+EXPLAINS = 1.05
+"""A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
 CLEAR = 60.0
 """Gain in the screening above which an effect stands out."""
 SECONDS, MOST_SECONDS = 3, 60
@@ -426,11 +426,7 @@ def _pairs(
     pairs: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
     owners = [seed for seed in seeds for _ in range(2)]
     for seed, table in zip(owners, tables, strict=True):
-        best: dict[str, Candidate] = {}
-        for candidate in table:
-            if candidate.effect.name != seed.terms[0].effect.name:  # at two places it is one effect, placed badly
-                best.setdefault(candidate.effect.family, candidate)
-        for second in list(best.values())[:SECONDS]:
+        for second in best_of_families(table, seed.terms[0].effect.name)[:SECONDS]:
             if second.gain > LEAST_GAIN:
                 pairs.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")

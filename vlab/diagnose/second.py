@@ -5,7 +5,7 @@ beside its columns still does. So the effect is built in as it was fitted - into
 recordings, or as a known force along the smoothed motion - and the screening starts over.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,8 @@ from vlab.diagnose.twin import Twin
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
+ZOOMED = 3
+"""Candidates whose shapes are sought between the values of their grids, one a family."""
 ROWS = 0.5
 """The second screening looks at this share of the first one's samples."""
 
@@ -40,7 +42,19 @@ def besides(
     problem = with_effects(screen, fit)
     most = max(int(ROWS * len(run)) for run in screen.runs)
     runs = [run.first(most) for run in problem.in_role("fit")]
-    return Screen(problem, runs, like=screen, theta=fit.theta, trust=trust).candidates(effects, among=among)
+    second = Screen(problem, runs, like=screen, theta=fit.theta, trust=trust)
+    table = second.candidates(effects, among=among)
+    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0].effect.name)[:ZOOMED]}
+    return [sharp.get(c.label, c) for c in table]
+
+
+def best_of_families(table: Sequence[Candidate], first: str) -> list[Candidate]:
+    """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly."""
+    best: dict[str, Candidate] = {}
+    for candidate in table:
+        if candidate.effect.name != first:
+            best.setdefault(candidate.effect.family, candidate)
+    return list(best.values())
 
 
 def with_effects(screen: Screen, fit: Fit) -> Problem:

@@ -76,6 +76,8 @@ class Step(NamedTuple):
         Velocity at the end of the step without the effect's own force; None where it is not known.
     command : float or array
         Command of the actuator at the port, where there is one.
+    first_velocity : array or None
+        Velocity at the beginning of the step; None where it is not known.
     """
 
     h: float
@@ -83,6 +85,7 @@ class Step(NamedTuple):
     mobility: Any = 0.0
     free_velocity: Any = None
     command: Any = 0.0
+    first_velocity: Any = None
 
 
 IMPULSE = 4096
@@ -107,7 +110,8 @@ class Effect(ABC):
     words: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     needs: ClassVar[tuple[str, ...]] = ()
-    """What a place must have: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along it), ``"translation"``,
+    """What a place must have: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along it), ``"magnet"`` (that,
+    or no elastic element, to be sought there), ``"translation"``,
     ``"rotation"``, ``"tension"`` (the rows of a stretched bar); of a sensor ``"command"`` or ``"sensor"``: a second signal
     that it picks up."""
 

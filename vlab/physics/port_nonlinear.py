@@ -73,10 +73,21 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
     """Return the force of dry friction with a limit: what stops the port in this step, or the limit.
 
     With the velocity that the port would have at the end of the step without friction, sticking is exact; without it the
-    present velocity serves, which lets a stuck port creep by the mobility times the force that pushes it.
+    present velocity serves, which lets a stuck port creep by the mobility times the force that pushes it. With the velocity at
+    its beginning a port that is pushed too hard to stick turns round within the step, and friction with it.
     """
     if step.free_velocity is not None:
-        return -limited(step.free_velocity / (step.mobility + 1e-300), limit)
+        stop = step.free_velocity / (step.mobility + 1e-300)
+        force = -limited(stop, limit)
+        if step.first_velocity is None:
+            return force
+        push = stop - step.first_velocity / (step.mobility + 1e-300)
+        turns = (abs(stop) < limit) & (abs(push) > limit)
+        if not np.any(turns):
+            return force
+        before = (push - stop) / (abs(push) + limit)  # share of the step before it turns, with the sign of the push
+        turning = limit * (2.0 * before - np.sign(push))
+        return np.where(turns, turning, force) if isinstance(turning, np.ndarray) else turning
     if np.any(np.asarray(step.mobility) > 0):
         return -limited(v / (step.mobility + 1e-300), limit)
     return -limit * smooth_sign(v, REST_SPEED * np.max(np.abs(v), initial=0.0))

@@ -166,7 +166,7 @@ class PortForces:
         if self._laws:
             (_, law, p, coil), after = self._laws[0], v + h * a
             command = 0.0 if coil is None else float(commands[coil])
-            step = Step(h, data.time + h / 2, h * G, after, command)
+            step = Step(h, data.time + h / 2, h * G, after, command, v)
             force, now = law.force(z, 0.5 * (v + after + h * own), p, step, self._memory[0])
             memory.append(now)
         else:
@@ -193,7 +193,7 @@ class PortForces:
         for (i, law, p, coil), past in zip(self._laws, self._memory, strict=True):
             before = float(v[i])
             after = before + h * float(a[i])
-            step = Step(h, t, h * float(G[i, i]), after, 0.0 if coil is None else float(commands[coil]))
+            step = Step(h, t, h * float(G[i, i]), after, 0.0 if coil is None else float(commands[coil]), before)
             own = h * float(G[i] @ expected)
             force, now = law.force(float(z[i]), 0.5 * (before + after + own), p, step, past)
             memory.append(now)
