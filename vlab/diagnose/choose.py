@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vlab.diagnose.hum import HARMONICS, MAINS_HZ
 from vlab.diagnose.hypothesis import Found, Hypothesis
 from vlab.physics.effect import LinearPortEffect
 
@@ -14,11 +15,14 @@ SECOND_SHARE = 0.005
 """A second effect must explain this share of what stood above the noise without any, too."""
 ABOVE_NOISE = 1.3
 """Below this multiple of the noise there is nothing to explain."""
-BEYOND_PRIOR, OF_LINEAR = 10.0, 5.0
+BEYOND_PRIOR, OF_LINEAR = 10.0, 6.0
 """An effect is also accepted where it gains this much in log-likelihood, priors of the uncertain parameters included, and 2 more for
 every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
-is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 10 once in 600; some hundred laws with their
+is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
 shapes are looked at at all places, but only a dozen linear ones."""
+NEAR_MAINS = 0.5
+"""A force [Hz] so near the mains' frequency or a multiple is not believed in for the likelihood alone: hum within the noise of every
+sensor adds up to one over all recordings."""
 ALIKE = 3.0
 """Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
 
@@ -66,10 +70,18 @@ def _excess(hypothesis: Hypothesis) -> float:
 
 def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     """Return by how much the log-likelihood that one more effect gains exceeds what is enough to believe in it."""
+    if any(
+        _is_of_mains(t.values["frequency"]) for t in more.terms if t.effect.name in ("sinusoidal-force", "mains-hum")
+    ):
+        return -np.inf
     count = sum(len(t.effect.parameters) for t in more.terms) - sum(len(t.effect.parameters) for t in less.terms)
     is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in more.terms)
     enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
     return more.score - less.score + 0.5 * count * float(np.log(more.worth)) - enough
+
+
+def _is_of_mains(frequency: float) -> bool:
+    return any(abs(frequency - k * mains) < NEAR_MAINS for mains in MAINS_HZ for k in HARMONICS)
 
 
 def choose(found: Found) -> Choice:
