@@ -63,6 +63,17 @@ def test_the_hidden_effect_comes_first_at_its_place(tmp_path, effect, tolerance)
             assert first.values[name] == pytest.approx(true, rel=tolerance)
 
 
+def test_a_shape_is_found_between_the_values_of_its_grid(tmp_path):
+    rig, screen, candidates = screened(tmp_path, effect="actuator-clipping")
+    first = next(c for c in candidates if c.effect.name == "actuator-clipping")
+    sharp = screen.zoomed(first)
+    assert sharp.gain >= first.gain
+    true = rig.parameters["limit"]
+    # two seconds with half a per cent of noise; the motor's gain alone, in proportion to which it is, is 2 % uncertain
+    assert sharp.values["limit"] == pytest.approx(true, rel=0.02)
+    assert abs(sharp.values["limit"] - true) < 0.5 * abs(first.values["limit"] - true)
+
+
 def test_the_effect_taken_as_present_leaves_nothing_to_the_others(tmp_path):
     _, screen, candidates = screened(tmp_path, effect="cubic-stiffness")
     first = next(c for c in candidates if c.effect.name == "cubic-stiffness")

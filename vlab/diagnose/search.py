@@ -100,31 +100,15 @@ def search(
     candidates = _sharpened(screen, screen.candidates(effects))
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
-    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
     rough = in_windows(screen, every=2, model_error=narrow.model_error)
-    report(0.2, "fitting single effects")
-    fitted = _singles(narrow, rough, shortlist, before)
-    floor = float(np.sqrt(narrow.noise_share))
-    if before.level > ENOUGH and not (fitted and fitted[0].level < EXPLAINS * floor):
-        report(0.25, "screening with slower observers")
-        screen.slower = tuple(Screen(problem, screen.runs, trust=trust, like=screen) for trust in (SLOW, SLOWEST))
-        among = _best_places(candidates, PLACES)
-        for slow in screen.slower:
-            known = {c.label for c in shortlist}
-            slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
-            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
-            slow.forget()
-        fitted = _merged(fitted, _singles(narrow, rough, shortlist[len(fitted) :], before))
-    if before.level > ENOUGH:
-        akin = side_by_side(screen.zoomed, _akin(candidates, fitted))
-        fitted = _merged(fitted, _singles(narrow, rough, akin, before))
+    shortlist, fitted = _single_effects(screen, narrow, rough, before, candidates, effects, report)
     screen.forget()
     report(0.4, "fitting whole recordings")
     (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
     plain = [before.long_fit.theta] if before.level < MUCH else []
     fitted = on_whole_runs(whole, narrow, _worth_long_runs(fitted), min(WHOLE_SINGLES, _hopeful(fitted)), plain)
-    enough = EXPLAINS * floor if problem.case.structure is None else ENOUGH_OF_MESH
+    enough = EXPLAINS * _floor(whole) if problem.case.structure is None else ENOUGH_OF_MESH
     if fitted and _wants_a_second(before, fitted, enough, whole.directions.shape[1]):
         among = _best_places(candidates, SECOND_PLACES)
         pairs = _finished(narrow, _pairs(screen, rough, fitted, shortlist, effects, among, report))
@@ -310,6 +294,36 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
+def _single_effects(
+    screen: Screen,
+    narrow: Refiner,
+    rough: Refiner,
+    before: Hypothesis,
+    candidates: Sequence[Candidate],
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+) -> tuple[list[Candidate], list[Hypothesis]]:
+    """Return the shortlist and the fits of single effects, best first: what the screening found, where that explains too little what
+    slower observers do, and the laws most like the best one."""
+    report(0.2, "fitting single effects")
+    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
+    fitted = _singles(narrow, rough, shortlist, before)
+    if before.level <= ENOUGH:
+        return shortlist, fitted
+    if not (fitted and fitted[0].level < EXPLAINS * _floor(narrow)):
+        report(0.25, "screening with slower observers")
+        screen.slower = tuple(Screen(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
+        among = _best_places(candidates, PLACES)
+        for slow in screen.slower:
+            known = {c.label for c in shortlist}
+            slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
+            slow.forget()
+        fitted = _merged(fitted, _singles(narrow, rough, shortlist[len(fitted) :], before))
+    akin = side_by_side(screen.zoomed, _akin(candidates, fitted))
+    return shortlist, _merged(fitted, _singles(narrow, rough, akin, before))
+
+
 def _singles(narrow: Refiner, rough: Refiner, candidates: Sequence[Candidate], before: Hypothesis) -> list[Hypothesis]:
     """Return fits of single effects, best first."""
     return _finished(narrow, side_by_side(lambda c: _fitted(rough, [c], before.fit, QUICK), candidates))
@@ -403,8 +417,12 @@ def _for(refiner: Refiner, terms: Sequence[Term], every: int = 1) -> Refiner:
 
 def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
     """Return a refiner's fit as a hypothesis with its score."""
-    floor = float(np.sqrt(refiner.noise_share))
-    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor)
+    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=_floor(refiner))
+
+
+def _floor(refiner: Refiner) -> float:
+    """Return the level that noise alone leaves."""
+    return float(np.sqrt(refiner.noise_share))
 
 
 def _pairs(

@@ -1,0 +1,65 @@
+"""What a smaller difference is worth, and when more physics is believed in."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vlab.diagnose.choose import choose
+from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, weighed
+from vlab.diagnose.terms import Fit, Term
+from vlab.physics.catalogue import EFFECTS
+
+
+def hypothesis(level, *names, price=0.0, worth=WORTH, **values):
+    place = SimpleNamespace(name="joint:a")
+    terms = tuple(Term(effect=EFFECTS[name], place=place, values=values) for name in names)
+    none = np.zeros(0)
+    fit = Fit(terms=terms, theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd={})
+    return Hypothesis(fit=fit, level=level, misfit=float(np.log(level)), price=price, worth=worth)
+
+
+def chosen(before, *others):
+    return [t.effect.name for t in choose(Found(before=before, hypotheses=others)).best.terms]
+
+
+def test_noise_averages_out_and_a_models_own_error_does_not():
+    noisy = [hypothesis(1.0), hypothesis(1.05)]
+    assert weighed(noisy, 1.0, 0.0, 30_000)[0].worth == pytest.approx(30_000)  # nothing is left but noise
+    assert weighed(noisy, 1.0, 0.025, 30_000)[0].worth == pytest.approx(1.025 / (1 / 30_000 + 0.025 / WORTH))
+    far = weighed([hypothesis(20.0), hypothesis(30.0)], 1.0, 0.0, 30_000)[0].worth
+    assert far == pytest.approx(WORTH, rel=0.01)  # what the best one leaves is the model's error
+    assert weighed(noisy, 1.0, 0.0, WORTH)[0].worth == WORTH  # few values: frequency responses
+
+
+def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
+    three = [hypothesis(x, "added-mass") for x in (1.02, 1.0, 1.3)]
+    assert (
+        np.argsort([h.score for h in three]).tolist()
+        == np.argsort([h.score for h in weighed(three, 1, 0, 1e4)]).tolist()
+    )
+
+
+@pytest.mark.parametrize(("saved", "is_found"), [(5.5, False), (6.5, True)])
+def test_parameters_that_nobody_believes_are_as_good_as_a_misfit(saved, is_found):
+    before, mass = hypothesis(1.0, price=20.0), hypothesis(1.0, "added-mass", price=20.0 - saved)
+    assert chosen(before, mass) == (["added-mass"] if is_found else [])
+
+
+def test_a_force_at_the_mains_frequency_is_not_believed_for_its_likelihood_alone():
+    before = hypothesis(1.02, worth=5000.0)
+    for hz, is_found in ((50.2, False), (100.0, False), (60.0, False), (47.0, True)):
+        force = hypothesis(1.01, "sinusoidal-force", worth=5000.0, frequency=hz)
+        assert chosen(before, force) == (["sinusoidal-force"] if is_found else [])
+    loud = hypothesis(9.0, worth=5000.0)
+    assert chosen(loud, hypothesis(1.0, "sinusoidal-force", worth=5000.0, frequency=50.0)) == ["sinusoidal-force"]
+
+
+def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
+    before = hypothesis(9.0)
+    one, two = hypothesis(3.0, "added-mass"), hypothesis(1.0, "added-mass", "cubic-stiffness")
+    other = hypothesis(1.01, "added-mass", "stop")
+    choice = choose(Found(before=before, hypotheses=(one, two, other)))
+    assert choice.shares["added-mass"] == pytest.approx(1.0, abs=1e-6)
+    assert choice.shares["cubic-stiffness"] == pytest.approx(choice.probability)
+    assert 0.4 < choice.probability < 0.95
