@@ -286,8 +286,9 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structur
     is_followed = (
         errors["before"] <= ABOVE_NOISE * errors["noise"]
     )  # no gap to close: coarse steps count as noise, and...
+    no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = NO_WORSE if choice.is_of_priors else BETTER
-    is_needed = choice.gained > 0 and errors["after"] <= least * errors["before"]
+    is_needed = choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
     if is_followed and (seen.steps or is_needed):  # ...a refit may follow with parameters that nobody believes
         return "missing-physics"
     if not unexplained:

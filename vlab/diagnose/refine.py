@@ -26,6 +26,8 @@ EXPLAINED = 1.7
 NEAR_ENOUGH, EXACT = 1.0, 0.02
 """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
 and for the values of parameters."""
+LEAD = 64
+"""Samples before a window in which a sensor's dynamics settle."""
 FAR_OFF = 1.5
 """...and square of the uncertain parameters' distance from their priors' means over what is usual, above which it is tried too."""
 REUSED = 3
@@ -219,12 +221,22 @@ class Refiner:
     def _sense(
         self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array], runs: Sequence[Signals]
     ) -> None:
-        """Let a sensor effect act on its channel, set by set and run by run."""
-        t = np.arange(len(y)) * runs[0].h
+        """Let a sensor effect act on its channel, set by set and run by run.
+
+        A window begins in the middle of a motion that the sensor's own dynamics have followed before: what came before it is its
+        beginning, turned round.
+        """
+        lead = min(LEAD, len(y) - 1)
+        t = np.arange(-lead, len(y)) * runs[0].h
         for s in range(y.shape[1]):
             p = {k: float(v[s]) for k, v in given.items()}
             for j, run in enumerate(runs):
-                y[:, s, j, index] = effect.sense(y[:, s, j, index], p, run.h, run.t0 + t)
+                column = y[:, s, j, index]
+                if run.at_rest:
+                    y[:, s, j, index] = effect.sense(column, p, run.h, run.t0 + t[lead:])
+                    continue
+                before = 2.0 * column[0] - column[lead:0:-1]
+                y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, run.t0 + t)[lead:]
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
 
@@ -465,8 +477,14 @@ class Refiner:
         out = X.copy()
         first = X.shape[1] - len(layout.effects)
         for k, (_, parameter) in enumerate(layout.effects):
-            if not parameter.signed:  # no further than a factor of e^9 from the screening's value
-                out[:, first + k] = np.clip(out[:, first + k], layout.centre[k] - 9.0, layout.centre[k] + 9.0)
+            if parameter.signed:
+                continue
+            low, high = layout.centre[k] - 9.0, layout.centre[k] + 9.0  # a factor of e^9 from the screening's value
+            if (
+                parameter.role == "shape" and not parameter.reference
+            ):  # its range says what it is: a damping ratio, a frequency
+                low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
+            out[:, first + k] = np.clip(out[:, first + k], low, high)
         out[:, : layout.r] = np.clip(out[:, : layout.r], -PRIOR_BOUND, PRIOR_BOUND)
         return out
 

@@ -55,6 +55,8 @@ SHARES = 2
 ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
 """Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
 one where the step is off by a part in the number of steps."""
+COARSE_ZOOM = 4
+"""How many of them are enough for a law that remembers."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 
@@ -434,7 +436,9 @@ class Screen:
         """
         best = candidate
         shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
-        for width in ZOOM if shapes else ():
+        remembers = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
+        widths = ZOOM[:COARSE_ZOOM] if remembers else ZOOM  # such laws are smooth in their shapes, and slow
+        for width in widths if shapes else ():
             values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
             tried = [
                 (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)

@@ -134,11 +134,11 @@ class DeadZone(ActuatorEffect):
         Parameter(
             name="threshold",
             unit="N",
-            low=0.005,
+            low=0.001,
             high=0.7,
             role="shape",
             reference="input",
-            grid=(0.01, 0.03, 0.06, 0.1, 0.2, 0.4),
+            grid=(0.003, 0.01, 0.03, 0.06, 0.1, 0.2, 0.4),
         ),
     )
 

@@ -92,7 +92,7 @@ IMPULSE = 4096
 """Samples of the impulse that tells how a sensor's correction stretches noise."""
 
 
-OWN_SHARE = 0.3
+OWN_SHARE = 0.1
 """Share of an element's stiffness that a law about the element itself is about, at least."""
 
 

@@ -128,6 +128,10 @@ class StribeckFriction(PortEffect):
         return dry_friction(limit, v, step), memory
 
 
+FINE_GAPS = (0.003, 0.012, 0.05, 0.15, 0.4)
+"""Shares of the largest displacement at which a clearance is tried: a fine one acts like friction without loss."""
+
+
 class DeadBand(PortEffect):
     """Clearance within which an elastic element does not act."""
 
@@ -137,9 +141,7 @@ class DeadBand(PortEffect):
     words = "clearance or backlash: an elastic element does not act within a gap"
     parameters: ClassVar = (
         Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e8),
-        Parameter(
-            name="gap", unit="m", low=0.02, high=0.9, role="shape", reference="displacement", grid=(0.05, 0.15, 0.4)
-        ),
+        Parameter(name="gap", unit="m", low=0.001, high=0.9, role="shape", reference="displacement", grid=FINE_GAPS),
     )
 
     needs = ("stiffness",)

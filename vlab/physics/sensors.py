@@ -321,12 +321,13 @@ class SensorResonance(SensorEffect):
 
     @staticmethod
     def _filter(p: Values, h: float) -> tuple[Array, Array]:
-        """Return the bilinear transform of the resonance, its frequency kept in place."""
+        """Return the coefficients of the resonance, exact for straight lines between samples.
+
+        A bilinear transform keeps the resonance in place at the cost of its delay below, which is what most recordings show.
+        """
         w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
-        g = 1.0 / np.tan(min(w * h / 2, 0.49 * np.pi))
-        b = np.array([1.0, 2.0, 1.0])
-        a = np.array([1 + 2 * damping * g + g * g, 2 - 2 * g * g, 1 - 2 * damping * g + g * g])
-        return b / a[0], a / a[0]
+        b, a, _ = signal.cont2discrete(([1.0], [1.0 / w**2, 2 * damping / w, 1.0]), h, method="foh")
+        return b.ravel(), a
 
 
 class Crosstalk(PickUp):
