@@ -46,8 +46,10 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
         np.where(motion() > 0, 1.0, -1.0),  # a switch
         np.where(TIME < 9.0, 0.0, motion()),  # still most of the time
         np.zeros_like(TIME),
+        np.sin(2 * np.pi * 3.0 * TIME),
+        np.exp(-0.3 * TIME) * np.sin(2 * np.pi * 3.0 * TIME),
     ],
-    ids=["smooth", "fine", "noisy", "switch", "still", "dead"],
+    ids=["smooth", "fine", "noisy", "switch", "still", "dead", "sine", "decay"],
 )
 def test_readings_without_coarse_steps_have_none(y):
     assert sensor_steps([run_of(TIME, {"a": y})]) == ()

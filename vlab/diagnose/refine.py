@@ -74,9 +74,21 @@ class Refiner:
         Gives the uncertain parameters' informed directions and the first states.
     model_error : float or None
         Error of the simulation itself that the weights allow for, as a share of a channel's rms; the problem's by default.
+    is_rough : bool
+        For first fits, with coarser steps.
     """
 
-    def __init__(self, screen: Screen, runs: Sequence[Signals] | None = None, model_error: float | None = None) -> None:
+    is_rough = False
+
+    def __init__(
+        self,
+        screen: Screen,
+        runs: Sequence[Signals] | None = None,
+        model_error: float | None = None,
+        *,
+        is_rough: bool = False,
+    ) -> None:
+        self.is_rough = is_rough
         self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
         self.runs = list(runs if runs is not None else screen.runs)
         self.model_error = self.problem.model_error if model_error is None else model_error
@@ -198,7 +210,7 @@ class Refiner:
         (n, n_sets, n_runs, n_channels) array
             Channels, zero beyond a run's end.
         """
-        y = channels(self.twin, self.highest, runs, terms, theta, values, starts)
+        y = channels(self.twin, self.highest, runs, terms, theta, values, starts, self.is_rough)
         return self._read(y, runs, terms, theta, values)
 
     def _read(

@@ -21,9 +21,10 @@ OVER_NOISE = 2.0
 times theirs, roundings of what noise has spread over several steps less than once."""
 FEWEST = 3
 """Steps that the values reach over at least: two values are a switch."""
-SHARP = 0.4
+SHARP, EXACT = 0.42, 0.9
 """Characteristic function at one cycle per step, of the values that move, above which they stand on steps: noise of a fifth of
-the step that comes after it leaves .45."""
+the step that comes after it leaves .49. A steady sine has |J0|, which is less than .27 for steps below its rms; larger steps must be
+exact."""
 FINE = 16
 """Bins of the histogram for the smallest step looked for."""
 
@@ -79,10 +80,11 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
     if inside.size < 3:
         return None
     still = float(np.median(seen[inside]))  # what stands still has no step of its own
+    wanted = np.where(cycles * np.std(values) >= 1.0, SHARP, EXACT)
     peaks = [
         i
         for i in inside
-        if seen[i] >= seen[i - 1] and seen[i] >= seen[i + 1] and seen[i] - still > SHARP * (1.0 - still)
+        if seen[i] >= seen[i - 1] and seen[i] >= seen[i + 1] and seen[i] - still > wanted[i] * (1.0 - still)
     ]
     if not peaks:
         return None

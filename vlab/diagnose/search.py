@@ -262,7 +262,7 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1, model
         See `Refiner`.
     """
     if max(len(run) for run in screen.runs) <= WHOLE:
-        return Refiner(screen, screen.runs, model_error)
+        return Refiner(screen, screen.runs, model_error, is_rough=every > 1)
     omega = np.abs(screen.twin.omega)
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
@@ -271,7 +271,7 @@ def in_windows(screen: Screen, terms: Sequence[Term] = (), every: int = 1, model
     chosen = [
         w for i, w in enumerate(parts) if every == 1 or (i * 0.6180339887) % 1.0 < 1.0 / every
     ]  # no regular pattern
-    return Refiner(screen, chosen, model_error)
+    return Refiner(screen, chosen, model_error, is_rough=every > 1)
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -11,9 +11,11 @@ from vlab.diagnose.twin import Twin, discretise
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
-STEPS_PER_CYCLE, OF_FRICTION = 22.0, 2
-"""Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and as many times
-more where it is dry friction, which sticks and breaks away within a step."""
+STEPS_PER_CYCLE, FINER = 22.0, 2
+"""Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
+more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round within a step."""
+EDGED = ("friction", "hysteresis")
+"""Families of such laws."""
 
 
 def channels(
@@ -24,6 +26,7 @@ def channels(
     theta: Array,
     values: Sequence[Mapping[str, Array]],
     starts: Array,
+    is_rough: bool = False,
 ) -> Array:
     """Return the channels of runs of one sample period before sensors have their say, (n, n_sets, n_runs, p).
 
@@ -35,6 +38,8 @@ def channels(
     values : sequence of mappings
         Of every term its parameter values, (n_sets,) arrays.
     starts : (n_sets, n_runs, 2m) array
+    is_rough : bool
+        Without finer steps for laws with edges.
     """
     h, n_sets = runs[0].h, len(theta)
     M, C, K, actuator_gain, _ = twin.matrices(theta)
@@ -47,7 +52,7 @@ def channels(
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
     ports = acting_order(terms)
-    finer = OF_FRICTION if any(terms[i].effect.family == "friction" for i in ports) else 1
+    finer = FINER if not is_rough and any(terms[i].effect.family in EDGED for i in ports) else 1
     substeps = finer * max(1, int(np.ceil(STEPS_PER_CYCLE * highest_hz * h))) if ports else 1
     inputs = np.concatenate(
         [

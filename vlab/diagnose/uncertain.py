@@ -68,8 +68,11 @@ def uncertain_parameters(
         sd = given.get(kind, DEFAULT_SD[kind])
         every = tuple(field for fields in elements.values() for field in fields)
         is_split = 1 < len(elements) <= MOST_ELEMENTS
+        is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's is what they have in common
         if every:
-            out.append(Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split else sd, fields=every))
+            out.append(
+                Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)
+            )
         if is_split:
             out += [
                 Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN * sd, fields=fields)

@@ -9,9 +9,11 @@ from vlab.diagnose.frequency.evaluate import Shared
 from vlab.diagnose.frequency.measured import Measured, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import Residual, residual
-from vlab.diagnose.refine import PRIOR_BOUND
 from vlab.diagnose.terms import Fit, Term
 from vlab.signals import Array
+
+PRIOR_BOUND = 3.0
+"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
 
 ITERATIONS = 25
 COARSE = (0.25, 0.08)

@@ -70,8 +70,11 @@ def moving_parameters(
             each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
         every = tuple(field for fields in each.values() for field in fields)
         is_split = 1 < len(each) <= MOST_ELEMENTS
+        is_named = any(f"{n}:{kind}" in given for n in each)
         if every:
-            out.append(Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split else sd, fields=every))
+            out.append(
+                Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)
+            )
         if is_split:
             out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=OWN * sd, fields=f) for n, f in each.items()]
         for n, f in each.items():
