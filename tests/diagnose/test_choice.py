@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vlab.diagnose.choose import choose
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, weighed
+from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, scored, weighed
 from vlab.diagnose.terms import Fit, Term
 from vlab.physics.catalogue import EFFECTS
 
@@ -53,6 +53,24 @@ def test_a_force_at_the_mains_frequency_is_not_believed_for_its_likelihood_alone
         assert chosen(before, force) == (["sinusoidal-force"] if is_found else [])
     loud = hypothesis(9.0, worth=5000.0)
     assert chosen(loud, hypothesis(1.0, "sinusoidal-force", worth=5000.0, frequency=50.0)) == ["sinusoidal-force"]
+
+
+def test_a_spring_that_bends_about_no_rest_position_is_believed_last():
+    none = np.zeros(0)
+
+    def price(name, is_held):
+        place = SimpleNamespace(name="joint:a", is_held=is_held)
+        term = Term(effect=EFFECTS[name], place=place, values={})
+        fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd={})
+        return scored(fit, 1.0, 1e4).price
+
+    for name, is_odd in (
+        ("cubic-stiffness", True),
+        ("magnetic-negative-stiffness", True),
+        ("stiffness-to-ground", False),
+    ):
+        assert price(name, True) == 0.0
+        assert (price(name, False) > 30.0) == is_odd
 
 
 def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():

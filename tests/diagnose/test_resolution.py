@@ -48,8 +48,10 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
         np.zeros_like(TIME),
         np.sin(2 * np.pi * 3.0 * TIME),
         np.exp(-0.3 * TIME) * np.sin(2 * np.pi * 3.0 * TIME),
+        np.exp(-1.5 * TIME[:250]) * np.sin(2 * np.pi * 7.0 * TIME[:250]),
+        np.exp(-3.0 * TIME) * np.sin(2 * np.pi * 7.0 * TIME) + 1e-3 * np.sin(20 * TIME),
     ],
-    ids=["smooth", "fine", "noisy", "switch", "still", "dead", "sine", "decay"],
+    ids=["smooth", "fine", "noisy", "switch", "still", "dead", "sine", "decay", "short decay", "decayed"],
 )
 def test_readings_without_coarse_steps_have_none(y):
-    assert sensor_steps([run_of(TIME, {"a": y})]) == ()
+    assert sensor_steps([run_of(TIME[: len(y)], {"a": y})]) == ()

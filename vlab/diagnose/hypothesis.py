@@ -6,11 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vlab.diagnose.terms import Fit, Term
+from vlab.physics.effect import Effect
 
 WORTH = 40.0
 """Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
 is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
 
+UNHELD = 40.0
+"""Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as a difference
+smaller by a factor of e, all of it the model's own error."""
 NOISE_KNOWN = 0.03
 """The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
@@ -91,10 +95,20 @@ def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int
         fit=fit,
         level=level,
         misfit=float(np.log(max(level, floor))),
-        price=0.5 * (fit.chi2 - fit.cost) + len(fit.terms) * float(np.log(max(tried, 1))),
+        price=0.5 * (fit.chi2 - fit.cost) + len(fit.terms) * float(np.log(max(tried, 1))) + _implausible(fit),
         worth=min(worth, WORTH),
         gain=gain,
     )
+
+
+def _implausible(fit: Fit) -> float:
+    """Return the logarithm of the odds against the effects of a fit before anything was recorded: a spring that is nonlinear about
+    no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion."""
+    return UNHELD * sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
+
+
+def _needs_rest(effect: Effect) -> bool:
+    return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
 
 
 def weighed(hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float) -> list[Hypothesis]:

@@ -18,6 +18,8 @@ SAME = 1e-6
 MOST_PORTS = 80
 MOST_PICKED_UP = 4
 """Beyond this many sensors none is taken to see what another one sees."""
+FREE = 0.1
+"""Angular frequency [rad/s] below which a mode is free motion."""
 SHARED = ("timing", "resolution", "gain")
 """Families of effects that all actuators can have together: they share delay, filter and converters."""
 
@@ -50,6 +52,8 @@ class Place:
         Other names of the same port.
     tag : str
         As `vlab.plants.base.Port` has it.
+    is_held : bool
+        Something in the model brings the port back; a port that is free to move has no rest position.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Place:
     coil: int | None = None
     aliases: tuple[str, ...] = ()
     tag: str = ""
+    is_held: bool = True
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -124,6 +129,7 @@ def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequenc
     names, data = list(plant.ports), plant.new_data()
     rows = plant.port_rows(names) @ twin.shapes
     scale = np.abs(rows).max(initial=0.0)
+    free = np.abs(twin.omega) < FREE
     for name, row in zip(names, rows, strict=True):
         if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
             continue
@@ -144,6 +150,7 @@ def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequenc
                 stiffness=plant.own_stiffness(name),
                 coil=_coil(twin, row, driven),
                 tag=plant.ports[name].tag,
+                is_held=bool(np.abs(row[free]).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
             )
         )
     ports = ports[:MOST_PORTS]

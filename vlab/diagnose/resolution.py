@@ -25,6 +25,8 @@ SHARP, EXACT = 0.42, 0.9
 """Characteristic function at one cycle per step, of the values that move, above which they stand on steps: noise of a fifth of
 the step that comes after it leaves .49. A steady sine has |J0|, which is less than .27 for steps below its rms; larger steps must be
 exact."""
+CLEAR = 4.0
+"""...and by this factor over what it has fallen to before."""
 FINE = 16
 """Bins of the histogram for the smallest step looked for."""
 
@@ -84,7 +86,11 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
     peaks = [
         i
         for i in inside
-        if seen[i] >= seen[i - 1] and seen[i] >= seen[i + 1] and seen[i] - still > wanted[i] * (1.0 - still)
+        if seen[i] >= seen[i - 1]
+        and seen[i] >= seen[i + 1]
+        and seen[i] - still > wanted[i] * (1.0 - still)
+        # values crowd about rest after a decay: then the function is as large all the way
+        and seen[i] > CLEAR * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
     ]
     if not peaks:
         return None

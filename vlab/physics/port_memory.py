@@ -131,6 +131,7 @@ class PlasticSet(PortEffect):
         Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e8, words="of the element that yields"),
         Parameter(name="yield", unit="m", low=0.1, high=0.99, role="shape", reference="displacement", grid=(0.5, 0.8)),
     )
+    needs = ("stiffness",)
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """See `PortEffect`: the set."""
