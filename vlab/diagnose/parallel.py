@@ -3,7 +3,9 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -23,6 +25,25 @@ def _quiet() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+@contextmanager
+def _ends_by_itself() -> Iterator[None]:
+    """Let processes that are forked here end when they are told to.
+
+    Short work may be done before the last fork has come to its own first line. The handler that it inherits takes the call to end
+    for an interrupt and goes on, and whoever waits for its end waits for ever.
+    """
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # only the main thread may; the others' forks take their chance
+        yield
+        return
+    usual = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if usual is None else usual)
+
+
 def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
     """Return ``[work(item) for item in items]``, the items on as many processes as there are cores.
 
@@ -37,7 +58,9 @@ def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
         return [work(item) for item in items]
     _work = lambda index: work(items[index])  # noqa: E731 - forks know the items: only results are sent
     try:
-        with multiprocessing.get_context("fork").Pool(count, _quiet) as pool:
+        with _ends_by_itself():
+            pool = multiprocessing.get_context("fork").Pool(count, _quiet)
+        with pool:
             return pool.map(_one, range(len(items)), chunksize=1)
     finally:
         _work = None
