@@ -283,13 +283,12 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structur
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
     if (choice.best.terms or seen.is_missing) and _closes(checked, is_structure):
         return "missing-physics"
-    is_followed = (
-        errors["before"] <= ABOVE_NOISE * errors["noise"]
-    )  # no gap to close: coarse steps count as noise, and...
+    is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"]
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = NO_WORSE if choice.is_of_priors else BETTER
     is_needed = choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
-    if is_followed and (seen.steps or is_needed):  # ...a refit may follow with parameters that nobody believes
+    # there is no gap to close where coarse steps count as noise, or a refit follows with parameters that nobody believes
+    if is_followed and (seen.steps or is_needed):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"

@@ -13,8 +13,8 @@ WORTH = 40.0
 is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
 
 UNHELD = 40.0
-"""Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as a difference
-smaller by a factor of e, all of it the model's own error."""
+"""Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as
+a difference smaller by a factor of e, all of it the model's own error."""
 NOISE_KNOWN = 0.03
 """The noise's variance is known to this share of it: what is left within that may be noise or not."""
 

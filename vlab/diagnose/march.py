@@ -228,9 +228,8 @@ class _Marcher:
                 x += drive[k]
                 after = x @ seen
                 t = self.late + ((first + k) * self.h + (sub + 0.5) * step)
-                own = sum(
-                    last.values()
-                )  # forces change by little in a step: the last ones stand for those not known yet
+                # forces change by little in a step: the last ones stand for those not known yet
+                own = sum(last.values())
                 for j, law in laws:
                     now = Step(
                         h=step,

@@ -32,10 +32,8 @@ def _ends_by_itself() -> Iterator[None]:
     Short work may be done before the last fork has come to its own first line. The handler that it inherits takes the call to end
     for an interrupt and goes on, and whoever waits for its end waits for ever.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # only the main thread may; the others' forks take their chance
-        yield
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may; the others' forks take their chance
         return
     usual = signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:

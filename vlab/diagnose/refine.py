@@ -21,15 +21,14 @@ ITERATIONS = 12
 FROZEN = 2
 """Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
 at once moves to where the law does nothing."""
-EXPLAINED = 1.7
-"""Mean square of the weighted difference below which a fit needs no second start."""
+EXPLAINED, FAR_OFF = 1.7, 1.5
+"""Mean square of the weighted difference below which a fit needs no second start, and square of the uncertain parameters' distance
+from their priors' means over what is usual, above which it has one all the same."""
 NEAR_ENOUGH, EXACT = 1.0, 0.02
 """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
 and for the values of parameters."""
 LEAD = 64
 """Samples before a window in which a sensor's dynamics settle."""
-FAR_OFF = 1.5
-"""...and square of the uncertain parameters' distance from their priors' means over what is usual, above which it is tried too."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
 LOOSE_START = 0.03

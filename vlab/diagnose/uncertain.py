@@ -65,24 +65,8 @@ def uncertain_parameters(
     out: list[Uncertain] = []
     for kind in ("stiffness", "damping", "mass"):
         elements = _elements(plant.model, kind)
-        sd = given.get(kind, DEFAULT_SD[kind])
-        every = tuple(field for fields in elements.values() for field in fields)
-        is_split = 1 < len(elements) <= MOST_ELEMENTS
-        is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's is what they have in common
-        if every:
-            out.append(
-                Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)
-            )
-        if is_split:
-            out += [
-                Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN * sd, fields=fields)
-                for name, fields in elements.items()
-            ]
-        for name, fields in elements.items():
-            own = given.get(f"{name}:{kind}") or (given.get(f"{name}:inertia") if kind == "mass" else None)
-            if own:
-                out = [u for u in out if u.name != f"{name}:{kind}"]
-                out.append(Uncertain(name=f"{name}:{kind}", kind=kind, sd=own, fields=fields))
+        also = "inertia" if kind == "mass" else kind
+        out += of_kind(kind, elements, given.get(kind, DEFAULT_SD[kind]), given, also)
     for i in actuators:
         name = plant.actuators[i].name
         sd = given.get(f"actuator:{name}:gain", given.get("gain", DEFAULT_SD["gain"]))
@@ -90,6 +74,43 @@ def uncertain_parameters(
     for i, name in enumerate(channels):
         sd = given.get(f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
         out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
+    return out
+
+
+def of_kind(
+    kind: str, elements: Mapping[str, tuple[tuple[str, int], ...]], sd: float, given: Mapping[str, float], also: str
+) -> list[Uncertain]:
+    """Return what is uncertain of one kind: a factor that all elements have in common, and one of every element's own.
+
+    Parameters
+    ----------
+    elements : mapping
+        Their names to the numbers of the model that are multiplied.
+    sd : float
+        Of the kind.
+    given : mapping
+        ``[model.uncertain]``, where elements may be named.
+    also : str
+        Another word for the kind that elements may be named with.
+    """
+    every = tuple(field for fields in elements.values() for field in fields)
+    if not every:
+        return []
+    is_split = 1 < len(elements) <= MOST_ELEMENTS
+    is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's is what they have in common
+    out = [Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)]
+    own = {name: given.get(f"{name}:{kind}") or given.get(f"{name}:{also}") for name in elements}
+    if is_split:
+        out += [
+            Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN * sd, fields=fields)
+            for name, fields in elements.items()
+            if not own[name]
+        ]
+    out += [
+        Uncertain(name=f"{name}:{kind}", kind=kind, sd=stated, fields=elements[name])
+        for name, stated in own.items()
+        if stated
+    ]
     return out
 
 

@@ -238,7 +238,7 @@ class ActuatorLag(ActuatorEffect):
 
 
 STEPS = tuple(round(0.02 * 1.06**i, 4) for i in range(66))
-"""Steps of a converter that are tried: what is lost to steps an eighth larger looks nothing like it where there are many."""
+"""Steps of a converter that are tried: what is lost to steps somewhat larger looks nothing like it where there are many."""
 
 
 class Quantisation(ActuatorEffect):

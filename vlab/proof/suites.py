@@ -60,9 +60,8 @@ def _null(rng: np.random.Generator) -> Wanted:
 
 def _strange(rng: np.random.Generator) -> Wanted:
     in_loop, one_level = rng.random() < IN_LOOP, rng.random() < ONE_LEVEL
-    kinds = tuple(
-        k for k in STRANGE if not in_loop or k.on not in CHAIN
-    )  # the law of a case sees its sensors as they are
+    # the law of a case sees its sensors as they are
+    kinds = tuple(k for k in STRANGE if not in_loop or k.on not in CHAIN)
     return Wanted(suite="out-of-library", kinds=(kinds,), in_loop=in_loop, one_level=one_level)
 
 

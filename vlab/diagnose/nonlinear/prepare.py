@@ -17,7 +17,7 @@ from vlab.diagnose.places import places_of
 from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import COMMON, MOST_ELEMENTS, OWN, Uncertain, uncertain_parameters
+from vlab.diagnose.uncertain import Uncertain, of_kind, uncertain_parameters
 from vlab.plants.base import Plant
 
 GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
@@ -64,24 +64,11 @@ def moving_parameters(
     model = plant.model
     bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
     for kind in ("inertia", "length"):
-        sd, each = given.get(kind, GEOMETRY_SD[kind]), {}
+        each = {}
         for i in bodies:
             name = f"body:{model.body(i).name or f'body{i}'}"
             each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
-        every = tuple(field for fields in each.values() for field in fields)
-        is_split = 1 < len(each) <= MOST_ELEMENTS
-        is_named = any(f"{n}:{kind}" in given for n in each)
-        if every:
-            out.append(
-                Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)
-            )
-        if is_split:
-            out += [Uncertain(name=f"{n}:{kind}", kind=kind, sd=OWN * sd, fields=f) for n, f in each.items()]
-        for n, f in each.items():
-            own = given.get(f"{n}:{kind}")
-            if own:
-                out = [u for u in out if u.name != f"{n}:{kind}"]
-                out.append(Uncertain(name=f"{n}:{kind}", kind=kind, sd=own, fields=f))
+        out += of_kind(kind, each, given.get(kind, GEOMETRY_SD[kind]), given, kind)
     return out
 
 
