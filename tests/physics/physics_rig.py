@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pyarrow as pa
@@ -43,11 +43,12 @@ INERTIA = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 
 @dataclass(frozen=True, eq=False)
 class ChainRig:
-    """The rig as a case, its search problem and one run."""
+    """The rig as a case, its search problem and one run; its files go when it goes."""
 
     case: Case
     problem: Problem
     run: Run
+    files: TemporaryDirectory[str]
     known: dict[str, np.ndarray] = field(default_factory=dict)
 
     def in_mujoco(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
@@ -79,7 +80,14 @@ class ChainRig:
 @lru_cache(maxsize=8)
 def chain_rig(*, kind: str = "slide", step: float = 5e-4, integrator: str = "Euler") -> ChainRig:
     """Return the chain, driven by two multisines from rest."""
-    folder, rng = Path(mkdtemp(prefix="vlab-chain-")), np.random.default_rng(7)
+    files = TemporaryDirectory(prefix="vlab-chain-")
+    case = _chain_case(Path(files.name), kind, step, integrator)
+    problem = prepare(case)
+    return ChainRig(case, problem, problem.runs[0], files)
+
+
+def _chain_case(folder: Path, kind: str, step: float, integrator: str) -> Case:
+    rng = np.random.default_rng(7)
     axis = "1 0 0" if kind == "slide" else "0 0 1"
     text = CHAIN.format(step=step, integrator=integrator, kind=kind, axis=axis, inertia=INERTIA)
     (folder / "rig.xml").write_text(text, encoding="utf-8")
@@ -109,9 +117,7 @@ def chain_rig(*, kind: str = "slide", step: float = 5e-4, integrator: str = "Eul
             f'[[recording.channel]]\ncolumn = "{name}"\nat = "{name}"\nkind = "{kinds[like]}"\nunit = "{units[like]}"'
         )
     (folder / "case.toml").write_text("\n".join(toml) + "\n", encoding="utf-8")
-    case = load_case(folder)
-    problem = prepare(case)
-    return ChainRig(case, problem, problem.runs[0])
+    return load_case(folder)
 
 
 PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
