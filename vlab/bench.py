@@ -17,7 +17,7 @@ from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import in_windows
+from vlab.diagnose.window_refiner import WindowRefiner
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.output_chain import OutputChain
@@ -90,7 +90,7 @@ def refit_rows() -> list[Row]:
 
     def refit() -> None:
         screen = Screen(prepare(case))
-        windows = in_windows(screen)
+        windows = WindowRefiner(screen)
         Refiner(screen).fit((), windows.fit())
 
     out = []

@@ -9,7 +9,7 @@ from rigs import oscillator_case
 from vlab.cases import load_case
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import shortlisted
+from vlab.diagnose.shortlist import shortlisted
 from vlab.physics.catalogue import EFFECTS
 
 SOME = (

@@ -185,6 +185,10 @@ class Refiner:
                     return np.asarray(group.smoothed.x[0, i])
         return np.zeros(2 * self.twin.m)
 
+    def beside(self, terms: Sequence[Term]) -> "Refiner":
+        """Return the refiner of a hypothesis: this one, or another where its runs start from states that the hypothesis denies."""
+        return self
+
     # ---- simulation -------------------------------------------------------------------------------------------------
 
     def simulate(

@@ -37,6 +37,9 @@ from vlab.physics.effect import (
 )
 from vlab.signals import Array
 
+SLOW = 1e-3
+"""Trust in the model, as a factor in the unknown forces, of an observer that forgets slowly and sees what only adds up over many
+cycles: where something is to be explained, it looks as well."""
 REFITS = 4
 """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
 

@@ -1,20 +1,25 @@
-"""What is missing besides: a second screening with a fitted effect at work, on a filter that knows of it.
+"""What is missing besides: a second screening with a fitted effect at work, on a filter that knows of it, and fits of pairs.
 
 A wrong sensor or a strong force makes the first filter see everything in a bent mirror, and what is left of the innovations
 beside its columns still does. So the effect is built in as it was fitted - into the twin's matrices, the commands, the
 recordings, or as a known force along the smoothed motion - and the screening starts over.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from vlab.cases.playback import before
 from vlab.diagnose.causes import port_series
+from vlab.diagnose.fits import pairs_fitted, terms_of
 from vlab.diagnose.group import Group
+from vlab.diagnose.hypothesis import Hypothesis
+from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.prepare import Problem
-from vlab.diagnose.screen import Screen
+from vlab.diagnose.refine import Refiner
+from vlab.diagnose.screen import SLOW, Screen
+from vlab.diagnose.shortlist import LEAST_GAIN, siblings
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.diagnose.twin import Twin
@@ -25,6 +30,84 @@ ZOOMED = 3
 """Candidates whose shapes are sought between the values of their grids, one a family."""
 ROWS = 0.5
 """The second screening looks at this share of the first one's samples."""
+SEEDS, SECONDS, MOST_SECONDS = 2, 3, 60
+"""Hypotheses that a second effect is sought beside, besides the best; second effects, of a family each, tried on top of each;
+and the candidates of their screening that count."""
+SECOND_PLACES, MOST_PAIRS = 10, 14
+"""Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
+PART, MUCH = 0.2, 3.0
+"""A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
+the noise..."""
+FAR_FETCHED = 20.0
+"""...or where one takes uncertain parameters that are less likely than their priors' means by e to this power."""
+
+
+def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float, usual: int) -> bool:
+    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it.
+
+    Parameters
+    ----------
+    usual : int
+        Directions of the uncertain parameters: their squares' sum where they are as likely as can be.
+    """
+    least = min(h.level for h in fitted)
+    if fitted[0].calibration > FAR_FETCHED + 0.5 * usual:
+        return True
+    explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
+    return least > enough and (explained > PART or before.level > MUCH)
+
+
+def pairs(
+    screen: Screen,
+    refiner: Refiner,
+    singles: Sequence[Hypothesis],
+    shortlist: Sequence[Candidate],
+    effects: Sequence[Effect],
+    among: set[str],
+    report: Callable[[float, str], None],
+) -> list[Hypothesis]:
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
+    report(0.55, "screening for a second effect")
+    seeds = _seeds(screen, singles, shortlist)
+    tables = side_by_side(
+        lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[:MOST_SECONDS],
+        [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
+    )
+    owners = [seed for seed in seeds for _ in range(2)]
+    found: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
+    for seed, table in zip(owners, tables, strict=True):
+        for second in best_of_families(table, seed.terms[0].effect.name)[:SECONDS]:
+            if second.gain > LEAST_GAIN:
+                found.setdefault(frozenset((seed.label, second.label)), (seed, second))
+    report(0.65, "fitting pairs of effects")
+    tried = list(found.values())[:MOST_PAIRS]
+    fits = pairs_fitted(refiner, tried)
+    if not fits:
+        return []
+    chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
+    rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
+    known = set(list(found)[:MOST_PAIRS])
+    akin = [c for c in siblings(rows, second) if c.effect.name not in chosen.label]
+    return fits + pairs_fitted(refiner, [(seed, c) for c in akin if frozenset((seed.label, c.label)) not in known])
+
+
+def _seeds(screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate]) -> list[Hypothesis]:
+    """Return what a second effect is sought beside: the best fit, the one that leaves least, and as screened the forces that
+    stood out there.
+
+    Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
+    constant force that carries a free mass away.
+    """
+    least = min(singles, key=lambda h: h.level)
+    out = [singles[0]] if least is singles[0] else [singles[0], least]
+    known = {h.label: h for h in singles}
+    for candidate in shortlist:
+        alone = known.get(candidate.label)
+        if len(out) > SEEDS or alone is None or alone in out or isinstance(candidate.effect, SensorEffect):
+            continue
+        fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
+        out.append(replace(alone, fit=fit, whole=None))
+    return out
 
 
 def besides(

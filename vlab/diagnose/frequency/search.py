@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vlab.diagnose.fits import ENOUGH
 from vlab.diagnose.frequency.fit import Fitter, Point
 from vlab.diagnose.frequency.measured import Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
@@ -13,7 +14,6 @@ from vlab.diagnose.frequency.trials import candidates
 from vlab.diagnose.hypothesis import Found, Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
-from vlab.diagnose.search import ENOUGH
 from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import Effect
 from vlab.signals import Array

@@ -62,8 +62,8 @@ class MovingRefiner(Refiner):
     ----------
     whole : bool
         Whole runs instead of windows.
-    without : sequence
-        Sensor effects (effect, place, values) that are taken off the recordings before the windows' starts are smoothed.
+    without : sequence of Term
+        What the sensor effects among these do to the recordings is taken off before the windows' starts are smoothed.
     """
 
     def __init__(
@@ -71,19 +71,17 @@ class MovingRefiner(Refiner):
         screen: MovingScreen,
         *,
         whole: bool = False,
-        without: Sequence[tuple[SensorEffect, Place, dict[str, float]]] = (),
-        every: int = 1,
+        without: Sequence[Term] = (),
     ) -> None:
         self.moving = screen
-        smooth = screen.states_without(without) if without else screen.smooth
+        wrong = [(t.effect, t.place, dict(t.values)) for t in without if isinstance(t.effect, SensorEffect)]
+        smooth = screen.states_without(wrong) if wrong else screen.smooth
         self.parts: list[Part] = []
         runs: list[Signals] = []
         for i, run in enumerate(screen.runs):
             count = 1 if whole else max(1, min(WINDOWS, len(run) // LEAST_WINDOW))
             edges = np.linspace(0, len(run), count + 1).astype(int)
             for j, (a, b) in enumerate(pairwise(edges)):
-                if every > 1 and (len(runs) * 0.6180339887 + 0.1 * j) % 1.0 >= 1.0 / every:
-                    continue
                 self.parts.append(Part(i, int(a), int(b)))
                 cut = {name: getattr(run, name)[a:b] for name in ("u", "load", "y")}
                 valid = None if run.valid is None else run.valid[a:b]
@@ -103,6 +101,12 @@ class MovingRefiner(Refiner):
         self.loose = {}
         self.directions = self._informed()
         self.loose = self._loose_starts()
+
+    def beside(self, terms: Sequence[Term]) -> Refiner:
+        """See `Refiner`: windows of its own where a hypothesis says that a sensor is wrong."""
+        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+            return self
+        return MovingRefiner(self.moving, without=terms)
 
     def _gather(self) -> None:
         """Cut the system into windows, (n, n_windows, ...)."""

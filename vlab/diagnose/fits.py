@@ -1,0 +1,137 @@
+"""Hypotheses fitted and scored: quickly at first, the best ones to the end, over whole runs, and at other places."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.diagnose.hypothesis import Hypothesis, scored
+from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.refine import ITERATIONS, Refiner
+from vlab.diagnose.terms import Candidate, Fit, Term
+from vlab.signals import Array
+
+QUICK, FINISHED = 5, 4
+"""Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
+WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
+"""The same over whole runs."""
+PLACES = 5
+"""Places at which the chosen effect is fitted again."""
+ENOUGH = 1.3
+"""What leaves no more than this multiple of the noise lacks nothing that is worth much time."""
+HOPELESS = 12.0
+"""Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
+
+
+def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
+    """Return candidates as terms of a hypothesis."""
+    return [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
+
+
+def floor_of(refiner: Refiner) -> float:
+    """Return the level that noise alone leaves."""
+    return float(np.sqrt(refiner.noise_share))
+
+
+def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
+    """Return a refiner's fit as a hypothesis with its score."""
+    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor_of(refiner))
+
+
+def fitted(
+    refiner: Refiner, terms: Sequence[Term], start: Fit, iterations: int = QUICK, gain: float = 0.0
+) -> Hypothesis:
+    """Return a hypothesis fitted from another fit on, with its score."""
+    own = refiner.beside(terms)
+    return scored_by(own, own.fit(terms, start, iterations), gain)
+
+
+def each_fitted(refiner: Refiner, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
+    """Return quick fits of candidates, each alone."""
+    return side_by_side(lambda c: fitted(refiner, terms_of([c]), start, gain=c.gain), candidates)
+
+
+def pairs_fitted(refiner: Refiner, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:
+    """Return quick fits of a second effect each beside a fitted hypothesis."""
+
+    def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
+        first, second = pair
+        terms = [*first.terms, *terms_of([second])]
+        return fitted(refiner, terms, first.long_fit, gain=first.gain + second.gain)
+
+    return side_by_side(fit, pairs)
+
+
+def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses, the best first."""
+    return sorted((h for some in hypotheses for h in some), key=lambda h: -h.score)
+
+
+def hopeful(order: Sequence[Hypothesis]) -> int:
+    """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
+    if not order or min(h.level for h in order) > ENOUGH:
+        return len(order)
+    return sum(h.score > order[0].score - HOPELESS for h in order)
+
+
+def finished(refiner: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses by score, the best of them fitted to the end."""
+    order = by_score(hypotheses)
+    most = min(FINISHED, hopeful(order))
+
+    def fit(item: tuple[int, Hypothesis]) -> Hypothesis:
+        place, h = item
+        return fitted(refiner, h.terms, h.fit, ITERATIONS if place < most else 0, h.gain)
+
+    return by_score(side_by_side(fit, list(enumerate(order))))
+
+
+def on_whole_runs(
+    whole: Refiner,
+    narrow: Refiner,
+    hypotheses: Sequence[Hypothesis],
+    most: int = WHOLE_FINISHED,
+    thetas: Sequence[Array] = (),
+) -> list[Hypothesis]:
+    """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
+
+    Windows say how well a law describes the motion at hand; whole runs how well it holds on in the long run, and what a law
+    that remembers makes of all that came before. Only the first `most` are fitted again; to the others happens
+    what happened to the worst of these.
+
+    Parameters
+    ----------
+    thetas : sequence of (n_changes,) arrays
+        Uncertain parameters to start from besides: short windows leave frequencies open by more than whole runs forgive, for
+        half a cycle further on a fit is lost.
+    """
+    if narrow.runs == whole.runs:
+        return list(hypotheses)
+    chosen = list(hypotheses)[:most]
+    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS, thetas), chosen)
+    both = []
+    for h, fit in zip(chosen, fits, strict=True):
+        other = scored_by(whole, fit)
+        level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
+        misfit, price = 0.5 * (h.misfit + other.misfit), 0.5 * (h.price + other.price)
+        both.append(replace(h, misfit=misfit, price=price, level=level, whole=fit))
+    misfit = max((b.misfit - h.misfit for b, h in zip(both, chosen, strict=True)), default=0.0)
+    price = max((b.price - h.price for b, h in zip(both, chosen, strict=True)), default=0.0)
+    more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)
+    rest = [
+        replace(h, misfit=h.misfit + misfit, price=h.price + price, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
+        for h in list(hypotheses)[most:]
+    ]
+    return by_score(both, rest)
+
+
+def other_places(
+    refiner: Refiner, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
+) -> dict[str, Hypothesis]:
+    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    first, others = best.terms[0], best.terms[1:]
+    elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+    chosen = elsewhere[: PLACES - 1]
+    found = side_by_side(lambda c: fitted(refiner, [*terms_of([c]), *others], start, QUICK + 2, c.gain), chosen)
+    here = fitted(refiner, best.terms, best.fit, QUICK + 2, best.gain)  # as the others: in windows only
+    return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}
