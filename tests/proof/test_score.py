@@ -9,7 +9,7 @@ from vlab.proof.equivalence import TABLE, right_class
 from vlab.proof.judge import judge, same_place
 from vlab.proof.score import baseline_rows, confusion, measures, score
 from vlab.proof.sparse import sparse_terms
-from vlab.proof.statistics import Rate, brier, calibration, detection_limit
+from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
 
 
 def hidden(effect="coulomb-friction", place="joint:carriage", **more):
@@ -79,7 +79,7 @@ def test_a_right_answer_is_right_in_everything():
 
 
 def test_a_class_counts_when_the_table_says_so():
-    lag = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"time_constant": 0.001})])
+    lag = truth(things=[hidden("actuator-lag", "actuator:motor", parameters={"time_constant": 0.0005})])
     j = judge(lag, answer(finding("actuator-delay", "actuator:motor")))
     assert (j.right_effect, j.right_class) == (False, True)  # the table
     assert not j.hit  # the probability was that of the name
@@ -266,6 +266,33 @@ def test_the_table_counts_what_a_hand_counts():
     assert (measure(judged, "near threshold")["count"], measure(judged, "near threshold")["of"]) == (0, 1)
 
 
+def test_a_target_is_shown_where_the_whole_interval_meets_it():
+    few = [judge(truth(f"n{i}", "null", []), answer()) for i in range(10)]
+    alarms = measure(few, "null: anything but nothing-missing")
+    assert (alarms["value"], alarms["met"], alarms["shown"]) == (0.0, True, False)  # none of ten says little
+    many = [judge(truth(f"n{i}", "null", []), answer()) for i in range(100)]
+    assert measure(many, "null: anything but nothing-missing")["shown"]
+
+
+def test_parameters_of_a_fit_are_right_or_wrong_together():
+    one_by_one = clustered_interval([[True], [False]] * 50)
+    low, high = Rate(50, 100).interval
+    assert one_by_one == pytest.approx((low, high), abs=0.03)
+    together = clustered_interval([[True] * 4, [False] * 4] * 50)
+    assert together == pytest.approx(one_by_one, abs=1e-12)  # four parameters say no more than one
+    assert clustered_interval([]) == (0.0, 1.0)
+
+
+def test_the_beam_and_the_grid_are_counted_apart_too():
+    rows = [(truth("b1", bench="beam"), answer()), (truth("r1"), answer(finding()))]
+    judged = [judge(t, a) for t, a in rows]
+    assert (measure(judged, "right class on the beam")["count"], measure(judged, "right class on the beam")["of"]) == (
+        0,
+        1,
+    )
+    assert score(judged)["detection"]["all"]["cases"] == 1  # the rig's
+
+
 def test_the_confusion_matrix_has_every_case_once():
     judged = [judge(t, a) for t, a in campaign()]
     table = confusion(judged)
@@ -290,10 +317,25 @@ def test_simple_methods_stand_beside():
     rows[1][1]["baselines"] = {"mujoco.sysid": {"note": "not run: no MJCF"}}
     judged = [judge(t, a) for t, a in rows]
     table = baseline_rows(judged, {t["case"]: a for t, a in rows}, {t["case"]: t for t, _ in rows})
-    assert [r["method"] for r in table] == ["vlab diagnose", "linear refit only", "mujoco.sysid"]
-    assert table[2]["gap_closed"] == pytest.approx(0.5)
-    assert "no MJCF" in table[2]["note"]
-    assert "0 of 1" in table[1]["note"]
+    assert [r["method"] for r in table] == ["linear refit only", "mujoco.sysid"]
+    assert table[1]["gap_closed"] == pytest.approx(0.5)
+    assert (table[1]["cases"], table[1]["vlab"]) == (1, {"right_class": 1.0, "gap_closed": 0.8})  # of the same case
+    assert "no MJCF" in table[1]["note"]
+    assert "0 of 1" in table[0]["note"]
+
+
+def test_sparse_regression_is_counted_apart_where_it_has_the_law():
+    rows = campaign()
+    named = [{"effect": "coulomb-friction", "place": "joint:drive", "share": 0.5}]
+    rows[0][1]["baselines"] = {"sparse regression": {"named": named, "names": ["coulomb-friction"], "note": ""}}
+    rows[1][0]["hidden"] = [hidden("stop", "joint:drive")]  # no law of it there
+    rows[1][1]["baselines"] = {"sparse regression": {"named": [], "names": ["coulomb-friction"], "note": ""}}
+    judged = [judge(t, a) for t, a in rows]
+    table = baseline_rows(judged, {t["case"]: a for t, a in rows}, {t["case"]: t for t, _ in rows})
+    assert [(r["method"], r["cases"], r["right_class"]) for r in table[1:]] == [
+        ("sparse regression", 2, 0.5),
+        ("sparse regression, where it has the law", 1, 1.0),
+    ]
 
 
 # ---- sparse regression ----------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from vlab.proof.campaign import run_all
 from vlab.proof.concealing import conceal_cases, truth_folder, unfinished_folder
 from vlab.proof.prove import ANSWERS, FROZEN, answers_folder, frozen_answers, open_truth, prove, read_commitments
 from vlab.proof.sealing import canonical, opened, sealed
+from vlab.views.proof_report import write_proof
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +158,29 @@ def test_frozen_answers_are_counted_again_without_the_recordings(cases, answered
     assert prove(cases, answers_folder(cases), jobs=1)["measures"] == first["measures"]
 
 
+def test_answers_that_come_after_the_opening_are_told_from_the_first(cases, answered, capsys):
+    first = prove(cases, answers_folder(cases), jobs=1)
+    assert first["is_answered_first"]
+    assert prove(cases, answers_folder(cases), jobs=1)["is_answered_first"]  # counted again
+    other = cases.with_name("other-answers")
+    shutil.copytree(answers_folder(cases), other)
+    (other / FROZEN).unlink()
+    edit(other / ANSWERS / "case-001.json", lambda d: d.update(seconds=1e9))
+    status, text, _ = run(capsys, "prove", str(cases), "--out", str(other), "--jobs", "1")
+    assert status == 0
+    assert "they are no evidence" in text
+    assert "no evidence" in (other / "report.html").read_text()
+
+
+def test_the_page_says_that_the_rules_were_changed(cases, answered, monkeypatch):
+    assert prove(cases, answers_folder(cases), jobs=1)["is_counted_as_set_down"]
+    monkeypatch.setattr(proving, "scoring_digest", lambda: "another")
+    found = prove(cases, answers_folder(cases), jobs=1)
+    assert not found["is_counted_as_set_down"]
+    write_proof(found, cases.with_name("report.html"))
+    assert "rules of counting were changed" in cases.with_name("report.html").read_text()
+
+
 def test_a_score_has_a_page_even_where_nothing_was_hidden(cases, answered, capsys):
     status, text, _ = run(capsys, "prove", str(cases), "--jobs", "1")
     assert status == 0
@@ -169,7 +193,7 @@ def test_a_score_has_a_page_even_where_nothing_was_hidden(cases, answered, capsy
 def test_truth_is_not_touched_before_the_answers_are_frozen(cases, answered, monkeypatch):
     away = cases.with_name("elsewhere")
     truth_folder(cases).rename(away)
-    with pytest.raises(BadProof, match="there is no such file"):
+    with pytest.raises(BadProof, match="there is no such folder"):
         prove(cases, answers_folder(cases), jobs=1)
     assert (answers_folder(cases) / FROZEN).exists()  # everything was answered without it
     found = prove(cases, answers_folder(cases), truth=away, jobs=1)

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         return _again(Path(arguments.again), Path(arguments.out), arguments)
     out = Path(arguments.out)
     with count_bar("conceal", arguments.n) as report:
-        commitments, seed = conceal_cases(
+        commitments, _ = conceal_cases(
             out,
             suites=arguments.suite.split(","),
             count=arguments.n,
@@ -56,13 +56,12 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document = {
         "out": str(out),
         "truth": str(truth_folder(out)),
-        "seed": seed,
         "cases": list(commitments),
         "commitments": commitments,
     }
     table = text_table(["case", "commitment"], list(commitments.items()))
     return Outcome(
-        document=document, text=f"{table}\n\nseed {seed}; cases in {out}, their truth in {truth_folder(out)}"
+        document=document, text=f"{table}\n\ncases in {out}, their truth and the seed in {truth_folder(out)}"
     )
 
 

@@ -9,7 +9,7 @@ from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment
 from vlab.proof.concealing import conceal_cases
-from vlab.proof.prove import answers_folder, prove, table_rows
+from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
 
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
@@ -103,8 +103,11 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
     if found["worst"]:
         rows = [[w["case"], w["suite"], _names(w), w["answered"], w["report"]] for w in found["worst"]]
         parts.append("worst:\n" + text_table(["case", "suite", "hidden", "answered", "report"], rows))
-    rows = [[b["method"], b["cases"], b["right_class"], b["gap_closed"], b["note"]] for b in found["baselines"]]
-    parts.append(text_table(["beside it", "cases", "right class", "gap closed, median", ""], rows))
+    parts.append(text_table(*baseline_table(found)))
+    if not found["is_answered_first"]:
+        parts.append("the truth had been opened for other answers before these were frozen: they are no evidence")
+    if not found["is_counted_as_set_down"]:
+        parts.append("the rules of counting are not those that were set down when the answers were begun")
     kept = (
         f"score and report.html in {found['out']}"
         if found["out"]

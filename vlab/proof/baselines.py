@@ -18,7 +18,7 @@ from vlab.cases import Case
 from vlab.cases.wiring import Run
 from vlab.diagnose.verify import Amended, check, total
 from vlab.plants.mjcf import MjcfPlant
-from vlab.proof.sparse import Named, sparse_terms
+from vlab.proof.sparse import TERMS, Named, sparse_terms
 from vlab.signals import Array
 
 HAS_SYSID = hasattr(sysid, "optimize")
@@ -180,7 +180,7 @@ def _sparse(case: Case) -> dict[str, Any]:
         rows[name] = plant.port_rows([name])[0]
     named: Named | None = sparse_terms(q, v, a, u, rows)
     found = [] if named is None else [{"effect": named.effect, "place": named.place, "share": named.share}]
-    return {"named": found, "note": ""}
+    return {"named": found, "names": list(TERMS), "note": ""}
 
 
 def _states(run: Run, order: dict[str, int | None]) -> tuple[Array, Array, Array, Array]:

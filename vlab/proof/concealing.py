@@ -17,6 +17,8 @@ from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
 from vlab.proof.writing import write_case
 
 MOST_CASES = 100_000
+SEED_BITS = 128
+"""Of a seed that is drawn: commands follow from it without noise, so a short one could be found by trying them all."""
 
 
 def truth_folder(folder: Path) -> Path:
@@ -131,7 +133,7 @@ def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, 
     for inside in ("cases", "truth"):
         (folder / inside).mkdir(parents=True, exist_ok=True)
     folder.chmod(0o700)
-    plan = {**wanted, "seed": secrets.randbelow(2**31) if seed is None else seed}
+    plan = {**wanted, "seed": secrets.randbits(SEED_BITS) if seed is None else seed}
     write_json(path, plan)
     return plan
 

@@ -12,8 +12,9 @@ import numpy as np
 
 BAND_HZ = {"slider": 24.0, "shaft": 30.0, "beam": 45.0, "grid": 15.0}
 """Highest frequency that the commands of a bench hold."""
-SMALL_PHASE = 0.3
-"""Phase [rad] at that frequency up to which a delay and a lag are alike: a lag differs from it by half its square."""
+SMALL_PHASE = 0.1
+"""Phase [rad] at that frequency up to which a delay and a lag are alike: a lag differs from it by half its square, half a per cent
+of the amplitude, which an uncertain gain takes up in part."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,8 @@ class Judged:
         Of the finding that was judged; None where nothing was named.
     places : int
         Size of the set of places.
+    own_form : bool
+        One thing is hidden, with the catalogue's own law and parameters.
     errors : dict
         Relative error by parameter, of a right effect whose law has the same parameters.
     covered : dict
@@ -66,6 +68,7 @@ class Judged:
     places: int
     claimed: int
     probability: float | None
+    own_form: bool = False
     errors: dict[str, float] = field(default_factory=dict)
     covered: dict[str, bool] = field(default_factory=dict)
     gap: float | None = None
@@ -112,6 +115,7 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
         **_place(first, meant or (hidden[0] if hidden else None)),
         claimed=len(first.get("class", ())) if first else 0,
         probability=float(first["probability"]) if first and first.get("probability") is not None else None,
+        own_form=len(hidden) == 1 and bool(hidden[0]["accepted"]) and hidden[0]["same_parameters"],
         **_parameters(first, meant),
         gap=gap,
         size=None if size is None else float(size["left"]),

@@ -1,11 +1,12 @@
 """From a folder of concealed cases to a score: answers without the truth, frozen by their hashes, then the truth opened."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
+from vlab.physics.catalogue import EFFECTS
 from vlab.proof.answering import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
 from vlab.proof.concealing import truth_folder
@@ -15,6 +16,8 @@ from vlab.proof.score import baseline_rows, score
 from vlab.proof.sealing import COMMITMENTS, FORMAT, digest, folder_digest, opened, read_json, write_json
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
+OPENED = "opened.json"
+"""In the folder of the truth: hashes of the frozen answers for which it was opened, the first ones first."""
 SHOWN = (
     "case",
     "suite",
@@ -90,13 +93,19 @@ def prove(
         _answer(cases, out, commitments, baselines, engine, jobs, scheduler, progress)
         freeze(out, commitments)
     answers = frozen_answers(out, commitments)
+    is_first = _note_opening(truth or truth_folder(cases), digest(read_json(out / FROZEN)))
     truths = open_truth(truth or truth_folder(cases), commitments)
     judged = [judge(truths[name], answers[name]) for name in commitments["cases"]]
     found = score(judged)
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
+    found["never_hidden"] = sorted(
+        set(EFFECTS) - {e for n in commitments["cases"] for h in truths[n]["hidden"] for e in h["accepted"]}
+    )
     found["answered_with"] = read_json(out / MANIFEST)
     found["counted_with"] = scoring_digest()
+    found["is_answered_first"] = is_first
+    found["is_counted_as_set_down"] = found["answered_with"].get("scoring") == found["counted_with"]
     found["judged"] = [_row(j) for j in judged]
     for row in found["worst"]:
         row["report"] = None
@@ -215,6 +224,25 @@ def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
     return answers
 
 
+def _note_opening(folder: Path, frozen: str) -> bool:
+    """Write down for which answers the truth is opened; return whether these were frozen before it was ever opened.
+
+    Raises
+    ------
+    BadProof
+        There is no such folder, or its list is not one.
+    """
+    path = folder / OPENED
+    if not folder.is_dir():
+        raise BadProof(f"{folder}: there is no such folder; name that of the truth with --truth")
+    known = read_json(path) if path.exists() else []
+    if not isinstance(known, list):
+        raise BadProof(f"{path}: not a list of the answers that the truth was opened for; restore it")
+    if frozen not in known:
+        write_json(path, [*known, frozen])
+    return not known or known[0] == frozen
+
+
 def open_truth(folder: Path, commitments: dict[str, Any]) -> dict[str, Any]:
     """Return the truth of every case by name, and the plan, after checking them against their commitments.
 
@@ -239,12 +267,29 @@ def _row(j: Judged) -> dict[str, Any]:
     return {**row, "right": not j.is_wrong}
 
 
-def table_rows(found: dict[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
-    """Return heads and rows of the table of measures."""
+def table_rows(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
+    """Return heads and rows of the table of measures; a target is shown to be met where the whole interval meets it."""
     rows = []
     for m in found["measures"]:
         interval = f"{m['ci95'][0]:.3f} to {m['ci95'][1]:.3f}" if "ci95" in m else ""
         count = f"{m['count']}/{m['of']}" if "count" in m else f"{m['of']}"
-        met = {True: "met", False: "missed", None: ""}[m["met"]]
+        met = "shown" if m.get("shown") else {True: "met", False: "missed", None: ""}[m["met"]]
         rows.append([m["measure"], m["value"], count, interval, m["target"], met])
     return ["measure", "value", "cases", "95 % interval", "target", ""], rows
+
+
+def baseline_table(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
+    """Return heads and rows of the table of simpler methods, each beside the diagnosis of the same cases."""
+    rows = [
+        [
+            b["method"],
+            b["cases"],
+            b["right_class"],
+            b["vlab"]["right_class"],
+            b["gap_closed"],
+            b["vlab"]["gap_closed"],
+            b["note"],
+        ]
+        for b in found["baselines"]
+    ]
+    return ["method", "cases", "right class", "vlab", "held-out gap closed, median", "vlab", ""], rows

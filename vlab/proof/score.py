@@ -8,10 +8,14 @@ import numpy as np
 
 from vlab.proof.equivalence import right_class
 from vlab.proof.judge import ABSTAINED, NAMED, NOTHING, Judged
-from vlab.proof.statistics import brier, calibration, detection_limit, rate
+from vlab.proof.statistics import brier, calibration, clustered_interval, detection_limit, rate
 
 HEADLINE = ("in-library", "other-form", "two-effects", "chain-only", "masked")
 """Suites in which something of the library is hidden that is large enough to be found; near-threshold counts apart."""
+STRUCTURES = ("beam", "grid")
+"""Benches whose nominal model has a mesh of its own; those of the rigs have the very masses and springs of the generator."""
+CLOSE = 0.1
+"""Relative error up to which a parameter is right."""
 WORST = 10
 
 
@@ -35,31 +39,40 @@ def score(judged: Sequence[Judged]) -> dict[str, Any]:
 
 
 def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return the rows of the table: measure, value, count, interval, target, whether it is met."""
+    """Return the rows of the table: measure, value, count, interval, target, whether it is met, and whether the whole interval is."""
     known = [j for j in judged if j.suite in HEADLINE and j.in_library]
     named = [j for j in known if j.verdict == NAMED]
     nulls = [j for j in judged if j.suite == "null"]
     strange = [j for j in judged if j.suite == "out-of-library"]
     errors = [e for j in known for e in j.errors.values()]
-    inside = [c for j in known for c in j.covered.values()]
+    of_structures = [j for j in known if j.bench in STRUCTURES]
+    effects = sorted({j.hidden[0] for j in known if len(j.hidden) == 1})
+    of_effect = [float(np.mean([j.right_class for j in known if j.hidden == (name,)])) for name in effects]
+    inside = [list(j.covered.values()) for j in known]
+    own = [j for j in known if j.own_form]
     gaps = [j.gap for j in known if j.gap is not None]
     probability, outcome = _probabilities(judged)
     return [
         _rate("right effect, first answer", [j.right_effect for j in known], at_least=0.85),
         _rate("right equivalence class, first answer", [j.right_class for j in known], at_least=0.95),
+        _rate("right class on the beam and the grid", [j.right_class for j in of_structures]),
+        _value("right class, mean over effects hidden alone", of_effect, np.mean),
+        _rate("right class and exact place", [j.right_class and bool(j.place_exact) for j in known]),
         _rate("what is hidden is in the class that the answer claims", [j.in_claimed for j in known]),
         _value("size of the claimed class, mean", [j.claimed for j in named], np.mean),
         _rate("two effects: both named, nothing else", [j.all_right for j in known if len(j.hidden) == 2]),
         _rate("one effect: nothing named beside it", [j.all_right for j in named if len(j.hidden) == 1 and j.right_class]),
-        _rate("right place, exact", [bool(j.place_exact) for j in named], at_least=0.70),
-        _rate("right place, within one element or joint", [bool(j.place_near) for j in named], at_least=0.90),
+        _rate("right place, exact, of what was named", [bool(j.place_exact) for j in named], at_least=0.70),
+        _rate("right place, within one element or joint, of what was named", [bool(j.place_near) for j in named], at_least=0.90),
         _rate("coverage of the 90 % place set", [bool(j.place_covered) for j in named], at_least=0.85, at_most=0.95),
         _value("size of the place set, mean", [j.places for j in named], np.mean),
-        _value("parameter error, median", errors, np.median, at_most=0.10),
-        _rate("coverage of 90 % parameter intervals", inside, at_least=0.85, at_most=0.95),
+        _value("parameter error, median, of effects named right", errors, np.median, at_most=0.10),
+        _grouped("coverage of 90 % parameter intervals, of effects named right", inside, at_least=0.85, at_most=0.95),
+        _rate("right effect, all its parameters within 10 %", [_is_close(j) for j in own]),
         _value("held-out gap closed, median", gaps, np.median, at_least=0.80),
         _value("held-out gap closed, worst tenth", gaps, lambda x: np.quantile(x, 0.1)),
         _rate("null: anything but nothing-missing (false alarms)", [j.verdict != NOTHING for j in nulls], at_most=0.05),
+        _rate("null, beam and grid: anything but nothing-missing", [j.verdict != NOTHING for j in nulls if j.bench in STRUCTURES]),
         _rate("null: physics named", [j.verdict == NAMED for j in nulls]),
         _rate("out of library: abstains", [j.verdict == ABSTAINED for j in strange], at_least=0.80),
         _rate("out of library: physics named", [j.verdict == NAMED for j in strange]),
@@ -76,6 +89,10 @@ def _probabilities(judged: Sequence[Judged]) -> tuple[list[float], list[bool]]:
     return [float(j.probability or 0.0) for j in named], [j.hit for j in named]
 
 
+def _is_close(j: Judged) -> bool:
+    return j.right_effect and bool(j.errors) and max(j.errors.values()) <= CLOSE
+
+
 def _met(value: float | None, at_least: float | None, at_most: float | None) -> bool | None:
     if value is None or (at_least is None and at_most is None):
         return None
@@ -89,11 +106,31 @@ def _target(at_least: float | None, at_most: float | None) -> str:
 
 
 def _rate(
-    name: str, flags: Sequence[bool], *, at_least: float | None = None, at_most: float | None = None
+    name: str,
+    flags: Sequence[bool],
+    *,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    interval: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     found = rate(flags)
-    met = _met(found.value, at_least, at_most)
-    return {"measure": name, **found.to_json(), "value": found.value, "target": _target(at_least, at_most), "met": met}
+    low, high = found.interval if interval is None else interval
+    whole = [_met(end, at_least, at_most) for end in (low, high)]
+    return {
+        "measure": name,
+        **found.to_json(),
+        "ci95": [low, high],
+        "value": found.value,
+        "target": _target(at_least, at_most),
+        "met": _met(found.value, at_least, at_most),
+        "shown": None if found.value is None or None in whole else all(whole),
+    }
+
+
+def _grouped(name: str, groups: Sequence[Sequence[bool]], **target: float) -> dict[str, Any]:
+    """Return a row of truth values that come in groups which are right or wrong together."""
+    flags = [flag for group in groups for flag in group]
+    return _rate(name, flags, **target, interval=clustered_interval(groups))
 
 
 def _value(
@@ -145,16 +182,22 @@ def confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
 
 
 def detection(judged: Sequence[Judged]) -> dict[str, dict[str, Any]]:
-    """Return the detection limit of every effect that was hidden alone, and of all together under ``"all"``."""
-    alone = [j for j in judged if len(j.hidden) == 1 and j.in_library and j.size]
+    """Return the detection limits of every effect that was hidden alone in a rig, and of all together under ``"all"``.
+
+    They are those of being named in class, and under ``"noticed"`` those of any verdict but nothing-missing. Of the two
+    structures the size says nothing: it is measured with the generator's fine mesh, what the nominal one leaves is on top.
+    """
+    alone = [j for j in judged if len(j.hidden) == 1 and j.in_library and j.size and j.bench not in STRUCTURES]
     groups: dict[str, list[Judged]] = {"all": alone}
     for j in alone:
         groups.setdefault(j.hidden[0], []).append(j)
-    return {
-        name: detection_limit([j.size or 0.0 for j in group], [j.right_class for j in group])
-        for name, group in sorted(groups.items())
-        if group
-    }
+    return {name: _detection(group) for name, group in sorted(groups.items()) if group}
+
+
+def _detection(group: Sequence[Judged]) -> dict[str, Any]:
+    sizes = [j.size or 0.0 for j in group]
+    noticed = detection_limit(sizes, [j.verdict != NOTHING for j in group])
+    return {**detection_limit(sizes, [j.right_class for j in group]), "noticed": noticed}
 
 
 def worst(judged: Sequence[Judged]) -> list[Judged]:
@@ -180,46 +223,64 @@ def _worst(j: Judged) -> dict[str, Any]:
 
 
 def baseline_rows(judged: Sequence[Judged], answers: dict[str, Any], truths: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return what simpler methods make of the cases in which something of the library is hidden, beside the diagnosis.
+    """Return what simpler methods make of the cases in which something of the library is hidden, and the diagnosis of the same ones.
 
     A method that names nothing has no right class; one that simulates nothing has no gap.
     """
     known = [j for j in judged if j.suite in HEADLINE and j.in_library]
-    ours = [j.gap for j in known if j.gap is not None]
-    rows = [_row("vlab diagnose", len(known), [j.right_class for j in known], ours)]
     with_before = [j for j in known if (answers[j.case].get("heldout") or {}).get("nrmse_before") is not None]
     explained = [
         answers[j.case]["heldout"]["nrmse_before"] <= 1.5 * (answers[j.case]["heldout"]["nrmse_noise"] or 0.0)
         for j in with_before
     ]
-    rows.append(_row("linear refit only", len(known), [], [0.0] * len(with_before)))
-    rows[-1]["note"] = f"leaves at most 1.5 x the noise in {sum(explained)} of {len(explained)}"
-    methods = sorted({m for j in known for m in answers[j.case].get("baselines", {})})
-    for method in methods:
-        asked = [j for j in known if method in answers[j.case].get("baselines", {})]
-        done = [(j, answers[j.case]["baselines"][method]) for j in asked]
-        ran = [(j, b) for j, b in done if not b.get("note")]
-        named = [_named_right(j, b, truths[j.case]) for j, b in ran if "named" in b]
-        gaps = [g for j, b in ran if (g := _gap(answers[j.case], b)) is not None]
-        rows.append(_row(method, len(ran), named, gaps))
+    note = f"leaves at most 1.5 x the noise in {sum(explained)} of {len(explained)}"
+    rows = [_row("linear refit only", with_before, [], [0.0] * len(with_before), note)]
+    for method in sorted({m for j in known for m in answers[j.case].get("baselines", {})}):
+        done = [(j, b) for j in known if (b := answers[j.case].get("baselines", {}).get(method)) is not None]
         notes = Counter(b["note"].partition(":")[2].strip() or b["note"] for _, b in done if b.get("note"))
-        rows[-1]["note"] = "; ".join(f"not on {n}: {text}" for text, n in notes.most_common(2))
-    return rows if methods else rows[:2]
+        note = "; ".join(f"not on {n}: {text}" for text, n in notes.most_common(2))
+        ran = [(j, b) for j, b in done if not b.get("note")]
+        rows.append(_beside(method, ran, answers, truths, note))
+        names = next((set(b["names"]) for _, b in ran if "names" in b), None)
+        if names is not None:
+            own = [
+                (j, b) for j, b in ran if any(names & right_class(truths[j.case], h) for h in truths[j.case]["hidden"])
+            ]
+            rows.append(_beside(f"{method}, where it has the law", own, answers, truths, ""))
+    return rows
 
 
-def _row(method: str, cases: int, named: Sequence[bool], gaps: Sequence[float]) -> dict[str, Any]:
-    found = rate(named)
+def _beside(
+    method: str,
+    ran: Sequence[tuple[Judged, dict[str, Any]]],
+    answers: dict[str, Any],
+    truths: dict[str, Any],
+    note: str,
+) -> dict[str, Any]:
+    named = [_named_right(b, truths[j.case]) for j, b in ran if "named" in b]
+    gaps = [g for j, b in ran if (g := _gap(answers[j.case], b)) is not None]
+    return _row(method, [j for j, _ in ran], named, gaps, note)
+
+
+def _row(
+    method: str, cases: Sequence[Judged], named: Sequence[bool], gaps: Sequence[float], note: str
+) -> dict[str, Any]:
+    found, ours = rate(named), [j.gap for j in cases if j.gap is not None]
     return {
         "method": method,
-        "cases": cases,
+        "cases": len(cases),
         "right_class": found.value,
         "right": found.to_json(),
         "gap_closed": float(np.median(gaps)) if len(gaps) else None,
-        "note": "",
+        "vlab": {
+            "right_class": rate([j.right_class for j in cases]).value,
+            "gap_closed": float(np.median(ours)) if ours else None,
+        },
+        "note": note,
     }
 
 
-def _named_right(j: Judged, baseline: dict[str, Any], truth: dict[str, Any]) -> bool:
+def _named_right(baseline: dict[str, Any], truth: dict[str, Any]) -> bool:
     names = {n["effect"] for n in baseline["named"]}
     return any(names & right_class(truth, h) for h in truth["hidden"])
 

@@ -13,6 +13,8 @@ LEAST_FOR_LIMIT = 8
 """Cases of one effect below which no detection limit is fitted."""
 RIDGE = 0.05
 """Weak penalty on the logistic slope: a sample that separates perfectly has none."""
+DRAWS, SEED = 400, 0
+"""Draws with replacement behind the intervals that have no closed form, and their seed: the same score at every count."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,19 @@ def rate(flags: Sequence[bool]) -> Rate:
     return Rate(sum(bool(f) for f in flags), len(flags))
 
 
+def clustered_interval(groups: Sequence[Sequence[bool]]) -> tuple[float, float]:
+    """Return the 95 % interval of a rate whose truth values come in groups that are not independent; 0 to 1 of nothing.
+
+    Whole groups are drawn with replacement, as parameters of one fit are right or wrong together.
+    """
+    count = np.array([[sum(g), len(g)] for g in groups if len(g)], dtype=float)
+    if not len(count):
+        return 0.0, 1.0
+    drawn = count[np.random.default_rng(SEED).integers(0, len(count), (DRAWS, len(count)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], (0.5 * (1 - LEVEL), 0.5 * (1 + LEVEL)))
+    return float(low), float(high)
+
+
 def brier(probability: Sequence[float], outcome: Sequence[bool]) -> float | None:
     """Return the mean squared distance of probabilities from what happened."""
     if not len(probability):
@@ -77,10 +92,10 @@ def calibration(probability: Sequence[float], outcome: Sequence[bool]) -> tuple[
 
 
 def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str, Any]:
-    """Fit how detection grows with the logarithm of size, and return the sizes at 50 % and 90 %.
+    """Fit how detection grows with the logarithm of size, and return the sizes at 50 % and 90 % with their 95 % intervals.
 
     None where there are too few cases, or where detection does not grow with size in them; a limit outside the sizes that
-    were tried is given as the nearest of them, with its side under ``"beyond"``.
+    were tried is given as the nearest of them, with its side under ``"beyond"``, and intervals end there.
     """
     x, hit = np.log(np.asarray(size, dtype=float)), np.asarray(detected, dtype=float)
     out: dict[str, Any] = {
@@ -89,6 +104,7 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
         "size_50": None,
         "size_90": None,
         "beyond": {},
+        "ci95": {},
     }
     if x.size < LEAST_FOR_LIMIT:
         return out
@@ -100,19 +116,35 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
             "size_90": float(np.exp(end)),
             "beyond": dict.fromkeys(("size_50", "size_90"), "<" if hit.all() else ">"),
         }
+    limits = _limits(x, hit)
+    if not np.all(np.isfinite(limits)):
+        return out
+    rng = np.random.default_rng(SEED)
+    picks = rng.integers(0, x.size, (DRAWS, x.size))
+    drawn = np.array([_limits(x[pick], hit[pick]) for pick in picks])
+    ends = np.quantile(np.clip(drawn, x.min(), x.max()), (0.5 * (1 - LEVEL), 0.5 * (1 + LEVEL)), axis=0)
+    for k, name in enumerate(("size_50", "size_90")):
+        out[name] = float(np.exp(np.clip(limits[k], x.min(), x.max())))
+        out["ci95"][name] = np.exp(ends[:, k]).tolist()
+        if not x.min() <= limits[k] <= x.max():
+            out["beyond"][name] = "<" if limits[k] < x.min() else ">"
+    return out
+
+
+def _limits(x: Any, hit: Any) -> Any:
+    """Return the logarithms of the sizes at which 50 % and 90 % are detected; infinite where detection does not grow with size."""
+    if hit.all() or not hit.any():
+        return np.full(2, -np.inf if hit.all() else np.inf)
     centre, spread = x.mean(), max(x.std(), 1e-9)
     z = (x - centre) / spread
 
-    def loss(theta: Any) -> float:
+    def loss(theta: Any) -> Any:
         logit = theta[0] + theta[1] * z
-        return float(np.sum(np.logaddexp(0.0, logit) - hit * logit) + RIDGE * theta[1] ** 2)
+        left = 1.0 / (1.0 + np.exp(-logit)) - hit
+        value = float(np.sum(np.logaddexp(0.0, logit) - hit * logit) + RIDGE * theta[1] ** 2)
+        return value, np.array([left.sum(), left @ z + 2 * RIDGE * theta[1]])
 
-    a, b = optimize.minimize(loss, np.zeros(2)).x
+    a, b = optimize.minimize(loss, np.zeros(2), jac=True).x
     if b <= 0.0:
-        return out
-    for name, share in (("size_50", 0.5), ("size_90", 0.9)):
-        at = centre + spread * (np.log(share / (1 - share)) - a) / b
-        out[name] = float(np.exp(np.clip(at, x.min(), x.max())))
-        if not x.min() <= at <= x.max():
-            out["beyond"][name] = "<" if at < x.min() else ">"
-    return out
+        return np.full(2, np.inf)
+    return centre + spread * (np.log([1.0, 9.0]) - a) / b

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vlab.proof.prove import table_rows
+from vlab.proof.judge import NOTHING
+from vlab.proof.prove import baseline_table, table_rows
+from vlab.proof.score import STRUCTURES
 from vlab.views.figures import to_svg
 from vlab.views.figures.proof import confusion_figure, detection_figure, rates_figure, reliability_figure
 from vlab.views.report import Section, write_report
@@ -21,9 +23,16 @@ def write_proof(found: Mapping[str, Any], path: Path) -> None:
     missed = [m["measure"] for m in found["measures"] if m["met"] is False]
     open_ = sum(m["met"] is None and bool(m["target"]) for m in found["measures"])
     met = "Every target that could be counted is met" + (f"; {open_} had no cases." if open_ else ".")
+    rules = (
+        "" if found["is_counted_as_set_down"] else " The rules of counting were changed after the answers were begun."
+    )
+    first = "answered before their truth was opened"
+    if not found["is_answered_first"]:
+        first = "answered after their truth had been opened for other answers, and so no evidence"
+    untried = f"Never hidden: {', '.join(found['never_hidden'])}." if found["never_hidden"] else ""
     summary = (
-        f"{found['cases']} cases, seed {found['plan']['seed']}, answered before their truth was opened; "
-        f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.",
+        f"{found['cases']} cases, seed {found['plan']['seed']}, {first}; "
+        f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.{rules} {untried}",
         f"Targets missed: {'; '.join(missed)}." if missed else met,
     )
     parts = [_measures(found), _suites(found), _detection(found), _calibration(found), _confusion(found)]
@@ -52,8 +61,11 @@ def _rates(
 
 
 def _measures(found: Mapping[str, Any]) -> Section:
-    heads, rows = table_rows(dict(found))
-    caption = "Every share that was counted, with the exact interval of Clopper and Pearson, beside its target."
+    heads, rows = table_rows(found)
+    caption = (
+        "Every share that was counted, with its 95 % interval, beside its target: exact (Clopper and Pearson), of parameters by "
+        "drawing whole cases with replacement."
+    )
     return Section(title="What was counted", tables=[(heads, rows)], figures=[(evidence_figure(found), caption)])
 
 
@@ -74,26 +86,41 @@ def _suites(found: Mapping[str, Any]) -> Section:
 
 
 def _detection(found: Mapping[str, Any]) -> Section:
-    heads = ("effect", "cases", "named", "size found in 50 %", "size found in 90 %")
-    rows = [
-        [name, d["cases"], d["detected"], *(_limit(d, key) for key in ("size_50", "size_90"))]
-        for name, d in found["detection"].items()
+    heads = ("effect", "cases", "noticed", "in 50 %", "in 90 %", "named in class", "in 50 %", "in 90 %")
+    rows = [[name, d["cases"], *_limits(d["noticed"]), *_limits(d)] for name, d in found["detection"].items()]
+    alone = [
+        j
+        for j in found["judged"]
+        if len(j["hidden"]) == 1 and j["size"] and j["in_library"] and j["bench"] not in STRUCTURES
     ]
-    alone = [j for j in found["judged"] if len(j["hidden"]) == 1 and j["size"] and j["in_library"]]
     figures = []
     if alone:
         drawn = detection_figure(
-            [j["size"] for j in alone], [j["right_class"] for j in alone], found["detection"]["all"]
+            [j["size"] for j in alone],
+            {
+                "noticed": [j["verdict"] != NOTHING for j in alone],
+                "named in class": [j["right_class"] for j in alone],
+            },
         )
-        figures.append(
-            (to_svg(drawn), "Single effects of the library: found or not, over what a refit leaves of them.")
-        )
-    text = "Size: what a refit of the model without the effect leaves, in multiples of the noise. A dash: too few cases for a limit."
+        caption = "Single effects of the library in the rigs: noticed and named, over what a refit leaves of them."
+        figures.append((to_svg(drawn), caption))
+    text = (
+        "Size: what a refit of the model without the effect leaves, in multiples of the noise; with its 95 % interval within the sizes "
+        "that were tried. Noticed: any verdict but nothing-missing. A dash: too few cases for a limit."
+    )
     return Section(title="What size is found", text=text, tables=[(heads, rows)], figures=figures)
 
 
+def _limits(d: Mapping[str, Any]) -> list[Any]:
+    """Return the count of what was detected, and the sizes at which half and nine in ten are."""
+    return [d["detected"], *(_limit(d, key) for key in ("size_50", "size_90"))]
+
+
 def _limit(d: Mapping[str, Any], key: str) -> str | None:
-    return None if d[key] is None else f"{d['beyond'].get(key, '')}{d[key]:.3g}"
+    if d[key] is None:
+        return None
+    interval = f" ({d['ci95'][key][0]:.3g} to {d['ci95'][key][1]:.3g})" if key in d["ci95"] else ""
+    return f"{d['beyond'].get(key, '')}{d[key]:.3g}{interval}"
 
 
 def _calibration(found: Mapping[str, Any]) -> Section:
@@ -122,6 +149,5 @@ def _failures(found: Mapping[str, Any]) -> Section:
 
 
 def _baselines(found: Mapping[str, Any]) -> Section:
-    heads = ("method", "cases", "right class", "held-out gap closed, median", "")
-    rows = [[b["method"], b["cases"], b["right_class"], b["gap_closed"], b["note"]] for b in found["baselines"]]
-    return Section(title="Beside simpler methods", tables=[(heads, rows)])
+    heads, rows = baseline_table(found)
+    return Section(title="Beside simpler methods", text="vlab: on the same cases.", tables=[(heads, rows)])

@@ -68,33 +68,29 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
 
 
 @styled
-def detection_figure(sizes: Sequence[float], found: Sequence[bool], limit: Mapping[str, Any]) -> Figure:
-    """Draw which single effects were found over what a refit leaves of them in units of the noise, and the limits' curve.
+def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]) -> Figure:
+    """Draw the share of single effects that were found over what a refit leaves of them in units of the noise.
 
     Parameters
     ----------
-    limit : mapping
-        See `vlab.proof.statistics.detection_limit`.
+    found : mapping of str to sequence of bool
+        By what counts as found, of every size.
     """
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     axes = figure.subplots()
-    size, hit = np.asarray(sizes, dtype=float), np.asarray(found, dtype=float)
+    size = np.asarray(sizes, dtype=float)
     handles: dict[str, Any] = {}
-    spread = 0.02 * np.cos(2.4 * np.arange(size.size))  # ties are told apart
-    (handles["a case"],) = axes.plot(size, hit + spread, "|", color=GREY, ms=7)
-    order = np.argsort(size)
-    for part in np.array_split(order, min(SIZE_BINS, max(size.size, 1))):
-        if part.size:
-            at, count = float(np.exp(np.log(size[part]).mean())), int(hit[part].sum())
-            interval = stats.binomtest(count, part.size).proportion_ci(0.95, method="exact")
-            axes.plot([at, at], [interval.low, interval.high], color=COLOURS[0], lw=1.6)
-            (handles["share found, 95 % interval"],) = axes.plot(at, count / part.size, "o", color=COLOURS[0], ms=5)
-    if limit["size_50"] and limit["size_90"] and not limit["beyond"]:
-        half, most = np.log(limit["size_50"]), np.log(limit["size_90"])
-        x = np.geomspace(size.min(), size.max(), 200)
-        curve = 1.0 / (1.0 + np.exp(-np.log(9.0) * (np.log(x) - half) / (most - half)))
-        (handles["fitted"],) = axes.plot(x, curve, color=COLOURS[1], linestyle=(0, (5, 1.6)))
-    axes.set(xlabel="left by a refit / noise [-]", ylabel="named in its class [-]", ylim=(-0.06, 1.06), xscale="log")
+    parts = [p for p in np.array_split(np.argsort(size), min(SIZE_BINS, max(size.size, 1))) if p.size]
+    for k, (name, flags) in enumerate(found.items()):
+        hit, colour, marker = np.asarray(flags, dtype=float), COLOURS[k], "os^"[k % 3]
+        at = np.exp([np.log(size[part]).mean() for part in parts]) * (1.0 + 0.03 * k)  # intervals side by side
+        share = [hit[part].mean() for part in parts]
+        for x, part in zip(at, parts, strict=True):
+            interval = stats.binomtest(int(hit[part].sum()), part.size).proportion_ci(0.95, method="exact")
+            axes.plot([x, x], [interval.low, interval.high], color=colour, lw=1.6)
+        (handles[f"{name}, with 95 % intervals"],) = axes.plot(at, share, marker, ls="-", lw=0.8, color=colour, ms=5)
+    (handles["a case"],) = axes.plot(size, np.full(size.size, -0.04), "|", color=GREY, ms=7)
+    axes.set(xlabel="left by a refit / noise [-]", ylabel="share of the cases [-]", ylim=(-0.08, 1.06), xscale="log")
     axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
