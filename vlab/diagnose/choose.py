@@ -11,6 +11,8 @@ from vlab.physics.effect import LinearPortEffect
 
 EXPLAINED = 0.5
 """An effect must explain this share of what stood above the noise before it."""
+TOGETHER = 0.75
+"""Two effects of which neither alone explains enough must explain this share of it."""
 SECOND_SHARE = 0.005
 """A second effect must explain this share of what stood above the noise without any, too."""
 ABOVE_NOISE = 1.3
@@ -103,6 +105,10 @@ def choose(found: Found) -> Choice:
         first_is_enough = one.level <= ABOVE_NOISE
         explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
         if (explains and not first_is_enough) or _beyond(two, one) > 0:
+            best = two
+    elif doubles and before.level > ABOVE_NOISE:  # of two effects one alone may explain nothing
+        two = doubles[0]
+        if _excess(before) - _excess(two) >= TOGETHER * _excess(before) and _beyond(two, before) > 0:
             best = two
     if best is before:
         return Choice(

@@ -49,6 +49,8 @@ NO_WORSE, BETTER = 1.02, 0.998
 better where it leaves at most that one: hum within the noise has another phase in every recording, and fits none kept aside."""
 NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
+LOST = 1.0
+"""An error as large as the recording itself: a model that leaves it there explains nothing, however far off another one is."""
 MOST_TRIED = 3
 """Hypotheses that are tried in MuJoCo until it confirms one."""
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
@@ -264,6 +266,8 @@ def _closes(checked: Sequence[Checked], is_structure: bool) -> bool:
     """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
     much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
     """
+    if any(run.after >= LOST for run in checked):
+        return False
     gaps = [gap for run in checked if (gap := run.gap_closed) is not None]
     if len(gaps) > 2 and np.median(gaps) >= NEARLY_ALL and min(gaps) >= LEAST_TO_NOISE:
         return True

@@ -16,7 +16,7 @@ from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.zeros import Zero
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import ActuatorEffect, Effect, SensorEffect
+from vlab.physics.effect import ActuatorEffect, Effect, PickUp, SensorEffect
 from vlab.units import ANGULAR
 
 SEEN = 0.99
@@ -83,7 +83,9 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
 
 def place_of(name: str, effect: Effect, problem: Problem) -> str:
     """Return a place as a diagnosis reports it."""
-    name = name.partition("/")[0]  # of a pick-up the sensor
+    if isinstance(effect, PickUp):
+        sensors = [p.name for p in problem.places if p.kind == "sensor"]
+        name = next((sensor for sensor in sensors if name.startswith(f"{sensor}/")), name)
     if problem.case.structure is None:
         return name
     return reported_name(name, effect, len([p for p in problem.places if p.kind == "actuator" and not p.also]))

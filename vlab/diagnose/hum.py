@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import signal
 
 from vlab.cases.wiring import Run, compared_names
 from vlab.signals import Array
@@ -27,6 +28,8 @@ BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 time stamps as they are."""
 NEIGHBOURS = np.concatenate([np.arange(6, 30), -np.arange(6, 30)])
 """Bins around a line, those under its own window aside."""
+ONE_LINE = 0.8
+"""A drive with more than this share of its power in one line is a sine."""
 LEAST_CYCLES = 40
 """Cycles of the mains that a recording must hold for its lines to be told from motion."""
 HIGHEST = 0.45
@@ -154,7 +157,21 @@ def _line(run: Run, channel: str, nominal: float) -> float | None:
     if not band.stands_out(frequency) or not _is_steady(time, values, frequency):
         return None
     driven = any(_Band.of(time, run.measured[d.channel], nominal).stands_out(frequency) for d in run.drives)
-    return None if driven else frequency
+    return None if driven or _is_harmonic(run, time, frequency) else frequency
+
+
+def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
+    """Return whether a line is a multiple of the one line that a drive is: what is nonlinear answers a sine there."""
+    for drive in run.drives:
+        values = run.measured[drive.channel]
+        freq, power = signal.periodogram(values - values.mean(), 1.0 / float(np.median(np.diff(time))), window="hann")
+        top = int(np.argmax(power))
+        if power[max(top - 2, 0) : top + 3].sum() < ONE_LINE * power.sum():
+            continue
+        order = round(frequency / max(freq[top], freq[1]))
+        if order >= 2 and abs(frequency - order * freq[top]) < (order + 1) * freq[1]:
+            return True
+    return False
 
 
 def _is_steady(time: Array, values: Array, frequency: float) -> bool:

@@ -115,7 +115,9 @@ def reported_name(name: str, effect: Effect, driven: int) -> str:
     return f"coil:{bare}" if effect.family == "gain" else f"amplifier:{bare}"
 
 
-def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequence[int]) -> list[Place]:
+def places_of(
+    plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequence[int], free: Array | None = None
+) -> list[Place]:
     """Return the places of a plant.
 
     Parameters
@@ -124,12 +126,14 @@ def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequenc
         Names of the compared channels.
     driven : list of int
         The actuators that recordings or laws drive.
+    free : (m, k) array or None
+        Directions in which nothing brings the plant back to rest; the twin's modes without a frequency by default.
     """
     ports: list[Place] = []
     names, data = list(plant.ports), plant.new_data()
     rows = plant.port_rows(names) @ twin.shapes
     scale = np.abs(rows).max(initial=0.0)
-    free = np.abs(twin.omega) < FREE
+    free = np.eye(len(twin.omega))[:, np.abs(twin.omega) < FREE] if free is None else free
     for name, row in zip(names, rows, strict=True):
         if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
             continue
@@ -150,7 +154,7 @@ def places_of(plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequenc
                 stiffness=plant.own_stiffness(name),
                 coil=_coil(twin, row, driven),
                 tag=plant.ports[name].tag,
-                is_held=bool(np.abs(row[free]).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
+                is_held=bool(np.abs(row @ free).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
             )
         )
     ports = ports[:MOST_PORTS]

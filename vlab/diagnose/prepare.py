@@ -57,6 +57,10 @@ class Problem:
         As wired.
     signals : tuple of Signals
         The same runs on the search's clock, in the same order, hum taken off.
+    orders : tuple of int
+        How often every channel is the derivative of a position.
+    about : (n_channels,) array
+        Readings from which sensors' gains count: those at rest, of which nobody knows how much is the zero.
     hums : tuple of Hum
         The hum that was found on their channels.
     highest_hz : float
@@ -72,6 +76,8 @@ class Problem:
     channels: tuple[Compared, ...]
     names: tuple[str, ...]
     runs: tuple[Run, ...]
+    orders: tuple[int, ...]
+    about: Array
     signals: tuple[Signals, ...]
     places: tuple[Place, ...]
     hums: tuple[Hum, ...] = ()
@@ -87,12 +93,6 @@ class Problem:
     def own_error(self) -> float:
         """Error that the model itself leaves where nothing is missing, as a share of a channel's rms, at least."""
         return INTEGRATION_ERROR if self.case.structure is None else MESH_OWN_ERROR
-
-    @property
-    def orders(self) -> tuple[int, ...]:
-        """How often every channel is the derivative of a position."""
-        measured = self.runs[0].measured
-        return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -144,10 +144,17 @@ class Wired:
         """Names of the channels."""
         return tuple(c.channel for c in self.channels)
 
-    def highest_hz(self, orders: Sequence[int]) -> float:
-        """Return the frequency below which nearly all power of the recorded velocities lies; orders as `fastest` has them."""
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """How often every channel is the derivative of a position."""
+        measured = self.runs[0].measured
+        return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
+
+    @property
+    def highest_hz(self) -> float:
+        """The frequency below which nearly all power of the recorded velocities lies."""
         data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
-        return max(fastest(y, uniform(time), orders) for y, time in data)
+        return max(fastest(y, uniform(time), self.orders) for y, time in data)
 
 
 def wired_runs(case: Case, roles: Sequence[str]) -> Wired:
@@ -194,10 +201,10 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     runs, channels, names = wired.runs, wired.channels, wired.names
     load_ports, driven = wired.load_ports, wired.driven
     plant = case.plant
-    orders = [ORDER.get(runs[0].measured.channels[runs[0].measured.index(n)].kind, 0) for n in names]
+    orders = wired.orders
     linear = plant.linearise()
     rows = channel_rows(plant, channels)
-    highest = wired.highest_hz(orders)
+    highest = wired.highest_hz
     omega, shapes = linear.eigen
     rate = min(1 / uniform(run.measured.time) for run in runs)
     kept = observable(rows.onto(np.eye(plant.model.nv)), shapes, omega)
@@ -236,7 +243,11 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     )
     hums = find_hum(runs)
     into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
-    seen = Seen(direct=twin.rows.at_a @ into, commands=command_readings(plant, channels))
+    pushes = np.hstack([actuator_forces(plant), plant.port_rows(load_ports).T.reshape(plant.model.nv, -1)])
+    stiff = np.abs(omega) > np.abs(omega[kept]).max()
+    still = (rows.at_q @ shapes[:, stiff] / omega[stiff] ** 2) @ shapes[:, stiff].T @ pushes
+    still[:, : len(plant.actuators)] += command_readings(plant, channels)
+    seen = Seen(direct=twin.rows.at_a @ into, still=still)
     signals = tuple(
         signals_of(
             _limited(plant, without_hum(run, hums)),
@@ -260,6 +271,8 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         channels=channels,
         names=names,
         runs=runs,
+        orders=orders,
+        about=np.where([c.from_rest for c in channels], 0.0, rows.rest),
         signals=signals,
         places=places,
         hums=hums,

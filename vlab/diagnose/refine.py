@@ -34,6 +34,8 @@ REUSED = 3
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
 MOST_DIRECTIONS = 40
+MOST_STARTED = 6
+"""Modes whose first state is fitted."""
 PRIOR_BOUND = 6.0
 """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration. Their priors
 alone are what a score counts; a bound at work stops a descent."""
@@ -173,7 +175,8 @@ class Refiner:
             m = self.twin.m
             energy = x[m:] ** 2 + (self.twin.omega * x[:m]) ** 2
             size = np.maximum(size, energy / max(energy.max(), 1e-300))
-        return np.flatnonzero(size > 1e-6)[:6]
+        largest = np.argsort(-size, kind="stable")[:MOST_STARTED]
+        return np.sort(largest[size[largest] > 1e-6])
 
     def first_state(self, run: Signals) -> Array:
         """Return the smoothed modal state at the first sample of a run that the screening filtered."""

@@ -110,9 +110,9 @@ class Seen:
     ----------
     direct : (n_channels, n_actuators + n_ports) array
         What they read of the accelerations that a unit command or load gives.
-    commands : (n_channels, n_actuators) array
-        What they read of a unit command while nothing accelerates, as sensors of forces do. What an actuator's effect does to
-        its command does not show there.
+    still : (n_channels, n_actuators + n_ports) array
+        What they read of a unit command or load while nothing that the search follows accelerates: as sensors of forces do, and
+        what modes above its band yield. What an actuator's effect does to its command does not show there.
 
     Notes
     -----
@@ -120,18 +120,15 @@ class Seen:
     """
 
     direct: Array
-    commands: Array
+    still: Array
 
     def shows(self, column: int) -> bool:
         """Return whether any channel shows an input at once."""
-        return bool(np.any(self.direct[:, column]) or np.any(self.commands[:, column : column + 1]))
+        return bool(np.any(self.direct[:, column]) or np.any(self.still[:, column]))
 
     def ahead(self, column: int, mean: Array, now: Array) -> Array:
         """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,); (n, n_channels)."""
-        out = np.outer(now - mean, self.direct[:, column])
-        if column < self.commands.shape[1]:
-            out += np.outer(now, self.commands[:, column])
-        return out
+        return np.outer(now - mean, self.direct[:, column]) + np.outer(now, self.still[:, column])
 
 
 WINDOWS = 16
@@ -237,12 +234,12 @@ def uneven_noise(time: Array, column: Array) -> float:
     return float(np.hypot(noise, _grain(column) / np.sqrt(12)))
 
 
-def thinning(count: int, h: float, highest_hz: float) -> int:
-    """Return by how much a run of `count` samples can be thinned."""
-    if highest_hz <= 0 or count <= ENOUGH_SAMPLES:
+def thinning(count: int, h: float, highest_hz: float, enough: int = ENOUGH_SAMPLES) -> int:
+    """Return by how much a run of `count` samples can be thinned; below `enough` it is not."""
+    if highest_hz <= 0 or count <= enough:
         return 1
     by_band = int(1.0 / (h * POINTS_PER_CYCLE * highest_hz))
-    return max(1, min(by_band, count // ENOUGH_SAMPLES))
+    return max(1, min(by_band, count // enough))
 
 
 def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
@@ -259,7 +256,7 @@ def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
 def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
     """Return the mean of an input (n,) at times (n,) [s] from every time of a grid (m,) [s] to the next, (m,).
 
-    The last interval repeats its start.
+    The last interval goes on as the input does: held, or along its last slope.
     """
     h = grid[1] - grid[0]
     edges = np.append(grid, grid[-1] + h)

@@ -29,8 +29,8 @@ class Amended:
 
     Parameters
     ----------
-    sensor_gain, offset : (n_channels,) array
-        Of the compared channels, in the order of `Problem.names`.
+    sensor_gain, offset, about : (n_channels,) array
+        Of the compared channels, in the order of `Problem.names`; gains count from `about`.
     names : tuple of str
         The channels.
     limit : CommandLimit or None
@@ -47,6 +47,7 @@ class Amended:
     names: tuple[str, ...] = ()
     sensor_gain: Array | None = None
     offset: Array | None = None
+    about: Array | float = 0.0
     limit: CommandLimit | None = None
     stops: tuple[SensorLimit, ...] = ()
     hums: tuple[Hum, ...] = ()
@@ -65,9 +66,11 @@ class Amended:
         recording = simulate(self.plant, run if self.limit is None else self.limit.on(run)).recording
         data = recording.data.copy()
         if self.sensor_gain is not None and self.offset is not None:
-            for name, gain, offset in zip(self.names, self.sensor_gain, self.offset, strict=True):
+            abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
+            for name, gain, offset, about in zip(self.names, self.sensor_gain, self.offset, abouts, strict=True):
                 if name in recording.names:
-                    data[:, recording.index(name)] = gain * data[:, recording.index(name)] + offset
+                    column = recording.index(name)
+                    data[:, column] = about + gain * (data[:, column] - about) + offset
         for hum in self.hums:
             if hum.channel in recording.names:
                 data[:, recording.index(hum.channel)] += hum.expected(run)
@@ -94,6 +97,7 @@ def amended(problem: Problem, fit: Fit, zeros: Sequence[Zero] = ()) -> Amended:
         plant=attach(plant, effects, channels=problem.names) if effects else plant,
         names=problem.names,
         sensor_gain=gains,
+        about=problem.about,
         offset=np.where([name in {z.channel for z in zeros} for name in problem.names], 0.0, fit.offsets),
     )
 

@@ -300,8 +300,13 @@ def _floor_port(plant: Plant, axis: str) -> Port:
 
 
 def _at_sensor(plant: Plant, one: Attached, effect: SensorEffect, channels: Sequence[str]) -> AtSensor:
-    place, _, other = one.place.partition("/")
+    place, other = one.place, ""
     index = tap_index(plant.sensors, place)
+    if index is None:  # the sensor with what it picks up; names of a model may hold the separator, too
+        parts = one.place.split("/")
+        heads = ["/".join(parts[:k]) for k in range(len(parts) - 1, 0, -1)]
+        place = next((head for head in heads if tap_index(plant.sensors, head) is not None), parts[0])
+        index, other = tap_index(plant.sensors, place), one.place[len(place) + 1 :]
     bare = place.removeprefix("sensor:")
     if index is None and bare not in channels and bare not in plant.ports:
         known = [f"sensor:{tap.name.removeprefix('sensor:')}" for tap in plant.sensors]

@@ -85,7 +85,7 @@ def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Num
     else:
         return None
     out = tuple((what, power, float(value)) for what, power, value in out if value != 0.0)
-    return out if all(_fits(plant, kind, name, what) for what, _, _ in out) else None
+    return out if out and all(_fits(plant, kind, name, what) for what, _, _ in out) else None
 
 
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)

@@ -135,7 +135,7 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
         first, last = runs(at_extreme)
         inside = (first >= 2) & (last + 1 < values.size)
         first, last = first[inside], last[inside]
-        speed = np.maximum(np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last]))
+        speed = np.minimum(np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last]))
         flat = (last - first >= CLIPPED_RUN) & (speed > 3 * step)
         if flat.any() and at_extreme.mean() <= 0.5:
             out[side] = at_extreme

@@ -11,7 +11,7 @@ from vlab.cases.initial import begins_at_rest, exponentials, joint_of
 from vlab.cases.wiring import Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.signals import liveliest, noise_level, on_grid, thinning, uneven_noise, uniform
+from vlab.diagnose.signals import liveliest, noise_level, on_grid, uneven_noise, uniform
 from vlab.signals import Array
 
 MOST_SAMPLES = 2500
@@ -72,7 +72,7 @@ class Motion:
 
 
 def course_of(
-    run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], highest_hz: float,
+    run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], thin: int,
     commands: Array | None = None,
 ) -> Course:  # fmt: skip
     """Put one run on its samples: its own time stamps, every n-th of an even record that is sampled very finely.
@@ -81,6 +81,8 @@ def course_of(
     ----------
     rest : (p,) array
         What the channels read at rest, for channels that count from there.
+    thin : int
+        One sample in so many is looked at, of an even record.
     commands : (n_samples, n_actuators) array or None
         What a law in the loop commanded, added to the inputs.
     """
@@ -90,8 +92,7 @@ def course_of(
     columns = [
         run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)
     ]
-    thin = thinning(len(time), h, highest_hz) if is_even else 1
-    if thin > 1:
+    if thin > 1 and is_even:
         grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
         columns = [on_grid(time, column, grid, thin) for column in columns]
     else:

@@ -10,15 +10,17 @@ from vlab.cases.playback import Bench
 from vlab.cases.wiring import Compared
 from vlab.diagnose.hum import find_hum, without_hum
 from vlab.diagnose.linear_view import ChannelRows, actuator_forces
-from vlab.diagnose.nonlinear.course import Course, Motion, course_of, first_motion
+from vlab.diagnose.nonlinear.course import MOST_SAMPLES, Course, Motion, course_of, first_motion
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.places import places_of
+from vlab.diagnose.places import FREE, places_of
 from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
-from vlab.diagnose.signals import Signals
+from vlab.diagnose.signals import Signals, thinning, uniform
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import Uncertain, of_kind, uncertain_parameters
+from vlab.errors import BadStructure
 from vlab.plants.base import Plant
+from vlab.signals import Array
 
 GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
 """Relative standard deviations of moments of inertia and of lengths where a case says nothing: drawings are good to that.
@@ -94,7 +96,8 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
     stepper = Stepper(plant, channels, load_ports)
     rest = Bench(plant).rest_values(channels)
     hums = find_hum([run for run in runs if run.measured.is_uniform])
-    highest = wired.highest_hz([0] * len(names))
+    highest = wired.highest_hz
+    longest = max(len(run.measured) for run in runs)  # all runs alike: laws have one sample period
     courses = [
         course_of(
             without_hum(run, hums),
@@ -102,7 +105,7 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
             rest,
             len(plant.actuators),
             load_ports,
-            highest,
+            thinning(longest, uniform(run.measured.time), highest, MOST_SAMPLES),
             recorded_commands(plant, run),
         )
         for run in runs
@@ -127,8 +130,10 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         channels=channels,
         names=names,
         runs=runs,
+        orders=wired.orders,
+        about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
         signals=tuple(_signals(course, h) for course in courses),
-        places=tuple(places_of(plant, twin, names, driven)),
+        places=tuple(places_of(plant, twin, names, driven, _free_motion(plant))),
         hums=hums,
         highest_hz=highest,
     )
@@ -139,6 +144,18 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         driven=driven,
         substeps=substeps,
     )
+
+
+def _free_motion(plant: Plant) -> Array:
+    """Return the directions in which nothing brings the plant back to rest, (nv, k); where it has none to come back to, the
+    coordinates of joints without a spring."""
+    try:
+        omega, shapes = plant.linearise().eigen
+    except BadStructure:
+        stiff = [plant.own_stiffness(name) for name in plant.ports]
+        held = plant.port_rows([name for name, k in zip(plant.ports, stiff, strict=True) if k > 0])
+        return np.eye(plant.model.nv)[:, ~np.any(held.reshape(-1, plant.model.nv), axis=0)]
+    return np.asarray(shapes[:, np.abs(omega) < FREE])
 
 
 def _signals(course: Course, h: float) -> Signals:
