@@ -73,6 +73,16 @@ def test_a_spring_that_bends_about_no_rest_position_is_believed_last():
         assert (price(name, False) > 30.0) == is_odd
 
 
+def test_two_effects_are_believed_that_only_explain_together():
+    before, alone = hypothesis(60.0), hypothesis(52.0, "coulomb-friction")  # one takes off a quarter of the excess
+    assert chosen(before, alone) == []
+    assert chosen(before, alone, hypothesis(5.0, "coulomb-friction", "force-offset")) == [
+        "coulomb-friction",
+        "force-offset",
+    ]
+    assert chosen(before, alone, hypothesis(40.0, "coulomb-friction", "force-offset")) == []  # half of it is not enough
+
+
 def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
     before = hypothesis(9.0)
     one, two = hypothesis(3.0, "added-mass"), hypothesis(1.0, "added-mass", "cubic-stiffness")

@@ -56,6 +56,15 @@ def test_what_is_driven_at_the_mains_is_no_hum():
     assert find_hum([run_of(TIME, {"a": response(rng) + 0.1 * force}, {"f": force})]) == ()
 
 
+def test_what_is_nonlinear_answers_a_sine_at_its_multiples_and_that_is_no_hum():
+    rng = np.random.default_rng(5)
+    force = hum(1.0, 20.0, 0.3) + 1e-3 * rng.standard_normal(TIME.size)  # measured, with noise at every frequency
+    answer = hum(1.0, 20.0, 0.9) + hum(0.05, 60.0, 0.1) + 1e-3 * rng.standard_normal(TIME.size)
+    assert find_hum([run_of(TIME, {"a": answer}, {"f": force})]) == ()
+    (found,) = find_hum([run_of(TIME, {"a": answer + hum(0.05, 50.0, 0.1)}, {"f": force})])  # no multiple of 20 Hz
+    assert found.frequency == pytest.approx(50.0, abs=0.01)
+
+
 def test_a_mode_that_rings_at_the_mains_is_no_hum():
     rng = np.random.default_rng(4)
     decay = np.exp(-0.3 * TIME) * np.sin(2 * np.pi * 50.0 * TIME)

@@ -1,5 +1,6 @@
 """The share of the gap that is closed, errors over recordings, the amended model, and work on several processes."""
 
+import dataclasses
 import os
 from types import SimpleNamespace
 
@@ -10,9 +11,10 @@ from rigs import oscillator_case
 
 from vlab.assets import asset
 from vlab.cases import load_case, simulate
+from vlab.diagnose import engine
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.verify import Amended, check, gap_closed, total
+from vlab.diagnose.verify import Amended, Checked, check, gap_closed, total
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 
@@ -70,6 +72,33 @@ def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monke
     changed = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=offsets).simulated(run)
     for name, gain, offset in zip(names, gains, offsets, strict=True):
         np.testing.assert_allclose(changed[name], gain * plain[name] + offset)
+
+
+def test_a_gain_counts_from_what_is_read_at_rest(tmp_path, monkeypatch):
+    monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
+    oscillator_case(tmp_path)
+    case = load_case(tmp_path)
+    (run, *_) = case.runs(("holdout",))
+    plain = simulate(case.plant, run).recording
+    names = tuple(c.channel for c in run.compared)
+    gains, rest = np.full(3, 1.02), np.array([0.5, 9.81, 0.0])  # a height, an accelerometer upright
+    model = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=np.zeros(3), about=rest)
+    for name, about in zip(names, rest, strict=True):
+        np.testing.assert_allclose(model.simulated(run)[name], 1.02 * plain[name] - 0.02 * about)
+
+
+def checked(before, after, noise=0.01):
+    one = Checked(
+        name="run", role="holdout", nominal=before, before=before, after=after, noise=noise, channels={},
+        measured=None, simulated=(None, None, None),
+    )  # fmt: skip
+    return [one, dataclasses.replace(one, name="other")]
+
+
+def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():
+    assert engine._closes(checked(np.inf, 0.02), False)
+    assert not engine._closes(checked(np.inf, 40.0), False)
+    assert not engine._closes(checked(100.0, 2.0), False)  # 98 % of a gap
 
 
 def test_side_by_side_is_the_serial_map_in_order():
