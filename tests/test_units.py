@@ -23,6 +23,31 @@ from vlab.errors import BadUnit
         ("deg", "rad", 3.141592653589793 / 180),
         ("mm", "m", 1e-3),
         ("%", "1", 0.01),
+        ("mg", "m/s^2", 9.80665e-3),  # an accelerometer's
+        ("mg", "kg", 1e-6),
+        ("Nm", "N m", 1.0),
+        ("kNm", "N m", 1e3),
+        ("Ncm", "N m", 0.01),
+        ("in-lb", "N m", 0.45359237 * 9.80665 * 0.0254),
+        ("ft-lb", "N m", 0.45359237 * 9.80665 * 0.3048),
+        ("m/s2", "m/s^2", 1.0),
+        ("mm/s²", "m/s^2", 1e-3),
+        ("°/s", "rad/s", 3.141592653589793 / 180),
+        ("dps", "rad/s", 3.141592653589793 / 180),
+        ("ips", "m/s", 0.0254),
+        ("mil", "m", 25.4e-6),
+        ("kp", "N", 9.80665),
+        ("Volt", "V", 1.0),
+        *(
+            (unit, "rad/s", 2 * 3.141592653589793 / 60)
+            for unit in ("rpm", "RPM", "1/min", "min^-1", "U/min", "rev/min")
+        ),
+        *((unit, "rad/s", 2 * 3.141592653589793) for unit in ("Hz", "rev/s", "cps")),
+        ("rev", "rad", 2 * 3.141592653589793),
+        ("rad/s", "Hz", 0.5 / 3.141592653589793),
+        ("rpm", "Hz", 1 / 60),
+        ("kHz", "Hz", 1e3),
+        ("s^-1", "Hz", 1.0),
     ],
 )
 def test_factors_are_those_of_the_definitions(unit, si, expected):
@@ -45,6 +70,12 @@ def test_what_is_no_unit_is_refused(unit):
 def test_units_with_an_offset_have_no_factor(unit):
     with pytest.raises(BadUnit, match="has an offset"):
         units.factor(unit, "K")
+
+
+@pytest.mark.parametrize(("unit", "si"), [("counts", "rad"), ("1/s", "rad/s"), ("counts/s", "rad/s")])
+def test_an_angle_says_what_is_counted(unit, si):
+    with pytest.raises(BadUnit, match="does not say what is counted"):
+        units.factor(unit, si)
 
 
 def test_wrong_dimension_names_both():

@@ -13,10 +13,36 @@ from numpy.typing import ArrayLike
 
 from vlab.errors import BadUnit
 
-_G = re.compile(r"(?<![\w.])g(?!\w)")
-"""The letter g where it stands for a unit of its own."""
+_G = re.compile(r"(?<![\w.])(m?)g(?!\w)")
+"""The letter g where it stands for a unit of its own, or its thousandth."""
 
 _ALIASES = {"": "dimensionless", "-": "dimensionless", "counts": "dimensionless", "count": "dimensionless"}
+
+SIGNS = str.maketrans({"²": "^2", "³": "^3", "·": " ", "µ": "u", "μ": "u", "°": "deg"})
+"""Signs of other programs, as they are read here."""
+_SPELLINGS = tuple(
+    (re.compile(rf"(?<![\w^]){pattern}(?![\w^])"), spelled)
+    for pattern, spelled in (
+        (r"(k|m|)N(mm|cm|m)", r"\1N \2"),
+        (r"(in|ft)[-_ ]?lbf?", r"lbf \1"),
+        (r"lbf?[-_](in|ft)", r"lbf \1"),
+        (r"(s|min|h)([234])", r"\1^\2"),
+        ("(?:RPM|U/min|rev/min|1/min|min\\^-1)", "rpm"),
+        ("revs?", "revolution"),
+        ("dps", "deg/s"),
+        ("ips", "in/s"),
+        ("kp", "kgf"),
+        ("mils?", "thou"),
+        ("[Vv]olts?", "V"),
+        ("[Aa]mps?", "A"),
+    )
+)
+"""How laboratories write units that have another name in the registry."""
+
+_TURNS = re.compile(r"rad|deg|grad|turn|cycle|revolution|rpm")
+_PER_SECOND = re.compile(r"Hz|hertz|cps")
+ANGLES = ("rad", "rad/s", "rad/s^2")
+"""Units of motion at a rotation: what is counted in cycles or in nothing is no radian."""
 
 ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
 """Units at a rotation by those at a translation."""
@@ -29,10 +55,18 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
+def spelled(unit: str) -> str:
+    """Return a unit as the registry of units spells it; unknown ones as they are."""
+    text = unit.strip().translate(SIGNS)
+    for pattern, name in _SPELLINGS if len(text) <= 60 else ():
+        text = pattern.sub(name, text)
+    return _ALIASES.get(text, text)
+
+
 @lru_cache(maxsize=512)
 def _parse(unit: str) -> tuple[float, Any]:
     """Return the factor to SI base units and the dimensionality of a unit expression."""
-    text = _ALIASES.get(unit.strip(), unit.strip())
+    text = spelled(unit)
     if len(text) > 60:
         raise BadUnit(
             f"unit {unit[:20]!r}... is {len(text)} characters long; a unit is a short expression like 'lbf s/in'"
@@ -57,19 +91,21 @@ def factor(unit: str, si: str) -> float:
     ----------
     unit : str
         The unit as written, for example ``"lbf s/in"``. ``g`` is gram where that suits `si` and standard gravity
-        where only that does, alone or in an expression like ``"g/N"``.
+        where only that does, alone or in an expression like ``"g/N"``. Hertz are turns a second where `si` counts radians.
     si : str
         The SI unit that the number has inside vlab, for example ``"N s/m"``.
 
     Raises
     ------
     BadUnit
-        The unit is unknown, has an offset (degree Celsius) or another dimension than `si`.
+        The unit is unknown, has an offset (degree Celsius) or another dimension than `si`; or it is to be an angle and does
+        not say of what.
     """
     target, target_dimension = _parse(si)
     value, dimension = _parse(unit)
+    value *= _turns(unit, si)
     if dimension != target_dimension and _G.search(unit):
-        gravity, as_gravity = _parse(_G.sub("standard_gravity", unit))
+        gravity, as_gravity = _parse(_G.sub(lambda m: f"{'milli' if m[1] else ''}standard_gravity", unit))
         if as_gravity == target_dimension:
             return gravity / target
     if dimension != target_dimension:
@@ -77,6 +113,22 @@ def factor(unit: str, si: str) -> float:
             f"unit {unit!r} cannot be converted to {si!r}: its dimension is {dimension}, not {target_dimension}"
         )
     return value / target
+
+
+def _turns(unit: str, si: str) -> float:
+    """Return what makes radians of turns, or turns of radians, which the dimensions do not tell apart."""
+    text = spelled(unit)
+    has_angle = bool(_TURNS.search(text))
+    if si == "Hz":
+        return 1.0 / (2.0 * np.pi) if has_angle else 1.0
+    if si not in ANGLES or has_angle or unit.strip() in ("", "-", "1"):
+        return 1.0
+    if _PER_SECOND.search(text):
+        return 2.0 * np.pi
+    raise BadUnit(
+        f"unit {unit!r} does not say what is counted, and {si!r} is wanted; write rad, deg or rev, as in 'rev/s', "
+        f"or give a scale in {si} per count"
+    )
 
 
 def to_si(value: ArrayLike, unit: str, si: str) -> Any:

@@ -89,9 +89,7 @@ def test_a_measured_force_shows_the_command(tmp_path):
 def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypatch):
     """The driven mass sits on a spring that takes it to 225 Hz, above the band: it moves as the force says, at once."""
     stiff = RIG.replace('stiffness="900" damping="3"', 'stiffness="2e6" damping="200"')
-    monkeypatch.setattr(
-        "test_twin_inputs.RIG", stiff.replace("<sensor>", '<sensor><jointpos name="base" joint="a"/>')
-    )
+    monkeypatch.setattr("test_twin_inputs.RIG", stiff.replace("<sensor>", '<sensor><jointpos name="base" joint="a"/>'))
     case = recorded(tmp_path, hold="linear", reads=(("base", "displacement", "m"), ENCODER))
     assert prepare(case).twin.m == 1
     # at 20 Hz its damper holds it back by c w/k = 1.3 %, its inertia lifts it by (w/w0)^2 = .8 %, and it rings a little where the

@@ -5,8 +5,9 @@ import io
 import numpy as np
 import pytest
 
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, BadUnit
 from vlab.recordings import csv, open_table
+from vlab.recordings.assemble import ColumnSpec, to_recording
 
 
 def table(tmp_path, text, **options):
@@ -95,7 +96,7 @@ def test_a_complex_column_with_no_imaginary_part_is_real(tmp_path):
         ("a,b\n1,2\n-inf,3\n", r"line 3: column 1 \('a'\) is infinite"),
         ("a,b\n1,2\n1e999,3\n", r"line 3: column 1 \('a'\) is infinite"),
         ("a,b\n1,nan+nanj\n", r"line 2: column 2 \('b'\) is NaN"),
-        ("a;b\n1,5;2\n", r"line 2: .*decimal sign"),
+        ("a;b\n1.5;2,5\n", r"line 2: .*decimal sign"),
         ("1.0 2.0\n3.0 4.0\n", r"comma, semicolon or tab|no numbers after it"),
         ("a b\n1.0 2.0\n", r"line 2: .*separate the columns by comma"),
         ("a,b\n1,2\n\n3,4\n", r"line 3: an empty line"),
@@ -150,3 +151,32 @@ def test_a_million_rows_take_the_fast_path(tmp_path):
     fast = csv._fast(text, layout)
     assert fast is not None
     assert fast[2].shape == (200_000,)
+
+
+def test_decimal_commas_between_semicolons(tmp_path):
+    (tmp_path / "x.csv").write_text("t;x\n0,000;-1,5e-3\n0,002;2\n")
+    table = open_table(tmp_path / "x.csv")
+    assert table["t"].tolist() == [0.0, 0.002]
+    assert table["x"].tolist() == [-1.5e-3, 2.0]
+    assert any("decimal" in note for note in table.notes)
+    (tmp_path / "bare.csv").write_text("0,5\t1\n1,5\t2\n")  # without a header
+    assert open_table(tmp_path / "bare.csv")["c1"].tolist() == [0.5, 1.5]
+
+
+@pytest.mark.parametrize("text", ["t,F [kN],a (g)\n0,1,2\n1,3,4\n", "t,F,a\ns,[kN],g\n0,1,2\n1,3,4\n"])
+def test_units_in_the_header_or_below_it_are_held_against_the_description(tmp_path, text):
+    (tmp_path / "x.csv").write_text(text)
+    table = open_table(tmp_path / "x.csv")
+    force, acceleration = table.names[1:]
+    assert {table.units[force], table.units[acceleration]} == {"kN", "g"}
+    table.check_unit(acceleration, "g", "m/s^2")
+    with pytest.raises(BadUnit, match="the file states 'kN' and the description 'N', a factor of 0.001"):
+        table.check_unit(force, "N", "N")
+
+
+def test_a_time_column_in_milliseconds_is_not_read_as_seconds(tmp_path):
+    (tmp_path / "x.csv").write_text("t [ms],x\n0,1\n2,3\n4,5\n")
+    table, columns = open_table(tmp_path / "x.csv"), [ColumnSpec(column="x", kind="displacement", unit="m")]
+    with pytest.raises(BadUnit, match='time_unit = "ms"'):
+        to_recording(table, columns, time="t [ms]")
+    assert to_recording(table, columns, time="t [ms]", time_unit="ms").time.tolist() == [0.0, 0.002, 0.004]

@@ -211,7 +211,9 @@ def _times(table: Table, first: str, rate_hz: float | None, time: str | None, ti
             table.check_unit(time, time_unit, "s")
             return np.asarray(table.real(time) * units.factor(time_unit, "s"))
         except BadUnit as error:
-            raise BadUnit(f"{one_line(table.path)}: time column {one_line(time)!r}: {error}") from error
+            stated = table.units.get(time, "")
+            fix = f'; say time_unit = "{one_line(stated)}"' if stated and units.same_dimension(stated, "s") else ""
+            raise BadUnit(f"{one_line(table.path)}: time column {one_line(time)!r}: {error}{fix}") from error
     if rate_hz is None or not (np.isfinite(rate_hz) and rate_hz > 0):
         raise refuse(table.path, f"the rate is {rate_hz} Hz; it must be positive")
     return np.arange(table[first].size) / rate_hz

@@ -1,7 +1,9 @@
 """Comma, semicolon or tab separated numbers, read strictly, and vlab's own labelled form of them.
 
-One header line with names, then numbers only; lines starting with ``#`` are comments. pyarrow reads the ordinary file
-fast; whatever it refuses is read again line by line, which also knows complex numbers and says where the fault is.
+One header line with names, perhaps a line with units, then numbers only; lines starting with ``#`` are comments. A name may
+end with its unit in brackets. Between semicolons or tabs a comma is a decimal sign where no number has a point. pyarrow reads
+the ordinary file fast; whatever it refuses is read again line by line, which also knows complex numbers and says where the
+fault is.
 """
 
 import csv
@@ -37,6 +39,8 @@ from vlab.signals import Channel, Recording
 _SIGNATURE = "vlab-recording"
 _LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
 _LONGEST_PREAMBLE = 2 * MAX_COLUMNS
+_BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +55,7 @@ class _Layout:
     offset: int  # of the first line of numbers
     line: int  # its number, from 1
     comments: tuple[str, ...]
+    units: tuple[str, ...] = ()  # of the columns, from a line of their own
 
     def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
         return refuse(self.path, f"line {line}: {what}", fix=fix)
@@ -74,12 +79,17 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
             raise unknown_name("column", name, layout.names, where=one_line(path))
     if columns is not None:
         layout = replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in columns))
+    notes: tuple[str, ...] = ()
+    if _has_decimal_commas(data, layout):
+        body = data[layout.offset :].replace(b",", b".")
+        data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
     values = _fast(data, layout) or _slow(data, layout)
     found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
     is_whole = data.endswith((b"\n", b"\r"))
     if labels is None:
-        notes = () if is_whole else ("the last line has no line end: its last number may be cut short",)
-        return Table(path=path, columns=found, notes=notes)
+        if not is_whole:
+            notes = (*notes, "the last line has no line end: its last number may be cut short")
+        return Table(path=path, columns=found, notes=notes, units=_stated_units(layout))
     if not is_whole or labels.samples != str(values[0].size):
         raise refuse(
             path, f"the file is truncated: {values[0].size} of {labels.samples} samples", fix="copy or export it again"
@@ -123,16 +133,17 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
             comments.append(text.strip()[1:].strip())
         elif text.strip(" \t"):
             content.append((number, offset, text))
-            if len(content) == 2:
+            if len(content) == 3:
                 break
     if not content:
         raise refuse(path, "no numbers in the file", fix="check what was exported")
-    delimiter = next((sign for sign in ";\t," if sign in content[-1][2]), ",")
+    delimiter = next((sign for sign in ";\t," if sign in content[min(1, len(content) - 1)][2]), ",")
     number, offset, text = content[0]
     cells = cut_line(text, delimiter, path, number)
     width, trailing = len(cells), len(cells) > 1 and not cells[-1]
     cells = cells[:-1] if trailing else cells
-    numeric = [parse_number(cell) is not None for cell in cells]
+    units: tuple[str, ...] = ()
+    numeric = [_is_number(cell, delimiter) for cell in cells]
     if any(numeric) and not all(numeric):
         bad = cells[numeric.index(False)]
         raise refuse(
@@ -147,7 +158,8 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
                 f"a header in line {number} and no numbers after it",
                 fix="the file is truncated or the export was empty",
             )
-        number, offset, header = content[1][0], content[1][1], cells
+        header, units = cells, _units_line(content, delimiter, width, path)
+        number, offset, _ = content[2 if units else 1]
     else:
         header = _commented_names(comments, delimiter, len(cells)) or [f"c{i + 1}" for i in range(len(cells))]
     chosen = tuple(header if names is None else names)
@@ -162,7 +174,39 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
         offset=offset,
         line=number,
         comments=tuple(comments),
+        units=units[: len(chosen)],
     )
+
+
+def _units_line(content: list[tuple[int, int, str]], delimiter: str, width: int, path: Path) -> tuple[str, ...]:
+    """Return the units in the line below the header, where there is one: as many cells, no number among them, numbers below."""
+    if len(content) < 3:
+        return ()
+    cells, below = (cut_line(text, delimiter, path, number) for number, _, text in content[1:])
+    is_one = len(cells) == width == len(below) and not any(_is_number(cell, delimiter) for cell in cells)
+    return tuple(cells) if is_one and any(_is_number(cell, delimiter) for cell in below) else ()
+
+
+def _is_number(cell: str, delimiter: str) -> bool:
+    return parse_number(cell) is not None or (delimiter != "," and bool(_DECIMAL_COMMA.fullmatch(cell)))
+
+
+def _stated_units(layout: _Layout) -> dict[str, str]:
+    """Return the units that the file states, by column: in a line of their own, else in brackets behind the names."""
+    if layout.units:
+        return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep}
+    found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
+    return {name: match[1].strip() for name, match in found.items() if match is not None}
+
+
+def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
+    """Return whether the first line of numbers has commas in them and no points, between other delimiters."""
+    if layout.delimiter == ",":
+        return False
+    end = data.find(b"\n", layout.offset)
+    text = data[layout.offset : end if end >= 0 else len(data)].decode("utf-8", errors="replace")
+    cells = [cell.strip() for cell in text.split(layout.delimiter)]
+    return "." not in text and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
 
 
 def _commented_names(comments: list[str], delimiter: str, n_columns: int) -> list[str]:

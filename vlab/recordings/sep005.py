@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlab import units
 from vlab.errors import BadRecording, BadUnit, unknown_name
 from vlab.recordings.assemble import ColumnSpec, own_si
 from vlab.recordings.files import one_line
-from vlab.recordings.table import UNIT_SIGNS, not_finite
+from vlab.recordings.table import not_finite
 from vlab.recordings.variables import to_float
 from vlab.signals import KIND_UNITS, Channel, Recording
 
@@ -140,7 +141,7 @@ def _time(entry: Mapping[str, Any], name: str, count: int) -> NDArray[Any]:
 def _spec(
     entry: Mapping[str, Any], index: int, name: str, kinds: Mapping[str, str], inputs: Sequence[str]
 ) -> tuple[Channel, float]:
-    unit = _text(entry, index, "unit_str").translate(UNIT_SIGNS)
+    unit = _text(entry, index, "unit_str").translate(units.SIGNS)
     own = entry.get("vlab")
     own = own if isinstance(own, Mapping) else {}
     kind = kinds.get(name) or str(own.get("kind", "")) or _kind(unit, name, str(entry.get("quantity", "")))

@@ -34,8 +34,6 @@ READERS = {
 MAX_COLUMNS = 10_000
 """More columns than any recording has; a file that declares more is damaged or hostile."""
 
-UNIT_SIGNS = str.maketrans({"²": "^2", "³": "^3", "·": " ", "µ": "u", "μ": "u"})
-"""How other programs write units, as `vlab.units` reads them."""
 _GRAVITY = re.compile(r"\bg\b")  # beside an acceleration, not a gram
 
 FORMAT_VERSION = 1
@@ -138,7 +136,7 @@ class Table:
         BadUnit
             They differ, in dimension or by a factor.
         """
-        stated = self.units.get(name, "").translate(UNIT_SIGNS)
+        stated = self.units.get(name, "").translate(units.SIGNS)
         if "m/s^2" in si:
             stated = _GRAVITY.sub("g_0", stated)
         try:
