@@ -149,7 +149,7 @@ def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
         ('at = "coil"', 'at = "coli"', "unknown actuator 'coli'; did you mean 'coil'"),
         ('unit = "N"', 'unit = "V"', "takes N, the column 'u' is in V; give scale = N per V"),
         ('unit = "mm"', 'unit = "V"', "cannot be converted to 'm'"),
-        ('kind = "displacement"', 'kind = "position"', "unknown kind of channel 'position'"),
+        ('kind = "displacement"', 'kind = "position"', "here it is 'displacement', or 'angle'"),
         ("input = true\n", 'at = "geared"\n', "malformed TOML"),
         ('unit = "N"\ninput = true', 'unit = "N"\nname = "laser"\ninput = true', "two channels are called 'laser'"),
         ('sensors = ["pickup"]', 'sensors = ["pickop"]', "recording.0..controller: unknown sensor 'pickop'"),
@@ -161,6 +161,9 @@ def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
         ("gains = [[2.0]]", "A = [[1.0]]", "missing: B, C, K, M"),
         ("gains = [[2.0]]", "gains = [[2.0]]\nlimit = 3.0", "limit belongs to the observer"),
         ("rate_hz = 500.0", "rate_hz = 0.0", "must be positive"),
+        ('time = "t"', "rate_hz = 1e15", "rate_hz is 1e.15; it must be positive and at most 1e.09"),
+        ('unit = "mm"', 'unit = "mm"\nscale = 1e300', "no such unit is that far off"),
+        ('unit = "mm"', 'unit = "mm"\noffset = inf', "it must be finite"),
         ("title", "= =", "malformed TOML"),
     ],
 )
@@ -180,6 +183,7 @@ def test_mistakes_are_refused_with_where_and_what_is_accepted(folder, old, new, 
         ('column = "H"\nat = "laser"', 'column = "H"\nat = "lser"', "unknown output 'lser'"),
         ('input = "coil"', 'input = "koil"', r"frf\[0\]: unknown sensor 'koil'; did you mean 'coil'"),
         ('form = "accelerance"', 'form = "inertance"', "accelerance"),
+        ('column = "H"', 'column = "H"\nimaginary = "I"\nphase = "p"', "both imaginary and phase"),
         ("zeta = [0.01]", "zeta = [1.5]", "not a percentage"),
         ("zeta = [0.01]", "zeta = [0.01, 0.02]", "zeta has 2 entries"),
         ("shape = [[1.0]]", "shape = [[1.0, 2.0]]", "a row of shape has 2"),
@@ -191,6 +195,24 @@ def test_frequency_responses_and_modes_are_checked_too(folder, old, new, match):
     change(folder, old, new)
     with pytest.raises(BadCase, match=match):
         load_case(folder)
+
+
+def test_what_a_file_reads_at_rest_is_taken_off(folder):
+    plain = load_case(folder).runs()[0].measured["laser"]
+    change(folder, 'unit = "mm"', 'unit = "mm"\noffset = 50.0')
+    np.testing.assert_allclose(load_case(folder).runs()[0].measured["laser"], plain - 0.05)
+
+
+def test_samples_are_not_fitted_and_held_out(folder):
+    table = CASE[CASE.index("[[recording]]") : CASE.index("[recording.controller]")].replace('"fit"', '"holdout"')
+    (folder / "case.toml").write_text(CASE + table)
+    with pytest.raises(BadCase, match="held out and fitted, too"):
+        load_case(folder)
+    parts = (CASE + table.replace('time = "t"', 'time = "t"\nstart_s = 0.06')).replace(
+        'time = "t"', 'time = "t"\nstop_s = 0.06', 1
+    )
+    (folder / "case.toml").write_text(parts)
+    assert len(load_case(folder).runs()) == 2
 
 
 def test_a_command_is_compared_only_where_a_law_gives_one(folder):

@@ -59,6 +59,12 @@ def test_without_a_hold_out_nothing_is_verified(tmp_path):
     assert "nothing could be verified" in held_out(write(tmp_path, [FIT]), ("x", "v")).notes[0]
 
 
+def test_a_copy_of_what_is_fitted_verifies_nothing(tmp_path):
+    case = write(tmp_path, [FIT, ("holdout", *FIT[1:])])
+    with pytest.raises(BadCase, match="run1 is held out and has the very samples of run0"):
+        held_out(case, ("x", "v"), case.runs(("fit",)))
+
+
 def test_the_search_looks_where_a_long_record_moves():
     y = np.random.default_rng(0).standard_normal((10_000, 2))
     assert liveliest(y, 20_000) == slice(0, 10_000)

@@ -19,6 +19,8 @@ class Column:
     column: str
     at: str
     imaginary: str = ""
+    phase: str = ""
+    phase_unit: str = "deg"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +96,23 @@ def columns(**more):
 
 
 PAIR = Spec(channel=(Column("re", "floor1", "im"),))
+
+
+@pytest.mark.parametrize("is_db", [False, True])
+def test_a_magnitude_with_its_phase_is_a_complex_response(tmp_path, is_db):
+    H = np.array([2.0 - 1.0j, -0.3 + 0.4j, 0.1j])
+    size = 20 * np.log10(np.abs(H)) if is_db else np.abs(H)
+    columns = {"f": np.array([1.0, 2.0, 3.0]), "size": size, "angle": np.angle(H, deg=True), "x": np.angle(H)}
+    table = Table(path=tmp_path / "x.csv", columns=columns)
+    for phase, unit in (("angle", "deg"), ("x", "rad")):
+        channel = (Column("size", "floor1", phase=phase, phase_unit=unit),)
+        response = to_frequency_response(table, Spec(form_db=is_db, channel=channel))
+        np.testing.assert_allclose(response.H[:, 0, 0], H, rtol=1e-12)
+        assert not response.is_magnitude
+    some = Spec(form_db=True, outputs=("floor1", "floor2"), channel=(*channel, Column("size", "floor2")))
+    if is_db:
+        with pytest.raises(BadRecording, match="some outputs have a phase"):
+            to_frequency_response(table, some)
 
 
 def test_pairs_of_columns_are_real_and_imaginary_part():

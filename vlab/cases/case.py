@@ -86,7 +86,16 @@ class Case:
         wanted = list(dict.fromkeys([*columns, *([] if table.time is None else [table.time])]))
         file = open_table(table.file, folder=self.folder, columns=wanted)
         specs = [
-            ColumnSpec(column=c.column, kind=c.kind, unit=c.unit, at=c.at, name=label, scale=c.scale, is_input=c.input)
+            ColumnSpec(
+                column=c.column,
+                kind=c.kind,
+                unit=c.unit,
+                at=c.at,
+                name=label,
+                scale=c.scale,
+                offset=c.offset,
+                is_input=c.input,
+            )
             for c, label in zip(table.channel, table.channel_names, strict=True)
         ]
         whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)

@@ -136,5 +136,9 @@ def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout"))
     case = load_case(path)
     runs = case.runs(roles)
     if not runs:
+        if case.table.frf or case.table.modal:
+            raise BadCase(
+                f"{case.path}: only recordings over time are compared here; vlab diagnose puts [[frf]] and [[modal]] beside the model"
+            )
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
     return Comparison(case=case, runs=tuple(compare_run(case.plant, run) for run in runs))

@@ -30,6 +30,18 @@ HELD_KINDS = ("command", "voltage", "current")
 """Kinds of input that a converter holds from one sample to the next; the others are sampled from a smooth signal."""
 
 
+OTHER_WORDS = {
+    "torque": "'moment'",
+    "position": "'displacement', or 'angle' of a rotation",
+    "speed": "'velocity', or 'angular-velocity' of a rotation",
+    "rotation": "'angle'",
+}
+"""Words for kinds of channels that other programs use."""
+LEAST_SCALE = 1e-30
+MOST_HZ = 1e9
+"""No laboratory samples faster."""
+
+
 def _same_length(what: str, values: tuple[object, ...], n: int, against: str) -> None:
     if len(values) != n:
         raise BadCase(f"{what} has {len(values)} entries, {against} has {n}")
@@ -90,6 +102,8 @@ class ChannelTable:
 
     Parameters
     ----------
+    offset : float
+        What the file reads where there is nothing, in its own unit: a laser's standoff, an encoder's zero.
     from_rest : bool
         The file counts from the equilibrium: the model's value there is subtracted before comparing.
     hold : str
@@ -103,15 +117,20 @@ class ChannelTable:
     unit: str = ""
     name: str = ""
     scale: float | None = None
+    offset: float = 0.0
     input: bool = False
     from_rest: bool = False
     hold: Literal["", "zero", "linear"] = ""
 
     def __post_init__(self) -> None:
         if self.kind not in KIND_UNITS:
+            if self.kind in OTHER_WORDS:
+                raise BadCase(f"kind {self.kind!r} is not known; here it is {OTHER_WORDS[self.kind]}")
             raise unknown_name("kind of channel", self.kind, KIND_UNITS)
-        if self.scale is not None and self.scale == 0.0:
-            raise BadCase("the scale is 0; it must be model unit per file unit")
+        if self.scale is not None and not LEAST_SCALE <= abs(self.scale) <= 1.0 / LEAST_SCALE:
+            raise BadCase(
+                f"the scale is {self.scale:g}; it must be model unit per file unit, and no such unit is that far off"
+            )
         if self.input and self.from_rest:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
         si = KIND_UNITS[self.kind]
@@ -210,8 +229,8 @@ class RecordingTable:
     def __post_init__(self) -> None:
         if (self.rate_hz is None) == (self.time is None):
             raise BadCase("give rate_hz, or time = the name of the time column, and not both")
-        if self.rate_hz is not None and not self.rate_hz > 0:
-            raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive")
+        if self.rate_hz is not None and not 0 < self.rate_hz <= MOST_HZ:
+            raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive and at most {MOST_HZ:g}")
         check_unit(self.time_unit, "s")
         start = -np.inf if self.start_s is None else self.start_s
         if not start < (np.inf if self.stop_s is None else self.stop_s):
@@ -222,6 +241,14 @@ class RecordingTable:
         for name in names:
             if names.count(name) > 1:
                 raise BadCase(f"two channels are called {name!r}; give one of them another name")
+
+    def shares_samples_with(self, other: "RecordingTable") -> bool:
+        """Return whether another recording has samples of the same columns of the same file."""
+        if self.file != other.file or not {c.column for c in self.channel} & {c.column for c in other.channel}:
+            return False
+        starts = [-np.inf if r.start_s is None else r.start_s for r in (self, other)]
+        stops = [np.inf if r.stop_s is None else r.stop_s for r in (self, other)]
+        return max(starts) < min(stops)
 
     @property
     def channel_names(self) -> list[str]:
@@ -238,6 +265,8 @@ class FrfChannelTable:
     ----------
     imaginary : str
         The column of the imaginary part, where `column` is the real one.
+    phase, phase_unit : str
+        The column of the phase and its unit, where `column` is the magnitude, also in dB.
     coherence, variance : str
         Columns with the coherence, or with the variance of the response in the square of its unit, where there are any.
     """
@@ -245,12 +274,17 @@ class FrfChannelTable:
     column: str
     at: str
     imaginary: str = ""
+    phase: str = ""
+    phase_unit: str = "deg"
     coherence: str = ""
     variance: str = ""
 
     def __post_init__(self) -> None:
         if self.coherence and self.variance:
             raise BadCase(f"channel {self.column!r} has both coherence and variance; give one of them")
+        if self.imaginary and self.phase:
+            raise BadCase(f"channel {self.column!r} has both imaginary and phase; give one of them")
+        check_unit(self.phase_unit, "rad")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -352,3 +386,10 @@ class CaseTable:
     def __post_init__(self) -> None:
         if not (self.recording or self.frf or self.modal):
             raise BadCase("the case has no [[recording]], [[frf]] or [[modal]]: there is nothing to compare with")
+        for held in (r for r in self.recording if r.role == "holdout"):
+            same = next((r for r in self.recording if r.role == "fit" and r.shares_samples_with(held)), None)
+            if same is not None:
+                raise BadCase(
+                    f"samples of {held.file} are held out and fitted, too, which verifies nothing; "
+                    "take parts of their own with start_s and stop_s, or other files"
+                )

@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.initial import InitialState, find_initial_state
 from vlab.cases.playback import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
 from vlab.cases.wiring import Law, Run, compared_with_sensors
+from vlab.errors import Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording
 
@@ -67,7 +68,10 @@ def simulate(plant: Plant, run: Run, *, initial: InitialState | None = None) -> 
         notes.append(warmed)
     if initial is None:
         initial = find_initial_state(plant, run, law)
-    played = play(bench, run, clock, State(initial.qpos, initial.qvel), law)
+    try:
+        played = play(bench, run, clock, State(initial.qpos, initial.qvel), law)
+    except Diverged as error:
+        raise Diverged(f"{run.name}: {error}; are the inputs in the right unit?") from error
     return Simulation(
         recording=_record(bench, run, clock, played), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
     )

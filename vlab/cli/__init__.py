@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from vlab import __version__
 from vlab.cli.common import Outcome
-from vlab.errors import VlabError
+from vlab.errors import Diverged, VlabError
 from vlab.outputs import finite
 
 VERBS = {
@@ -85,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         outcome: Outcome = module.run(arguments)
     except VlabError as error:
         print("error: " + " ".join(str(error).split()), file=sys.stderr)
-        return 2
+        return 1 if isinstance(error, Diverged) else 2
     except KeyboardInterrupt as stop:
         print(f"error: interrupted; {stop if stop.args else 'nothing was written'}", file=sys.stderr)
         return 130

@@ -166,7 +166,7 @@ def diagnose(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     problem, along = prepared(case)
-    unseen = held_out(case, problem.names)
+    unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
     sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
     find = partial(search, problem) if along is None else along.search

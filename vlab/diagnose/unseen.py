@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.playback import plan_clock
 from vlab.cases.wiring import Run
+from vlab.errors import BadCase
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,24 +27,32 @@ class HeldOut:
     notes: tuple[str, ...] = ()
 
 
-def held_out(case: Case, names: Sequence[str]) -> HeldOut:
+def held_out(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HeldOut:
     """Read the recordings that a case holds out.
 
     Parameters
     ----------
     names : sequence of str
         Channels of the recordings to fit.
+    fitted : sequence of Run
+        The recordings to fit.
 
     Raises
     ------
     BadRecording
         A file is damaged or not what the case says.
     BadCase
-        A recording that the model cannot be driven with, or that takes too many steps.
+        A recording that the model cannot be driven with, that takes too many steps, or that is one to fit.
     """
     runs, notes = [], []
     for run in case.runs(("holdout",)):
         plan_clock(case.plant.timestep, run)
+        same = next((f.name for f in fitted if np.array_equal(f.measured.data, run.measured.data)), None)
+        if same is not None:
+            raise BadCase(
+                f"{case.path}: {run.name} is held out and has the very samples of {same}, which is fitted: it verifies nothing; "
+                "hold out another recording"
+            )
         if not moves(run):
             notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
             continue

@@ -60,10 +60,9 @@ class Attached:
                 f"effect {self.effect.name!r} at {self.place!r} lacks {', '.join(f'{p.name} [{p.unit}]' for p in missing)}"
             )
         for p in self.effect.parameters:
-            if p.role == "shape" and not p.signed and not self.values[p.name] > 0:
-                raise BadExperiment(
-                    f"effect {self.effect.name!r}: {p.name} = {self.values[p.name]:g}; it must be positive"
-                )
+            value = self.values[p.name]
+            if not p.signed and not (value > 0 if p.role == "shape" else value >= 0):
+                raise BadExperiment(f"effect {self.effect.name!r}: {p.name} = {value:g}; it must be positive")
 
     @property
     def label(self) -> str:

@@ -49,6 +49,8 @@ class ColumnSpec:
         The channel's name in the recording; the place, or else the column, where it is not given.
     scale : float, optional
         Model unit per file unit; takes the place of the unit conversion.
+    offset : float
+        What the file reads where there is nothing, in the unit of the file; it is subtracted.
     is_input : bool
         True where it drives the structure.
     """
@@ -59,6 +61,7 @@ class ColumnSpec:
     at: str = ""
     name: str = ""
     scale: float | None = None
+    offset: float = 0.0
     is_input: bool = False
 
     def __post_init__(self) -> None:
@@ -154,7 +157,7 @@ def to_recording(
         except BadUnit as error:
             raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
         with np.errstate(over="ignore"):  # an overflow is found as a sample that is not finite
-            data.append(values * factor)
+            data.append((values - spec.offset) * factor)
         channels.append(channel)
     stamps = _times(table, columns[0].column, rate_hz, time, time_unit)
     _check_lengths(table, columns, data, stamps.size, time)

@@ -32,6 +32,14 @@ class ResponseColumn(Protocol):
     def imaginary(self) -> str:
         """The column of the imaginary part, or empty."""
 
+    @property
+    def phase(self) -> str:
+        """The column of the phase, or empty."""
+
+    @property
+    def phase_unit(self) -> str:
+        """Its unit."""
+
 
 class ResponseSpec(Protocol):
     """What the columns of a file are; see `vlab.cases.description.FrfTable`."""
@@ -130,22 +138,27 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
         k = int(np.argmin(np.diff(freq))) + 1 if freq.size > 1 else 0
         what = f"the frequencies in {spec.frequency!r} do not increase from 0 on (line {k} is {freq[k]:g} Hz)"
         raise refuse(table.path, what, fix="name the column of the frequencies")
-    columns, notes = [], []
-    for output, (column, imaginary) in zip(spec.outputs, _columns(table, spec), strict=True):
+    columns, notes, has_phase = [], [], []
+    for output, (column, imaginary, phase, phase_unit) in zip(spec.outputs, _columns(table, spec), strict=True):
         values = _values(table, column, imaginary, is_db=spec.form_db)
+        if phase:
+            values = _turned(table, column, values, phase, phase_unit)
+        has_phase.append(bool(phase) or not spec.form_db)
         if values.size != freq.size:
             what = f"column {column!r} has {values.size} lines, the frequencies {freq.size}"
             raise refuse(table.path, what, fix="they do not belong together")
-        if not spec.form_db and not imaginary and not np.iscomplexobj(table[column]):
+        if not spec.form_db and not imaginary and not phase and not np.iscomplexobj(table[column]):
             raise refuse(
                 table.path,
                 f"column {column!r} (output {output!r}) is real, a response has a phase",
-                fix="name the column of its imaginary part, or set form_db where it is a magnitude in dB",
+                fix="name the column of its imaginary part or of its phase, or set form_db where it is a magnitude in dB",
             )
         columns.append(values * _factor(table, column, spec.unit or si, si))
     if freq[0] == 0.0:
         notes.append("the line at 0 Hz is kept; accelerometers and coils measure nothing there")
-    if spec.form_db:
+    if any(has_phase) and not all(has_phase):
+        raise refuse(table.path, "some outputs have a phase and others none", fix="name a phase for each, or for none")
+    if not all(has_phase):
         notes.append("magnitudes only: 20 log10 of the magnitude in the unit of the response, no phase")
     try:
         return MeasuredResponse(
@@ -154,17 +167,17 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
             outputs=tuple(spec.outputs),
             inputs=(spec.input,),
             unit=si,
-            is_magnitude=spec.form_db,
+            is_magnitude=not all(has_phase),
             notes=tuple(notes),
         )
     except BadRecording as error:
         raise refuse(table.path, str(error)) from error
 
 
-def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str]]:
-    """Return the columns of real (or complex) and imaginary part of each output."""
+def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str, str, str]]:
+    """Return the columns of real (or complex) and imaginary part of each output, and of its phase with its unit."""
     if spec.channel:
-        given = {channel.at: (channel.column, channel.imaginary) for channel in spec.channel}
+        given = {c.at: (c.column, c.imaginary, c.phase, c.phase_unit) for c in spec.channel}
         missing = [output for output in spec.outputs if output not in given]
         if missing:
             raise refuse(table.path, f"output {missing[0]!r} has no channel", fix="give each output one channel")
@@ -173,7 +186,18 @@ def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str]]:
     if len(others) != len(spec.outputs):
         what = f"{len(others)} columns beside {spec.frequency!r} for {len(spec.outputs)} outputs"
         raise refuse(table.path, what, fix="say with channel which column belongs to which output")
-    return [(name, "") for name in others]
+    return [(name, "", "", "deg") for name in others]
+
+
+def _turned(table: Table, column: str, size: NDArray[Any], phase: str, unit: str) -> NDArray[Any]:
+    """Return a magnitude turned by its phase."""
+    angle = table.real(phase) * _factor(table, phase, unit, "rad")
+    if np.iscomplexobj(size) or np.any(size < 0):
+        raise refuse(table.path, f"column {column!r} is no magnitude", fix=f"leave out the phase {phase!r}")
+    if angle.size != size.size:
+        what = f"{column!r} has {size.size} lines, its phase {phase!r} {angle.size}"
+        raise refuse(table.path, what, fix="they do not belong together")
+    return np.asarray(size * np.exp(1j * angle))
 
 
 def _values(table: Table, column: str, imaginary: str, *, is_db: bool) -> NDArray[Any]:

@@ -103,6 +103,13 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
     if not measured:
         raise BadCase(f"{case.path}: no [[frf]] and no [[modal]] has the role fit; mark at least one")
     held_out = read_measured(case, ("holdout",))
+    for held in (d for d in held_out if isinstance(d, Response)):
+        same = next((m for m in measured if isinstance(m, Response) and _is_copy(m, held)), None)
+        if same is not None:
+            raise BadCase(
+                f"{case.path}: {held.name} is held out and holds the very lines of {same.name}, which is fitted: it verifies "
+                "nothing; hold out another measurement"
+            )
     plant = case.plant
     wires = wires_of(case, [*measured, *held_out])
     view = view_of(plant, wires)
@@ -164,3 +171,7 @@ def _uncertain(
         parts=parts,
     )
     return tuple(parameters), twin
+
+
+def _is_copy(one: Response, other: Response) -> bool:
+    return np.array_equal(one.freq, other.freq) and np.array_equal(one.H, other.H)
