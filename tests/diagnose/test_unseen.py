@@ -8,6 +8,7 @@ from vlab.cases import load_case
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.signals import liveliest
+from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.uncertain import uncertain_parameters, unused
 from vlab.diagnose.unseen import held_out
 from vlab.diagnose.verify import Amended, check
@@ -63,6 +64,28 @@ def test_a_copy_of_what_is_fitted_verifies_nothing(tmp_path):
     case = write(tmp_path, [FIT, ("holdout", *FIT[1:])])
     with pytest.raises(BadCase, match="run1 is held out and has the very samples of run0"):
         held_out(case, ("x", "v"), case.runs(("fit",)))
+
+
+def test_what_a_sensor_reads_at_rest_beyond_the_model_is_taken_off_and_said(tmp_path):
+    def run(standoff):
+        return ("fit", ALL, (SWEEP, 0.01 * SWEEP + standoff, 0.1 * SWEEP))
+
+    case, found = without_standoffs(write(tmp_path, [run(0.5), run(0.5)]))
+    assert [(s.channel, s.unit) for s in found] == [("x", "m")]
+    assert found[0].value == pytest.approx(0.5 + np.mean(0.01 * SWEEP))
+    assert "reads 0.5005 m more at rest" in found[0].line
+    for measured in (r.measured for r in case.runs()):
+        assert abs(measured["x"].mean()) < 1e-12
+        np.testing.assert_allclose(measured["v"], 0.1 * SWEEP)
+    for files in ([run(0.01), run(0.01)], [run(0.5), run(0.4)]):  # within the motion; not the same in all recordings
+        case = write(tmp_path, files)
+        assert without_standoffs(case) == (case, ())
+
+
+def test_what_moves_freely_or_turns_stands_where_it_stands(tmp_path):
+    run = ("fit", ALL, (SWEEP, 0.01 * SWEEP + 0.5, 0.1 * SWEEP))
+    free = RIG.replace('stiffness="900"', "").replace('stiffness="400"', "")
+    assert without_standoffs(write(tmp_path, [run], rig=free))[1] == ()
 
 
 def test_the_search_looks_where_a_long_record_moves():

@@ -19,7 +19,7 @@ from vlab.plants.base import Plant
 from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
-from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
+from vlab.recordings.assemble import on_even_stamps, to_recording
 from vlab.schema import Reader
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
@@ -85,19 +85,7 @@ class Case:
         columns = [channel.column for channel in table.channel]
         wanted = list(dict.fromkeys([*columns, *([] if table.time is None else [table.time])]))
         file = open_table(table.file, folder=self.folder, columns=wanted)
-        specs = [
-            ColumnSpec(
-                column=c.column,
-                kind=c.kind,
-                unit=c.unit,
-                at=c.at,
-                name=label,
-                scale=c.scale,
-                offset=c.offset,
-                is_input=c.input,
-            )
-            for c, label in zip(table.channel, table.channel_names, strict=True)
-        ]
+        specs = [c.spec(label) for c, label in zip(table.channel, table.channel_names, strict=True)]
         whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
         return make_run(self.plant, name, table, on_even_stamps(whole), self.hardware)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from vlab import units
 from vlab.errors import BadCase, unknown_name
+from vlab.recordings.assemble import ColumnSpec
 from vlab.signals import KIND_UNITS
 
 Role = Literal["fit", "holdout"]
@@ -138,6 +139,19 @@ class ChannelTable:
             check_unit(self.unit, si)
         elif self.unit:
             check_unit(self.unit, self.unit)
+
+    def spec(self, name: str = "") -> ColumnSpec:
+        """Return what the column is, as the reader of files has it."""
+        return ColumnSpec(
+            column=self.column,
+            kind=self.kind,
+            unit=self.unit,
+            at=self.at,
+            name=name,
+            scale=self.scale,
+            offset=self.offset,
+            is_input=self.input,
+        )
 
     @property
     def is_held(self) -> bool:

@@ -12,7 +12,7 @@ from vlab.cases.description import ChannelTable, ControllerTable, RecordingTable
 from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown_name
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
-from vlab.recordings.assemble import ColumnSpec, own_si
+from vlab.recordings.assemble import own_si
 from vlab.signals import Array, Recording
 
 ORDER = {
@@ -214,8 +214,7 @@ def _label(channel: ChannelTable, recording: RecordingTable) -> str:
 
 
 def _si(channel: ChannelTable) -> str:
-    spec = ColumnSpec(column=channel.column, kind=channel.kind, unit=channel.unit, scale=channel.scale)
-    return spec.channel_and_factor()[0].unit
+    return channel.spec().channel_and_factor()[0].unit
 
 
 # ---- the law --------------------------------------------------------------------------------------------------------

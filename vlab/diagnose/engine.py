@@ -25,6 +25,7 @@ from vlab.diagnose.refine import EXACT, Refiner
 from vlab.diagnose.resolution import SensorStep, sensor_steps
 from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import noise_level
+from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
@@ -165,6 +166,7 @@ def diagnose(
     began = time.monotonic()
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
+    case, standoffs = without_standoffs(case)
     problem, along = prepared(case)
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
@@ -174,7 +176,7 @@ def diagnose(
     report(0.8, "fitting whole recordings")
     settled = _settled(problem, found, seen, is_linear=along is None)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after
-    seen = replace(seen, zeros=shifted_zeros(problem, fit_after))
+    seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
     before, after = amended(problem, fit_before, seen.zeros), seen.on(amended(problem, fit_after))
     without = seen.on(amended(problem, fit_before))
     if seen.is_missing and fit_after.terms and not _is_needed(problem, without, after):
@@ -189,7 +191,13 @@ def diagnose(
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
     rejected = [f"{name}: its law fits on the linear twin, but not in MuJoCo; dropped" for name in settled.rejected]
-    notes = (*unseen.notes, *problem.notes, *rejected, *(() if along is None else (along.note,)))
+    notes = (
+        *(s.line for s in standoffs),
+        *unseen.notes,
+        *problem.notes,
+        *rejected,
+        *(() if along is None else (along.note,)),
+    )
     diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
     report(1.0, "done")
     return Diagnosed(

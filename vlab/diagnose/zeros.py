@@ -1,5 +1,6 @@
 """Zeros of channels: every fit has them free, and those that are off by more than any laboratory's are physics left out."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +29,20 @@ class Zero:
     sd: float
 
 
-def shifted_zeros(problem: Problem, fit: Fit) -> tuple[Zero, ...]:
-    """Return the channels whose zeros a fit puts far off, where no effect of the fit says so already."""
+def shifted_zeros(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> tuple[Zero, ...]:
+    """Return the channels whose zeros a fit puts far off, where no effect of the fit says so already.
+
+    Parameters
+    ----------
+    unknown : collection of str
+        Channels of whose zeros nothing was known, see `vlab.diagnose.standoff`.
+    """
     said = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
     scale = np.max([run.scale for run in problem.signals], axis=0)
     error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
     out = []
     for i, (name, offset) in enumerate(zip(problem.names, fit.offsets, strict=True)):
-        if i not in said and abs(offset) > max(BENIGN_ZERO * scale[i], OVER_ERROR * error[i]):
+        if i not in said and name not in unknown and abs(offset) > max(BENIGN_ZERO * scale[i], OVER_ERROR * error[i]):
             samples = sum(len(run) for run in problem.signals)
             spread = float(error[i] / np.sqrt(max(samples, 1)))
             out.append(Zero(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))

@@ -85,6 +85,9 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
                 shutil.copyfile(case.folder / case.table.model.hardware, folder / Path(case.table.model.hardware).name)
                 raw["model"]["hardware"] = Path(case.table.model.hardware).name
         tables = [*earlier, *left, *_calibrated(done, theta, found), *_ranges(done)]
+        for given, table in zip(raw.get("recording", ()), case.table.recording, strict=True):
+            for channel, known in zip(given["channel"], table.channel, strict=True):
+                channel.update({"offset": known.offset} if known.offset else {})
         raw["title"] = f"{case.table.title} (amended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}
