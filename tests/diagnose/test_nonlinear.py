@@ -11,11 +11,13 @@ import pytest
 import rig_swinging
 from rig_swinging import CASES, PIVOT, WRITE, driven_arm, pushed_cart, swinging_pendulum
 from scipy.linalg import expm
+from test_twin_inputs import ENCODER, VELOCITY, recorded
 
 from vlab.cases import load_case
 from vlab.cases.initial import find_initial_state
 from vlab.diagnose.choose import choose
 from vlab.diagnose.nonlinear.engine import prepared
+from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.prepare import prepare_moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.scope import linear_problem
@@ -241,3 +243,30 @@ def test_hidden_effects_are_named_and_placed(tmp_path, rig, seed):
     assert len(wrong) <= 1, (
         wrong
     )  # friction that peaks near rest is all but plain dry friction where a pendulum swings far
+
+
+@pytest.mark.parametrize("dynamics", ["filterexact", "filter", "integrator"])
+def test_what_an_actuator_with_a_state_does_is_known(tmp_path, dynamics):
+    """Its state follows its command as in MuJoCo, and a unit of it pushes as hard as its gain says."""
+    actuator = f'<general name="drive" joint="a" dyntype="{dynamics}" dynprm="0.02" gainprm="3"/>'
+    case = recorded(tmp_path, actuator=actuator, kind="command", reads=(ENCODER, VELOCITY))
+    problem, moving = prepare_moving(case)
+    screen = MovingScreen(problem, moving)
+    assert screen.driven_force(0)[10:-10, 0] == pytest.approx(
+        np.tile([3.0, 0.0], (len(moving.courses[0]) - 20, 1)), rel=1e-4
+    )
+    (course,) = moving.courses
+    np.testing.assert_array_equal(screen.commands(0)[:, 0], course.act[:, 0])
+    data, model = case.plant.new_data(), copy.copy(case.plant.model)
+    model.opt.timestep, states = course.h[0] / 64, []
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # with Runge and Kutta's method its exact filter is not
+    for command in course.u[:200, 0]:
+        states.append(data.act[0])
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, 64)
+    # the exact filter and the integral are exact; the other goes on by Euler's method, off by half a step over its time constant
+    tolerance = {"filterexact": 1e-9, "integrator": 1e-9, "filter": 1e-3}[dynamics] * np.abs(states).max()
+    np.testing.assert_allclose(course.act[:200, 0], states, atol=tolerance)
+    lag, change = screen.stepper.lags[0], np.sin(np.arange(200.0))[:, None, None]
+    both = actuator_states(case.plant, course.u[:200] + change[:, 0], course.h[:200]) - course.act[:200]
+    np.testing.assert_allclose(screen.acted(0, change)[:, 0, 0], both[:, lag.address], atol=1e-12 * np.abs(both).max())

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
 from vlab.cases.initial import begins_at_rest, exponentials, joint_of
 from vlab.cases.wiring import Run
 from vlab.diagnose.damage import on_clock, says_something
+from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.signals import liveliest, noise_level, on_grid, uneven_noise, uniform
 from vlab.signals import Array
@@ -126,7 +126,7 @@ def course_of(
         h=np.diff(edges),
         u=u,
         load=load,
-        act=_actuator_states(stepper, u, np.diff(edges)) if stepper.model.na else None,
+        act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
         y=y,
         noise=np.array([_noise(grid, column, is_even) for column in y.T]),
         scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
@@ -163,24 +163,6 @@ def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
     at = np.interp(fine, time, values)
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(fine))])
     return np.asarray(np.diff(np.interp(edges, fine, integral)) / np.diff(edges))
-
-
-def _actuator_states(stepper: Stepper, u: Array, h: Array) -> Array:
-    """Return the states of actuators with dynamics along a run; they depend on the commands alone."""
-    model, plant = stepper.model, stepper.plant
-    data = mujoco.MjData(model)
-    start = plant.new_data()
-    out = np.zeros((len(u), model.na))
-    data.act[:] = start.act
-    for k in range(len(u)):
-        out[k] = data.act
-        count = max(1, int(np.ceil(h[k] / plant.timestep - 1e-9)))
-        model.opt.timestep = h[k] / count
-        for _ in range(count):
-            data.qpos[:], data.qvel[:] = start.qpos, 0.0
-            data.ctrl[:] = plant.control_matrix @ u[k]
-            mujoco.mj_step(model, data)
-    return out
 
 
 # ---- the first motion ------------------------------------------------------------------------------------------------

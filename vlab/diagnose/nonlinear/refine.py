@@ -284,11 +284,11 @@ class MovingRefiner(Refiner):
 
     def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
         courses, h = self.moving.moving.courses, self.moving.runs[0].h
-        changed = np.zeros((self.length, n_sets, len(self.parts)))
+        series = []
         for s in range(n_sets):
             p = {k: float(v[s]) for k, v in given.items()}
-            series = stacked([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in courses])
-            changed[:, s] = self._cut(series)
+            series.append(stacked([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in courses]))
+        changed = self._cut(self.moving.acted(index, np.stack(series, axis=-1))).swapaxes(1, 2)
         return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
 
     def _sense(

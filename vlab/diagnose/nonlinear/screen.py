@@ -207,8 +207,17 @@ class MovingScreen(Screen):
         return int(np.clip(1.0 / (OFTEN * self.problem.highest_hz * h), 1, 4))
 
     def commands(self, actuator: int) -> Array:
-        """Return an actuator's command along the runs, (n, n_runs)."""
-        return stacked([c.u[:, actuator] for c in self.moving.courses])
+        """Return what reaches an actuator's gain along the runs, (n, n_runs): its command, or its state where it has one."""
+        lag, courses = self.stepper.lags.get(actuator), self.moving.courses
+        if lag is None:
+            return stacked([c.u[:, actuator] for c in courses])
+        unit = self.plant.control_matrix[lag.control, actuator]
+        return stacked([c.act[:, lag.address] / unit for c in courses if c.act is not None])
+
+    def acted(self, actuator: int, change: Array) -> Array:
+        """Return what a change of an actuator's command (n, n_runs, k) is where its gain is reached."""
+        lag = self.stepper.lags.get(actuator)
+        return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
 
     def driven_force(self, actuator: int) -> Array:
         """Return the generalised force of a unit command along the motion, (n, n_runs, nv)."""
@@ -301,7 +310,7 @@ class MovingScreen(Screen):
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
-                changed = commands_changed(effect, group.u[..., i], shape, group.h)
+                changed = self.acted(i, commands_changed(effect, group.u[..., i], shape, group.h))
                 total = total + self.driven_force(i)[..., None] * changed[..., None, :]
             return total
         rows, z, v, a = self.known_motion(place)

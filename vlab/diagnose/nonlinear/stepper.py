@@ -9,6 +9,7 @@ import numpy as np
 
 from vlab.cases.initial import joint_of
 from vlab.cases.wiring import Compared
+from vlab.diagnose.nonlinear.lagging import lags_of
 from vlab.plants.base import Plant, Port
 from vlab.signals import Array
 
@@ -41,6 +42,7 @@ class Stepper:
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.is_flat = self.nq == self.nv
         self.substeps = 1
+        self.lags = lags_of(plant)
         self._loads = [plant.port(name) for name in load_ports]
         self._readers = [_reader(plant, c) for c in self.channels]
         self.at_state = _constant_rows(plant, self.channels)
@@ -116,7 +118,7 @@ class Stepper:
         self, q: Array, v: Array, u: Array, load: Array, act: Array | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Return the derivatives of a state's rate by the state (2 nv, 2 nv), M, and the derivatives of the accelerations by
-        the controls and of MuJoCo's sensors by the state.
+        the controls, or the states of actuators that have one, and of MuJoCo's sensors by the state.
 
         They are read off the finite differences of one short semi-implicit step, v+ = v + h a and q+ = q + h v+.
         """
@@ -136,7 +138,10 @@ class Stepper:
         L[:nv, nv:] = self._one
         M = np.zeros((nv, nv))
         mujoco.mj_fullM(model, d, M)
-        return L, M, self._B[nv : 2 * nv] / h, self._C[:, : 2 * nv]
+        by_control = self._B[nv : 2 * nv] / h
+        for lag in self.lags.values():
+            by_control[:, lag.control] = self._A[nv : 2 * nv, 2 * nv + lag.address] / h
+        return L, M, by_control, self._C[:, : 2 * nv]
 
     def _difference(self, q0: Array, v0: Array, q1: Array, v1: Array) -> Array:
         return np.concatenate([self.between(q0, q1), v1 - v0])
