@@ -7,13 +7,14 @@ from scipy.linalg import expm
 
 from controllers import DirectRateFeedback
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial import InitialState, exponentials
+from vlab.cases.initial import InitialState, begins_at_rest, exponentials
 from vlab.cases.misfit import misfit
 from vlab.cases.playback import _held_means, plan_clock
 from vlab.errors import BadCase, Diverged
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
 from vlab.plants import build_plant
+from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import write_recording
 from vlab.structure.reader import load_structure
 
@@ -304,3 +305,18 @@ def test_an_experiment_of_the_laboratory_is_reproduced_by_its_own_structure(tmp_
     (run,) = compare_case(tmp_path).runs
     # The excitation is known at its samples only: linear interpolation at 60 Hz and 2 kHz is off by (omega T)^2/8 = 0.4 %.
     assert run.misfits[0].nrmse < 4e-3
+
+
+@pytest.mark.parametrize(("upright", "begins"), [(False, True), (True, False)])
+def test_what_is_unstable_begins_at_rest_only_where_it_stands_still(tmp_path, upright, begins):
+    """A sixtieth of the largest angle is nothing to a hanging pendulum; an upright one has fallen from there."""
+    length = 0.5 if upright else -0.5
+    (tmp_path / "rig.xml").write_text(
+        '<mujoco><worldbody><body><joint name="pivot" type="hinge" axis="0 1 0"/>'
+        f'<geom size="0.05" pos="0 0 {length}" mass="1"/></body></worldbody>'
+        '<actuator><motor name="drive" joint="pivot"/></actuator></mujoco>'
+    )
+    plant = build_mjcf("rig.xml", folder=tmp_path)
+    angle = np.array([[0.05], [0.1], [3.0]])
+    assert begins_at_rest(angle, np.array([True]), plant) == begins
+    assert begins_at_rest(np.array([[0.0], [0.1], [3.0]]), np.array([True]), plant)

@@ -29,6 +29,8 @@ MOST_MODES = 8
 AT_REST, STILL = 0.02, 5
 """A driven recording starts at rest where its first sample is within this share of its largest deflection; of accelerations
 alone, where so many samples are."""
+AT_UNSTABLE_REST = 1e-3
+"""The same where the rest is unstable: all that follows grows out of how it begins."""
 REFINEMENTS = 4
 WORTH, ENOUGH = 1.1, 0.02
 """The estimate is refined on the model where it leaves this much more there than on the linearisation, which says that
@@ -128,7 +130,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     deviation = deviation - np.where([c.from_rest for c in compared], 0.0, offset)
     largest = np.abs(deviation).max(axis=0, initial=0.0)
     slow = [run.measured.channels[run.measured.index(c.channel)].kind not in _ACCELERATIONS for c in compared]
-    starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool))
+    starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
     linear: SecondOrderModel | None = None
@@ -176,7 +178,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     )
 
 
-def begins_at_rest(deviation: Array, slow: Array) -> bool:
+def begins_at_rest(deviation: Array, slow: Array, plant: Plant) -> bool:
     """Return whether channels begin at their rest values.
 
     Parameters
@@ -186,11 +188,22 @@ def begins_at_rest(deviation: Array, slow: Array) -> bool:
     slow : (n_channels,) array of bool
         Channels that stand still while the thing does; accelerations do so under a steady force as well, so where there is
         nothing else, several samples must be still.
+    plant : Plant
+        Whose rest it is.
     """
     largest = np.abs(deviation).max(axis=0, initial=0.0)
-    if np.any(slow):
-        return bool(np.all(np.abs(deviation[0, slow]) <= AT_REST * largest[slow]))
-    return bool(np.all(np.abs(deviation[:STILL]) <= AT_REST * largest))
+    first, share = (deviation[:1, slow], largest[slow]) if np.any(slow) else (deviation[:STILL], largest)
+    if not np.all(np.abs(first) <= AT_REST * share):
+        return False
+    return bool(np.all(np.abs(first) <= AT_UNSTABLE_REST * share)) or not _is_unstable(plant)
+
+
+def _is_unstable(plant: Plant) -> bool:
+    try:
+        linear = plant.linearise()
+    except BadStructure:
+        return False
+    return bool(np.any(linear.eigen[0] < 0) or np.any(np.nan_to_num(linear.zeta) < 0))
 
 
 def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:

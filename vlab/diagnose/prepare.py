@@ -251,9 +251,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     signals = tuple(
         signals_of(
             _limited(plant, without_hum(run, hums)),
+            plant,
             channels,
             rows.rest,
-            len(plant.actuators),
             load_ports,
             orders=orders,
             commands=recorded_commands(plant, run),

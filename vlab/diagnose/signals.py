@@ -12,6 +12,7 @@ from vlab.cases.playback import before
 from vlab.cases.wiring import Compared, Run
 from vlab.diagnose.damage import on_clock, says_something
 from vlab.hardware.output_chain import OutputChain
+from vlab.plants.base import Plant
 from vlab.signals import Array
 
 POINTS_PER_CYCLE = 14.0
@@ -292,9 +293,9 @@ def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
 
 def signals_of(
     run: Run,
+    plant: Plant,
     compared: Sequence[Compared],
     rest: Array,
-    n_actuators: int,
     port_names: Sequence[str],
     *,
     orders: Sequence[int],
@@ -319,7 +320,7 @@ def signals_of(
         channels show of the difference is taken off them.
     """
     time = run.measured.time - run.measured.time[0]
-    h = uniform(time)
+    h, n_actuators = uniform(time), len(plant.actuators)
     columns = np.column_stack(
         [run.measured[c.channel] - (0.0 if c.from_rest else r) for c, r in zip(compared, rest, strict=True)]
     )
@@ -353,7 +354,8 @@ def signals_of(
     scale = np.std(recorded, axis=0)
     scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
     slow = np.array([order < 2 for order in orders])
-    starts = begins_at_rest(y, slow) and (bool(run.drives) or commands is not None)
+    is_driven = bool(run.drives) or commands is not None
+    starts = is_driven and begins_at_rest(y, slow, plant)
     return Signals(
         name=run.name,
         role=run.role,

@@ -115,7 +115,8 @@ def course_of(
     )  # fmt: skip
     orders = [_order(stepper, i, run) for i in range(y.shape[1])]
     slow = np.array([order < 2 for order in orders])
-    starts = begins_at_rest(deviation, slow) and (bool(run.drives) or commands is not None)
+    is_driven = bool(run.drives) or commands is not None
+    starts = is_driven and begins_at_rest(deviation, slow, stepper.plant)
     valid = says_something(run, stepper.channels)
     usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)
