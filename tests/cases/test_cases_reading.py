@@ -161,6 +161,11 @@ def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
         ("gains = [[2.0]]", "A = [[1.0]]", "missing: B, C, K, M"),
         ("gains = [[2.0]]", "gains = [[2.0]]\nlimit = 3.0", "limit belongs to the observer"),
         ("rate_hz = 500.0", "rate_hz = 0.0", "must be positive"),
+        (
+            'at = "coil"\nkind = "command"\nunit = "N"',
+            'at = "joint:x"\nkind = "displacement"\nunit = "mm"',
+            "to prescribe a motion, give the model a stiff <position>",
+        ),
         ('time = "t"', "rate_hz = 1e15", "rate_hz is 1e.15; it must be positive and at most 1e.09"),
         ('unit = "mm"', 'unit = "mm"\nscale = 1e300', "no such unit is that far off"),
         ('unit = "mm"', 'unit = "mm"\noffset = inf', "it must be finite"),

@@ -142,6 +142,11 @@ def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -
             is_command = channel.kind == "command" and tap.unit != "command"
             return Drive(channel=label, actuator=i, is_held=channel.is_held, through_chain=is_command)
     if channel.at in plant.ports:
+        if channel.kind in ORDER:
+            raise BadCase(
+                f"{channel.at!r} is pushed by an input, the column {channel.column!r} is a {channel.kind}; to prescribe a motion, "
+                "give the model a stiff <position> or <velocity> actuator there and drive that"
+            )
         _check_input_unit(channel, "N" if plant.ports[channel.at].unit == "m" else "N m")
         return Drive(channel=label, port=channel.at, is_held=channel.is_held)
     names = [tap.name for tap in plant.actuators if tap.name]
