@@ -18,8 +18,11 @@ def test_an_effect_is_read_with_its_units():
     one = parse_effect("coulomb-friction@joint:hinge:force=0.05lbf")
     assert (one.effect.name, one.place) == ("coulomb-friction", "joint:hinge")
     assert one.values["force"] == pytest.approx(0.05 * 4.4482216152605)
-    two = parse_effect("jenkins-slip@20in:force=-2e-3 ,slip=0.1 mm")
-    assert two.values == pytest.approx({"force": -2e-3, "slip": 1e-4})
+    two = parse_effect("jenkins-slip@20in:force=2e-3 ,slip=0.1 mm")
+    assert two.values == pytest.approx({"force": 2e-3, "slip": 1e-4})
+    assert parse_effect("force-offset@20in:force=-2e-3").values["force"] == -2e-3
+    with pytest.raises(BadExperiment, match="force = -0.002; it must be positive"):
+        parse_effect("jenkins-slip@20in:force=-2e-3,slip=0.1 mm")
     assert parse_effect("crosstalk@sensor:20in/coil:base:share=1e-3").place == "sensor:20in/coil:base"
     assert parse_effect("coulomb-friction@joint:hinge:force=2 lbf in").values["force"] == pytest.approx(
         0.22597, rel=1e-4
