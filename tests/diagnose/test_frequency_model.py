@@ -1,5 +1,7 @@
 """The model in frequency: responses, modes and their derivatives against direct solutions and finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from frequency_rigs import CHAIN_EFFECTS, write_beam, write_chain
@@ -183,3 +185,28 @@ def test_physics_of_the_nominal_model_is_in_its_responses(chain):
     state = chain.state(np.zeros(len(chain.prior)))
     own = answer(chain.view, state, chain.measured[0], chain.wires, terms).H
     assert np.allclose(found, own, rtol=1e-6)
+
+
+def test_a_response_that_gives_back_power_is_told(tmp_path):
+    write_beam(tmp_path, CHAIN_EFFECTS["none"])
+    sound = read_measured(load_case(tmp_path), ("fit",))[0]
+    assert sound.input in sound.outputs
+    assert not sound.gives_power
+    assert replace(sound, H=-sound.H).gives_power  # a turned sensor
+    receptance = replace(sound, order=0, H=sound.H / (1j * sound.omega[:, None]))
+    assert not receptance.gives_power
+    assert replace(receptance, H=receptance.H.conj()).gives_power  # a phase that counts the other way
+    assert not replace(sound, H=np.abs(sound.H), is_magnitude=True).gives_power
+
+
+def test_lines_outside_the_band_are_left_out(tmp_path):
+    write_chain(tmp_path, CHAIN_EFFECTS["none"])
+    text = (tmp_path / "case.toml").read_text()
+    whole = read_measured(load_case(tmp_path), ("fit",))[0]
+    band = 'form = "receptance"\nlow_hz = 2.0\nhigh_hz = 8.0'
+    (tmp_path / "case.toml").write_text(text.replace('form = "receptance"', band))
+    part = read_measured(load_case(tmp_path), ("fit",))[0]
+    np.testing.assert_array_equal(part.freq, whole.freq[(whole.freq >= 2.0) & (whole.freq <= 8.0)])
+    (tmp_path / "case.toml").write_text(text.replace('form = "receptance"', band.replace("8.0", "1.0")))
+    with pytest.raises(BadCase, match="the lower must come first"):
+        load_case(tmp_path)

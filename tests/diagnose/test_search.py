@@ -28,7 +28,6 @@ def test_nothing_is_said_where_nothing_is_missing(tmp_path, seed):
     _, result = found(tmp_path, effect="none", seed=seed)
     choice = choose(result)
     assert choice.best is result.before
-    assert not choice.is_supported
     assert choice.places == {}
     assert result.before.level < 1.3  # the refitted model leaves the noise
     # The likeliest of some 100 columns of noise gains about ln(100) = 5, wrong priors some more; hidden effects hundreds.
@@ -39,7 +38,6 @@ def test_nothing_is_said_where_nothing_is_missing(tmp_path, seed):
 def test_the_hidden_effect_is_chosen_at_its_place_with_its_value(tmp_path):
     rig, result = found(tmp_path, effect="coulomb-friction")
     choice = choose(result)
-    assert choice.is_supported
     assert [t.label for t in choice.best.terms] == [f"coulomb-friction@{rig.place}"]
     # the motor's gain alone is 2 % uncertain, and friction is in proportion to it
     assert choice.best.terms[0].values["force"] == pytest.approx(rig.parameters["force"], rel=0.05)

@@ -317,6 +317,8 @@ class FrfTable:
         How large the excitation was (rms of the input, in a unit that all responses of the case share), where it is known.
     averages : float
         Averages behind a coherence.
+    low_hz, high_hz : float
+        Lines outside are left out: those that the excitation does not reach, or of modes that the model does not have.
     """
 
     file: str
@@ -330,6 +332,8 @@ class FrfTable:
     unit: str = ""
     level: float | None = None
     averages: float = 10.0
+    low_hz: float = 0.0
+    high_hz: float | None = None
     channel: tuple[FrfChannelTable, ...] = ()
 
     def __post_init__(self) -> None:
@@ -340,6 +344,8 @@ class FrfTable:
             raise BadCase("outputs must name at least one place")
         if self.level is not None and not self.level > 0:
             raise BadCase(f"level is {self.level:g}; it must be positive")
+        if not 0 <= self.low_hz < (np.inf if self.high_hz is None else self.high_hz):
+            raise BadCase(f"low_hz is {self.low_hz:g} and high_hz is {self.high_hz}; the lower must come first")
         if not self.averages > 1:
             raise BadCase(f"averages is {self.averages:g}; a coherence comes of more than one")
         for channel in self.channel:

@@ -50,8 +50,6 @@ class Choice:
         Other hypotheses with their probabilities, best first.
     places : dict
         Probability of every place of the first effect.
-    is_supported : bool
-        Whether it explains enough of what stood above the noise.
     gained : float
         Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
     is_of_priors : bool
@@ -63,7 +61,6 @@ class Choice:
     probability: float
     ranking: tuple[tuple[Hypothesis, float], ...]
     places: dict[str, float]
-    is_supported: bool
     shares: Mapping[str, float] = field(default_factory=dict)
     gained: float = 0.0
     is_of_priors: bool = False
@@ -111,9 +108,7 @@ def choose(found: Found) -> Choice:
         if _excess(before) - _excess(two) >= TOGETHER * _excess(before) and _beyond(two, before) > 0:
             best = two
     if best is before:
-        return Choice(
-            best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={}, is_supported=False
-        )
+        return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
     alike = tuple(h for h in same if h.score >= best.score - ALIKE)
     probability, ranking = _probabilities(found, best)
@@ -124,7 +119,6 @@ def choose(found: Found) -> Choice:
         probability=probability,
         ranking=ranking,
         places=_places(found, best),
-        is_supported=True,
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
         gained=_beyond(best, before),
         is_of_priors=before.price - best.price > best.worth * (before.misfit - best.misfit),

@@ -181,7 +181,7 @@ def stack_runs(runs: Sequence[Signals], parts: Sequence[Array]) -> tuple[Array, 
     return out, lengths
 
 
-def start_covariance(system: Discrete, y: Array, lengths: Array) -> Array:
+def start_covariance(system: Discrete, y: Array) -> Array:
     """Return a wide covariance of the first state: any mode alone may make up all of the largest motion seen."""
     A, C = system.A[0], system.C[0]
     m = A.shape[0] // 2
@@ -217,7 +217,7 @@ def tune(
     n = min(len(y), TUNING_SAMPLES)
     short = np.minimum(lengths, n)
     part = None if usable is None else usable[:n]
-    start = start_covariance(system, y, lengths)
+    start = start_covariance(system, y)
     B, C = system.B[0], system.C[0]
     # one step's force that moves a channel by its noise: the scale of the search
     response = np.abs(C @ system.A[0] @ B).max(axis=1) + np.abs(system.D[0]).max(axis=1)

@@ -263,7 +263,7 @@ class Screen:
             self._intensity[runs[0].h], gains = tune(system, noise, forces, y, lengths, usable, near)
         else:
             intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
-            gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y, lengths))
+            gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y))
         if usable is None and all(run.at_rest for run in runs):  # how it starts is known: every sample counts
             gains = Gains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)

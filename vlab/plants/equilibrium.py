@@ -103,7 +103,10 @@ def _free_motion(model: Any, rest: Array) -> list[str]:
     loose, unstable = int(np.sum(np.abs(stiffness) <= 1e-9 * largest)), int(np.sum(stiffness < -1e-9 * largest))
     notes = []
     if largest == 0.0 or loose:
-        notes.append(f"{model.nv if largest == 0.0 else loose} directions are free to move: no spring holds them")
+        count = model.nv if largest == 0.0 else loose
+        notes.append(
+            f"{count} direction{'s are' if count > 1 else ' is'} free to move: no spring holds {'them' if count > 1 else 'it'}"
+        )
     if unstable:
-        notes.append(f"the equilibrium is unstable in {unstable} directions")
+        notes.append(f"the equilibrium is unstable in {unstable} direction{'s' if unstable > 1 else ''}")
     return notes

@@ -135,7 +135,7 @@ def _chosen(found: FrequencyFound) -> Choice:
     if not choice.best.terms or choice.best.score - found.before.score >= LEAST_SCORE:
         return choice
     best = found.before
-    return replace(choice, best=best, alike=(), probability=_of_nothing(found), places={}, is_supported=False)
+    return replace(choice, best=best, alike=(), probability=_of_nothing(found), places={})
 
 
 def _of_nothing(found: FrequencyFound) -> float:
@@ -222,6 +222,12 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
     out = list(problem.view.left_out)
+    out += [
+        f"{data.name}: the response at {data.input} to a force there gives back power, which no passive thing does; its sign is "
+        "turned, or its phase counts the other way"
+        for data in (*problem.measured, *problem.held_out)
+        if isinstance(data, Response) and data.gives_power
+    ]
     aside = [name for name, _ in problem.case.recordings()]
     if aside:
         out.append(f"[[recording]] {', '.join(aside)} not used: the case has responses and tables of modes to fit")

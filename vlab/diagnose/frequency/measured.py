@@ -34,6 +34,8 @@ says nothing: what the repetition of a modal test by others leaves."""
 FREQUENCY_ERROR, ZETA_ERROR, SHAPE_ERROR = 0.001, 0.05, 0.01
 """What a model may be off by besides, which is no missing physics."""
 SMALLEST_ZETA = 1e-5
+GIVES = 0.1
+"""A response whose mobility at the driven place has a negative real part, on the whole, by this share of its size gives power."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +78,15 @@ class Response:
     def omega(self) -> Array:
         """Circular frequencies of the lines [rad/s]."""
         return 2 * np.pi * self.freq
+
+    @property
+    def gives_power(self) -> bool:
+        """Whether the place that is driven gives back more power than it takes, which no passive thing does: the sign of the
+        response is turned, or it is conjugated (which a mobility does not show)."""
+        if self.is_magnitude or self.input not in self.outputs:
+            return False
+        mobility = self.H[:, self.outputs.index(self.input)] / (1j * self.omega) ** (self.order - 1)
+        return float(np.sum(mobility.real)) < -GIVES * float(np.sum(np.abs(mobility)))
 
     def on(self, keep: Array) -> "Response":
         """Return the response on some of its lines."""
@@ -199,10 +210,10 @@ def _telling(group: Sequence[Response]) -> Array:
 def _response(case: Case, table: FrfTable, name: str) -> Response:
     file = open_table(table.file, folder=case.folder)
     read = to_frequency_response(file, table)
-    used = read.freq > 0
+    used = (read.freq > 0) & (read.freq >= table.low_hz) & (read.freq <= (table.high_hz or np.inf))
     freq, H = read.freq[used], read.H[used, :, 0]
     if len(freq) < 8:
-        raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz; at least 8 are needed")
+        raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz in its band; at least 8 are needed")
     if not np.all(np.any(H != 0, axis=0)):
         raise BadCase(f"{case.path}: {table.file}: an output is zero on all lines; leave it out")
     guessed = np.sqrt(_roughness(freq, H))

@@ -110,13 +110,10 @@ def course_of(
             load[:, list(load_ports).index(drive.port)] += mean
     if commands is not None:
         u += np.column_stack([_means(time, column, True, edges) for column in commands.T])
-    deviation = y - np.where([c.from_rest for c in stepper.channels], 0.0, rest) - np.where(
-        [c.from_rest for c in stepper.channels], rest, 0.0
-    )  # fmt: skip
     orders = [_order(stepper, i, run) for i in range(y.shape[1])]
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
-    starts = is_driven and begins_at_rest(deviation, slow, stepper.plant)
+    starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
     valid = says_something(run, stepper.channels)
     usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)

@@ -42,5 +42,5 @@ def prepared(case: Case) -> tuple[Problem, AlongMotion | None]:
         return problem, None
     check_scope(case)
     problem, moving = prepare_moving(case)
-    check_contacts(case, moving.courses, moving.motions)
+    check_contacts(case, moving.motions)
     return problem, AlongMotion(problem=problem, moving=moving)

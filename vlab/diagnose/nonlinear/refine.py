@@ -86,7 +86,7 @@ class MovingRefiner(Refiner):
                 cut = {name: getattr(run, name)[a:b] for name in ("u", "load", "y")}
                 valid = None if run.valid is None else run.valid[a:b]
                 name = run.name if whole else f"{run.name}[{j}]"
-                runs.append(replace(run, name=name, **cut, valid=valid, t0=float(a), start=smooth[a, i], at_rest=False))
+                runs.append(replace(run, name=name, **cut, valid=valid, start=smooth[a, i], at_rest=False))
         self.length = max(len(run) for run in runs)
         self.whole = whole
         self.screen, self.problem, self.twin, self.runs = screen, screen.problem, screen.twin, runs

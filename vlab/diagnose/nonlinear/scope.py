@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.nonlinear.course import Course, Motion
+from vlab.diagnose.nonlinear.course import Motion
 from vlab.diagnose.observer import smoothed_states
 from vlab.diagnose.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.prepare import Problem, prepare
@@ -166,7 +166,7 @@ def check_scope(case: Case) -> None:
         )
 
 
-def check_contacts(case: Case, courses: Sequence[Course], motions: Sequence[Motion]) -> None:
+def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
     """Refuse motion with closed contacts, whose forces jump from sample to sample.
 
     Raises
