@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from vlab.proof.prove import ANSWERS, SCORE, answers_folder, prove
 from vlab.views.proof_report import write_proof
 
 CASES = asset("evidence") / "cases"
+README = Path(__file__).parents[2] / "README.md"
 LEAST = {
     "in-library": 120,
     "null": 60,
@@ -72,3 +74,37 @@ def test_a_change_of_the_evidence_is_noticed(shipped, which):
     path.write_text(json.dumps(document))
     with pytest.raises(BadProof, match="changed"):
         prove(shipped, answers_folder(shipped))
+
+
+ROWS = {
+    "right effect, by its very name": "right effect, first answer",
+    "right equivalence class": "right equivalence class, first answer",
+    "the same on the beam and the grid": "right class on the beam and the grid",
+    "right class at the right place": "right class and exact place",
+    "right place, exact (of what was named)": "right place, exact, of what was named",
+    "90 % place set holds the place": "coverage of the 90 % place set",
+    "90 % intervals hold them": "coverage of 90 % parameter intervals, of effects named right",
+    "right effect, all its parameters within 10 %": "right effect, all its parameters within 10 %",
+    "nothing hidden: anything but nothing-missing": "null: anything but nothing-missing (false alarms)",
+    "nothing hidden: physics named": "null: physics named",
+    "out of library: abstains": "out of library: abstains",
+}
+"""Rows of the README by the measures that they show."""
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_the_readme_says_what_was_counted(row):
+    measures = {m["measure"]: m for m in json.loads((answers_folder(CASES) / SCORE).read_text())["measures"]}
+    measure = measures[ROWS[row]]
+    (line,) = [line for line in README.read_text().splitlines() if line.startswith(f"| {row} |")]
+    _, _, counted, interval, target, met, _ = (cell.strip() for cell in line.split("|"))
+    assert counted == f"{measure['count']} of {measure['of']}, {short(measure['value'])}"
+    assert interval == " to ".join(short(end) for end in measure["ci95"])
+    assert target == " to ".join(short(float(x)) for x in measure["target"].strip("<>= ").split(" to ") if x)
+    said = "shown" if measure["shown"] else {True: "met", False: "missed", None: ""}[measure["met"]]
+    assert met.partition(",")[0] == said
+
+
+def short(x):
+    """Return a share as the README writes it."""
+    return f"{x:.2f}".removeprefix("0")
