@@ -180,3 +180,14 @@ def test_a_time_column_in_milliseconds_is_not_read_as_seconds(tmp_path):
     with pytest.raises(BadUnit, match='time_unit = "ms"'):
         to_recording(table, columns, time="t [ms]")
     assert to_recording(table, columns, time="t [ms]", time_unit="ms").time.tolist() == [0.0, 0.002, 0.004]
+
+
+def test_lines_of_titles_above_the_header_are_passed_over_and_said(tmp_path):
+    text = "Rig two-mass, run of 2024-05-03\nsampled at 500 Hz\n\nt;x [mm]\n0;1\n0.002;2\n"
+    found = table(tmp_path, text)
+    assert found.names == ("t", "x [mm]")
+    assert found["t"].tolist() == [0.0, 0.002]
+    assert found.notes == ("2 lines before the header not read",)
+    units_too = table(tmp_path, "Logger 7\nt,F\ns,N\n0,1\n1,2\n")
+    assert (units_too.names, dict(units_too.units)) == (("t", "F"), {"t": "s", "F": "N"})
+    assert table(tmp_path, "one\nx\n1\n2\n").names == ("x",)

@@ -1,7 +1,7 @@
 """Comma, semicolon or tab separated numbers, read strictly, and vlab's own labelled form of them.
 
-One header line with names, perhaps a line with units, then numbers only; lines starting with ``#`` are comments. A name may
-end with its unit in brackets. Between semicolons or tabs a comma is a decimal sign where no number has a point. pyarrow reads
+Perhaps some lines of titles, one header line with names, perhaps a line with units, then numbers only; lines starting with
+``#`` are comments. A name may end with its unit in brackets. Between semicolons or tabs a comma is a decimal sign where no number has a point. pyarrow reads
 the ordinary file fast; whatever it refuses is read again line by line, which also knows complex numbers and says where the
 fault is.
 """
@@ -22,6 +22,7 @@ import pyarrow as pa
 import pyarrow.csv
 from numpy.typing import NDArray
 
+from vlab import units as known_units
 from vlab.errors import BadRecording, unknown_name
 from vlab.recordings.cells import cut_line, parse_number
 from vlab.recordings.files import PathLike, one_line, refuse, written_whole
@@ -39,6 +40,7 @@ from vlab.signals import Channel, Recording
 _SIGNATURE = "vlab-recording"
 _LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
 _LONGEST_PREAMBLE = 2 * MAX_COLUMNS
+_MOST_TITLES = 100
 _BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
@@ -56,6 +58,7 @@ class _Layout:
     line: int  # its number, from 1
     comments: tuple[str, ...]
     units: tuple[str, ...] = ()  # of the columns, from a line of their own
+    titles: int = 0  # lines before the header
 
     def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
         return refuse(self.path, f"line {line}: {what}", fix=fix)
@@ -87,6 +90,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
     is_whole = data.endswith((b"\n", b"\r"))
     if labels is None:
+        if layout.titles:
+            notes = (*notes, f"{layout.titles} line{'s' if layout.titles > 1 else ''} before the header not read")
         if not is_whole:
             notes = (*notes, "the last line has no line end: its last number may be cut short")
         return Table(path=path, columns=found, notes=notes, units=_stated_units(layout))
@@ -133,16 +138,17 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
             comments.append(text.strip()[1:].strip())
         elif text.strip(" \t"):
             content.append((number, offset, text))
-            if len(content) == 3:
+            if len(content) == _MOST_TITLES or _is_all_numbers(text):
                 break
     if not content:
         raise refuse(path, "no numbers in the file", fix="check what was exported")
-    delimiter = next((sign for sign in ";\t," if sign in content[min(1, len(content) - 1)][2]), ",")
+    titles, units = _above_numbers(content)
+    content = content[titles:]
+    delimiter = _delimiter(content[min(1, len(content) - 1)][2])
     number, offset, text = content[0]
     cells = cut_line(text, delimiter, path, number)
     width, trailing = len(cells), len(cells) > 1 and not cells[-1]
     cells = cells[:-1] if trailing else cells
-    units: tuple[str, ...] = ()
     numeric = [_is_number(cell, delimiter) for cell in cells]
     if any(numeric) and not all(numeric):
         bad = cells[numeric.index(False)]
@@ -158,7 +164,7 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
                 f"a header in line {number} and no numbers after it",
                 fix="the file is truncated or the export was empty",
             )
-        header, units = cells, _units_line(content, delimiter, width, path)
+        header = cells
         number, offset, _ = content[2 if units else 1]
     else:
         header = _commented_names(comments, delimiter, len(cells)) or [f"c{i + 1}" for i in range(len(cells))]
@@ -175,16 +181,43 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
         line=number,
         comments=tuple(comments),
         units=units[: len(chosen)],
+        titles=titles,
     )
 
 
-def _units_line(content: list[tuple[int, int, str]], delimiter: str, width: int, path: Path) -> tuple[str, ...]:
-    """Return the units in the line below the header, where there is one: as many cells, no number among them, numbers below."""
-    if len(content) < 3:
-        return ()
-    cells, below = (cut_line(text, delimiter, path, number) for number, _, text in content[1:])
-    is_one = len(cells) == width == len(below) and not any(_is_number(cell, delimiter) for cell in cells)
-    return tuple(cells) if is_one and any(_is_number(cell, delimiter) for cell in below) else ()
+def _delimiter(text: str) -> str:
+    return next((sign for sign in ";\t," if sign in text), ",")
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    """Return the cells of a line before anything is known of the file; a delimiter at its end ends it."""
+    cells = [cell.strip() for cell in text.split(delimiter)]
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _is_all_numbers(text: str) -> bool:
+    delimiter = _delimiter(text)
+    return all(_is_number(cell, delimiter) for cell in _cells(text, delimiter))
+
+
+def _above_numbers(content: list[tuple[int, int, str]]) -> tuple[int, tuple[str, ...]]:
+    """Return how many lines are titles, before a header of as many names as there are numbers in a line, and the units in the line
+    between the two, where there is one."""
+    text = content[-1][2]
+    if len(content) < 3 or not _is_all_numbers(text):
+        return 0, ()
+    delimiter = _delimiter(text)
+    count = len(_cells(text, delimiter))
+    above = [_cells(line, delimiter) for _, _, line in content[:-1]]
+    if len(above[-1]) != count or any(_is_number(cell, delimiter) for cell in above[-1]):
+        return 0, ()  # no header that fits: what is wrong is said of the first lines
+    is_units = len(above[-2]) == count and all(_is_unit(cell) for cell in above[-1])
+    return len(above) - (2 if is_units else 1), tuple(above[-1]) if is_units else ()
+
+
+def _is_unit(cell: str) -> bool:
+    bare = cell.strip("[]() ")
+    return bare in ("", "-") or known_units.same_dimension(bare, bare)
 
 
 def _is_number(cell: str, delimiter: str) -> bool:
@@ -322,7 +355,7 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
         )
     if value is None and not cell:
         raise layout.fail(
-            line, f"{where} is empty", fix="fill or cut the gap, or read only the columns that you need (columns=...)"
+            line, f"{where} is empty", fix="fill or cut the gap; columns that no channel names are not read"
         )
     if value is None:
         fix = "lines after the header hold numbers only"
