@@ -75,6 +75,8 @@ class Reader:
         """Read and parse the file."""
         try:
             text = Path(self.file).read_text(encoding="utf-8")
+        except FileNotFoundError as error:
+            raise self.error(f"{self.file}: there is no such file; check the path") from error
         except (OSError, UnicodeDecodeError) as error:
             raise self.error(f"{self.file}: cannot be read as a TOML text file: {error}") from error
         return self.parse(text)

@@ -119,7 +119,9 @@ class Recording:
                 if np.all(np.isfinite(self.time))
                 else int(np.argmin(np.isfinite(self.time)))
             )
-            raise BadRecording(f"the time stamps do not increase at sample {bad} (t = {self.time[bad]:g} s)")
+            raise BadRecording(
+                f"the time stamps do not increase at sample {bad} (t = {self.time[bad]:g} s); where they are only rounded, give rate_hz instead"
+            )
         if not np.all(np.isfinite(self.data)):
             row, column = (int(i) for i in np.argwhere(~np.isfinite(self.data))[0])
             raise BadRecording(
