@@ -271,7 +271,7 @@ def table_rows(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[A
     """Return heads and rows of the table of measures; a target is shown to be met where the whole interval meets it."""
     rows = []
     for m in found["measures"]:
-        interval = f"{m['ci95'][0]:.3f} to {m['ci95'][1]:.3f}" if "ci95" in m else ""
+        interval = f"{m['ci95'][0]:.3f} to {m['ci95'][1]:.3f}" if m.get("ci95") and m["of"] else ""
         count = f"{m['count']}/{m['of']}" if "count" in m else f"{m['of']}"
         met = "shown" if m.get("shown") else {True: "met", False: "missed", None: ""}[m["met"]]
         rows.append([m["measure"], m["value"], count, interval, m["target"], met])
