@@ -168,11 +168,10 @@ class SlewLimit(ActuatorEffect):
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
-        """See `ActuatorEffect`."""
-        out = np.array(u, dtype=float)
-        most = p["slope"] * h
+        """See `ActuatorEffect`: the means of the ramps over the intervals."""
+        out, now = np.array(u, dtype=float), np.array(u[0], dtype=float)
         for k in range(1, len(out)):
-            out[k] = out[k - 1] + limited(u[k] - out[k - 1], most)
+            out[k], now = _ramped(now, out[k], p["slope"] * h)
         return out
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
@@ -181,10 +180,18 @@ class SlewLimit(ActuatorEffect):
 
         def step(u: float) -> float:
             nonlocal last
-            last = u if last is None else last + limited(u - last, most)
-            return last
+            mean, last = (u, u) if last is None else _ramped(last, u, most)
+            return float(mean)
 
         return step
+
+
+def _ramped(start: Any, target: Any, most: float) -> tuple[Any, Any]:
+    """Return the mean and the end of a ramp that goes at most so far in an interval, and stays where it arrives."""
+    way = target - start
+    end = start + limited(way, most)
+    share = np.minimum(np.abs(way) / most, 1.0)  # of the interval until it arrives
+    return end - 0.5 * share * (end - start), end
 
 
 class ActuatorDelay(ActuatorEffect):
