@@ -12,8 +12,12 @@ from vlab.cases.initial import find_initial_state
 from vlab.diagnose.linear_view import actuator_forces, command_readings
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.prepare import prepare
+from vlab.diagnose.signals import windows
+from vlab.diagnose.simulation import _inputs
+from vlab.diagnose.terms import Term
 from vlab.diagnose.uncertain import Uncertain, adjusted
 from vlab.errors import BadStructure
+from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf
 
 RIG = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 0"/><worldbody>
@@ -158,3 +162,21 @@ def test_a_start_is_estimated_from_accelerations_under_way(tmp_path, hold):
     assert found.how == "estimated"
     # the command before the first sample is not known: one reading of some hundreds is off
     assert found.nrmse < 0.1
+
+
+@pytest.mark.parametrize("name", ["actuator-lag", "actuator-delay"])
+def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name):
+    """Windows of a run, put together again, are the run: a lag of ten samples does not begin anew in each."""
+    case = recorded(tmp_path, reads=(ENCODER, VELOCITY))
+    problem = prepare(case)
+    place = next(p for p in problem.places if p.name == "actuator:drive")
+    (parameter,) = EFFECTS[name].parameters
+    late = Term(effect=EFFECTS[name], place=place, values={parameter.name: 0.02})
+    values = [{parameter.name: np.array([0.02])}]
+    (run,) = problem.signals
+    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), 5.0)
+    assert len(parts) > 2
+    whole = _inputs([run], [late], values, 1)[:, 0, 0]
+    cut = np.concatenate([_inputs([part], [late], values, 1)[: len(part), 0, 0] for part in parts])
+    # what stood more than 120 samples before has decayed by e^-12
+    np.testing.assert_allclose(cut, whole, atol=1e-4 * np.abs(whole).max())

@@ -27,7 +27,7 @@ from their priors' means over what is usual, above which it has one all the same
 NEAR_ENOUGH, EXACT = 1.0, 0.02
 """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
 and for the values of parameters."""
-LEAD = 64
+LEAD = 512
 """Samples before a window in which a sensor's dynamics settle."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""

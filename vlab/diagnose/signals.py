@@ -58,6 +58,8 @@ class Signals:
         Modal state at the first sample, where it is taken as known.
     before : (k, 2m) array or None
         Modal states at the samples before the first one, for laws with memory.
+    led : (k, n_actuators) array or None
+        Commands before the first sample, for what comes out late.
     valid : (n, n_channels) array of bool or None
         Which samples say something of the structure; all of them by default.
     end : float or None
@@ -76,6 +78,7 @@ class Signals:
     t0: float = 0.0
     start: Array | None = None
     before: Array | None = None
+    led: Array | None = None
     valid: Array | None = None
     end: float | None = None
 
@@ -138,7 +141,7 @@ CYCLES = 3.0
 """A window holds at least this many cycles of the slowest mode that oscillates; whole runs say more of it."""
 LEAST_WINDOW = 150
 PREROLL = 120
-"""Samples of smoothed motion that a law with memory sees before a window."""
+"""Samples of smoothed motion that a law with memory sees before a window, and of commands, which may come out late."""
 
 
 def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
@@ -170,6 +173,7 @@ def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
                 t0=run.t0 + float(a * run.h),
                 start=states[a],
                 before=states[max(a - PREROLL, 0) : a],
+                led=run.u[max(a - PREROLL, 0) : a],
             )
         )
     return out

@@ -74,14 +74,23 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
     out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
     for i, run in enumerate(runs):
         out[: len(run), 0, i] = np.hstack([run.u, run.load])
+    led = _led(runs)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, ActuatorEffect):
             out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
             for s in range(n_sets):
                 p = {k: float(v[s]) for k, v in own.items()}
                 for i in term.place.indices:
-                    out[:, s, :, i] = term.effect.actuate(out[:, s, :, i], p, runs[0].h)
+                    whole = np.concatenate([led[..., i], out[:, s, :, i]])
+                    out[:, s, :, i] = term.effect.actuate(whole, p, runs[0].h)[len(led) :]
     return out
+
+
+def _led(runs: list[Signals]) -> Array:
+    """Return the commands before every run's first sample, zero where there were none, (k, n_runs, n_actuators)."""
+    leads = [run.u[:0] if run.led is None else run.led for run in runs]
+    most = max(len(lead) for lead in leads)
+    return np.stack([np.vstack([np.zeros((most - len(lead), lead.shape[1])), lead]) for lead in leads], axis=1)
 
 
 def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
@@ -99,5 +108,6 @@ def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals])
         other = np.zeros((len(y), 1, len(runs)))
         for j, run in enumerate(runs):  # a sample is read while the command before it still stands
             other[1 : len(run), 0, j] = run.u[:-1, k]
+            other[0, 0, j] = 0.0 if run.led is None or not len(run.led) else run.led[-1, k]
     p = {name: np.asarray(value)[:, None] for name, value in own.items()}
     y[..., i] = term.effect.mix(y[..., i], other, p)
