@@ -214,19 +214,21 @@ class _Marcher:
     def _looped(self, drive: Array, part: Array, x: Array, first: int, pushed: Array) -> tuple[Array, Array]:
         """Return the states at the samples of a chunk and at its end; the forces of the laws in the loop are filled in.
 
-        The laws see only their ports' motion, so that alone is worked out again after every force.
+        The laws see only their ports' motion, which goes along as so many more entries of the state.
         """
-        step, laws, seen = self.h / self.substeps, [(j, self.laws[j]) for j in self.left], self.seen
-        count = len(self.laws)
-        states = np.zeros(drive.shape)
-        at = x @ seen
+        step, laws = self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
+        count, width = len(self.laws), x.shape[-1]
+        step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
+        both = {j: np.concatenate([law.push, law.felt], axis=-1) for j, law in laws}
+        driven, states = np.concatenate([drive, drive @ self.seen], axis=-1), np.zeros(drive.shape)
+        state = np.concatenate([x, x @ self.seen], axis=-1)
         last = {j: law.last for j, law in laws}
         for k in range(len(part)):
-            states[k] = x
+            states[k] = state[..., :width]
             for sub in range(self.substeps):
-                x = np.matmul(x, self.AT)
-                x += drive[k]
-                after = x @ seen
+                new = np.matmul(state[..., :width], step_of)
+                new += driven[k]
+                at, after = state[..., width:], new[..., width:]
                 t = self.late + ((first + k) * self.h + (sub + 0.5) * step)
                 # forces change by little in a step: the last ones stand for those not known yet
                 own = sum(last.values())
@@ -240,22 +242,23 @@ class _Marcher:
                         command=0.0 if law.coil is None else part[k][..., law.coil],
                     )
                     force, law.memory = self._force(law, j, at, after + own, now, law.memory)
-                    force = force[..., None]
-                    x += force * law.push
-                    own = own - last[j]
-                    last[j] = force * law.felt
-                    after += last[j]
+                    change = force[..., None] * both[j]
+                    if len(laws) > 1:
+                        own = own - last[j]
+                    last[j] = change[..., width:]
+                    new += change
                     if sub == 0:
-                        pushed[k, ..., j] = force[..., 0]
-                at = after
+                        pushed[k, ..., j] = force
+                state = new
             if k % CHECKED == 0:
-                contained = _contained(x)
-                if contained is not x:
-                    x, at = contained, contained @ seen
+                own_states = state[..., :width]
+                contained = _contained(own_states)
+                if contained is not own_states:
+                    state = np.concatenate([contained, contained @ self.seen], axis=-1)
                     last = {j: np.zeros(()) for j, _ in laws}
         for j, law in laws:
             law.last = last[j]
-        return states, x
+        return states, state[..., :width]
 
 
 def _seen_by(rows: Sequence[Array], m: int) -> Array:

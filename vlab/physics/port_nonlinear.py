@@ -69,6 +69,11 @@ class PolynomialStiffness(PortEffect):
         return -p["k2"] * z * z - p["k3"] * z * z * z, memory
 
 
+def _any(flags: Any) -> bool:
+    """Return whether any of some flags is set; a single one is no array, as in a step of MuJoCo."""
+    return bool(np.count_nonzero(flags) if isinstance(flags, np.ndarray) else flags)  # `any` takes ten times as long
+
+
 def dry_friction(limit: Any, v: Any, step: Step) -> Any:
     """Return the force of dry friction with a limit: what stops the port in this step, or the limit.
 
@@ -77,17 +82,19 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
     its beginning a port that is pushed too hard to stick turns round within the step, and friction with it.
     """
     if step.free_velocity is not None:
-        stop = step.free_velocity / (step.mobility + 1e-300)
-        force = -limited(stop, limit)
-        if step.first_velocity is None:
-            return force
-        push = stop - step.first_velocity / (step.mobility + 1e-300)
-        turns = (abs(stop) < limit) & (abs(push) > limit)
-        if not np.any(turns):
-            return force
+        mobility = step.mobility + 1e-300
+        stop = step.free_velocity / mobility
+        force = limited(stop, limit)
+        sticks = force == stop
+        if step.first_velocity is None or not _any(sticks):
+            return -force
+        push = stop - step.first_velocity / mobility
+        turns = sticks & (abs(push) > limit)
+        if not _any(turns):
+            return -force
         before = (push - stop) / (abs(push) + limit)  # share of the step before it turns, with the sign of the push
         turning = limit * (2.0 * before - np.sign(push))
-        return np.where(turns, turning, force) if isinstance(turning, np.ndarray) else turning
+        return np.where(turns, turning, -force) if isinstance(turning, np.ndarray) else turning
     if np.any(np.asarray(step.mobility) > 0):
         return -limited(v / (step.mobility + 1e-300), limit)
     return -limit * smooth_sign(v, REST_SPEED * np.max(np.abs(v), initial=0.0))
