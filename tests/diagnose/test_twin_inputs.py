@@ -180,3 +180,16 @@ def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name)
     cut = np.concatenate([_inputs([part], [late], values, 1)[: len(part), 0, 0] for part in parts])
     # what stood more than 120 samples before has decayed by e^-12
     np.testing.assert_allclose(cut, whole, atol=1e-4 * np.abs(whole).max())
+
+
+STIFF_SERVO = '<position name="drive" joint="a" kp="2e5" kv="2e3"/>'
+
+
+@pytest.mark.parametrize("euler", [True, False])
+def test_a_servo_damped_beyond_its_critical_damping_lags_as_in_mujoco(tmp_path, monkeypatch, euler):
+    """It prescribes a motion 10 ms late (kv/kp), whatever its mass; coupled by damping alone to what is measured."""
+    monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace('damping="3"', ""))
+    case = recorded(tmp_path, actuator=STIFF_SERVO, kind="command", rms=0.01, reads=(ENCODER, VELOCITY), euler=euler)
+    assert prepare(case).twin.m == 2
+    # steps of half a millisecond beside poles of 100 and 1900 per second: half a step's lag is left of the fast one
+    assert twin_error(case) < 0.03

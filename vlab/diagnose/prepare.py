@@ -35,6 +35,8 @@ MESH_OWN_ERROR = 0.025
 what a fit should strive for, this what its success is worth."""
 BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
+LAGGING = 30.0
+"""A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
 
 
 LEAST_SAMPLES = 64
@@ -208,7 +210,11 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     omega, shapes = linear.eigen
     rate = min(1 / uniform(run.measured.time) for run in runs)
     kept = observable(rows.onto(np.eye(plant.model.nv)), shapes, omega)
-    kept &= np.abs(omega) < 2 * np.pi * min(max(BAND_MARGIN * highest, 1.5 * _lowest(omega, kept)), 0.45 * rate)
+    band = 2 * np.pi * min(max(BAND_MARGIN * highest, 1.5 * _lowest(omega, kept)), 0.45 * rate)
+    kept &= np.abs(omega) < band
+    kept |= lags(
+        omega, np.einsum("ij,ik,kj->j", shapes, linear.C, shapes), band
+    )  # damping couples them to what is seen
     kept &= np.cumsum(kept) <= MOST_MODES
     if not kept.any():
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {0.45 * rate:.3g} Hz")
@@ -232,9 +238,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     twin = Twin(
         omega=omega[kept],
         shapes=basis,
-        M=basis.T @ linear.M @ basis,
-        C=basis.T @ linear.C @ basis + np.diag(stepped[0]),
-        K=basis.T @ linear.K @ basis + np.diag(stepped[1]),
+        M=basis.T @ linear.M @ basis + np.diag(stepped[0]),
+        C=basis.T @ linear.C @ basis + np.diag(stepped[1]),
+        K=basis.T @ linear.K @ basis + np.diag(stepped[2]),
         forces=basis.T @ actuator_forces(plant),
         loads=(plant.port_rows(load_ports) @ basis).T if load_ports else np.zeros((kept.sum(), 0)),
         rows=rows.onto(basis),
@@ -244,7 +250,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     hums = find_hum(runs)
     into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
     pushes = np.hstack([actuator_forces(plant), plant.port_rows(load_ports).T.reshape(plant.model.nv, -1)])
-    stiff = np.abs(omega) > np.abs(omega[kept]).max()
+    stiff = ~kept & (np.abs(omega) >= band)
     still = (rows.at_q @ shapes[:, stiff] / omega[stiff] ** 2) @ shapes[:, stiff].T @ pushes
     still[:, : len(plant.actuators)] += command_readings(plant, channels)
     seen = Seen(direct=twin.rows.at_a @ into, still=still)
@@ -280,17 +286,18 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     )
 
 
-def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -> tuple[Array, Array]:
-    """Return what MuJoCo's step adds to the modes' damping and stiffness.
+def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -> tuple[Array, Array, Array]:
+    """Return what MuJoCo's step adds to the modes' mass, damping and stiffness.
 
     A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
     end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
-    the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step.
+    the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step. One beyond its critical
+    damping, a servo's, gets them with its own stiffness, for it goes where it is told to, and so another mass.
     """
     model = plant.model
     c, k = (np.einsum("ij,ik,kj->j", basis, part, basis) for part in (linear.C, linear.K))
     if model.opt.integrator not in STAGGERED:
-        return np.zeros_like(c), np.zeros_like(k)
+        return np.zeros_like(c), np.zeros_like(c), np.zeros_like(k)
     at_end = np.zeros_like(linear.C)
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP):
         at_end[np.diag_indices(model.nv)] = model.dof_damping
@@ -301,7 +308,9 @@ def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) 
     step[:, 0, 0], step[:, 0, 1] = 1.0 - h * c / grown, -h * k / grown
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h
-    return (-s.sum(axis=1)).real - c, s.prod(axis=1).real - k
+    damping, stiffness = -s.sum(axis=1).real, s.prod(axis=1).real
+    mass = np.where(0.25 * c**2 > k, k / stiffness, 1.0)
+    return mass - 1.0, mass * damping - c, mass * stiffness - k
 
 
 def _limited(plant: Plant, run: Run) -> Run:
@@ -313,6 +322,19 @@ def _limited(plant: Plant, run: Run) -> Run:
             i = measured.index(drive.channel)
             data[:, i] = within_limits(plant, drive.actuator, data[:, i])
     return run if np.array_equal(data, measured.data) else replace(run, measured=replace(measured, data=data))
+
+
+def lags(omega: Array, damping: Array, band: float) -> Array:
+    """Return which modes are damped beyond their critical damping, as a servo's are, with a slow pole that a band feels [rad/s].
+
+    Parameters
+    ----------
+    omega, damping : (n,) array
+        Frequencies [rad/s] and modal damping [1/s], of unit modal mass.
+    """
+    half = 0.5 * damping
+    slow = omega**2 / np.maximum(half + np.sqrt(np.maximum(half**2 - omega**2, 0.0)), 1e-300)
+    return np.asarray((half > np.abs(omega)) & (slow < LAGGING * band))
 
 
 def _lowest(omega: Array, kept: Array) -> float:
