@@ -193,3 +193,11 @@ def test_a_servo_damped_beyond_its_critical_damping_lags_as_in_mujoco(tmp_path, 
     assert prepare(case).twin.m == 2
     # steps of half a millisecond beside poles of 100 and 1900 per second: half a step's lag is left of the fast one
     assert twin_error(case) < 0.03
+
+
+def test_what_turns_freely_in_a_damper_is_no_servo(tmp_path, monkeypatch):
+    """Two masses on a spring with dampers to ground: the mode without a spring is overdamped, and has no stiffness to keep."""
+    monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace(' stiffness="900"', "").replace(' stiffness="400"', ""))
+    case = recorded(tmp_path, reads=(ENCODER, VELOCITY), euler=True)
+    # the dampers couple the modes, which are stepped alone: 3 + 2 N s/m for half a millisecond beside 1.5 kg
+    assert twin_error(case) < 3e-3

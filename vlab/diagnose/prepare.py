@@ -13,7 +13,7 @@ from vlab.cases.playback import bench_for, plan_clock
 from vlab.cases.wiring import ORDER, Compared, Law, Run
 from vlab.diagnose.hum import Hum, find_hum, without_hum
 from vlab.diagnose.linear_view import actuator_forces, channel_rows, command_readings, within_limits
-from vlab.diagnose.places import Place, places_of
+from vlab.diagnose.places import FREE, Place, places_of
 from vlab.diagnose.signals import Seen, Signals, fastest, signals_of, uniform
 from vlab.diagnose.twin import Change, Part, Twin, observable
 from vlab.diagnose.uncertain import Uncertain, adjusted, derivative, uncertain_parameters, unused
@@ -309,7 +309,8 @@ def _as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) 
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h
     damping, stiffness = -s.sum(axis=1).real, s.prod(axis=1).real
-    mass = np.where(0.25 * c**2 > k, k / stiffness, 1.0)
+    lagging = (0.25 * c**2 > k) & (k > FREE**2)
+    mass = np.divide(k, stiffness, out=np.ones_like(k), where=lagging)
     return mass - 1.0, mass * damping - c, mass * stiffness - k
 
 
@@ -334,7 +335,7 @@ def lags(omega: Array, damping: Array, band: float) -> Array:
     """
     half = 0.5 * damping
     slow = omega**2 / np.maximum(half + np.sqrt(np.maximum(half**2 - omega**2, 0.0)), 1e-300)
-    return np.asarray((half > np.abs(omega)) & (slow < LAGGING * band))
+    return np.asarray((half > np.abs(omega)) & (slow < LAGGING * band) & (np.abs(omega) > FREE))
 
 
 def _lowest(omega: Array, kept: Array) -> float:
