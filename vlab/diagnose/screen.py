@@ -51,6 +51,9 @@ TONES, TONE_WIDTH = 3, 4.0
 """Frequencies that are read off what is left of the recordings, and how far apart they lie at least, in lines of a recording."""
 HIGHEST_TONE = 0.3
 """...and up to what share of the sample rate they are looked for."""
+TONE_STANDS_OUT, TONE_NEIGHBOURS = 8.0, 30.0
+"""A tone has more power than this multiple of the median of so many lines to both sides; noise alone has it once in 3000 lines. What
+is left of a contact or a coarse step has none that stand out."""
 WORTH = 500.0
 """Independent values that the innovations count as in the estimate of the uncertain parameters."""
 SHARES = 2
@@ -543,9 +546,14 @@ class Screen:
         apart = TONE_WIDTH / (len(group.e) * group.h)
         power[(frequency < apart) | (frequency > HIGHEST_TONE / group.h)] = 0.0
         out = []
+        whole = power.copy()
         for _ in range(TONES):
-            out.append(float(frequency[np.argmax(power)]) or apart)
-            power[np.abs(frequency - out[-1]) < apart] = 0.0
+            top = int(np.argmax(power))
+            far = np.abs(frequency - frequency[top])
+            beside = whole[(far > apart) & (far < TONE_NEIGHBOURS / TONE_WIDTH * apart) & (whole > 0)]
+            if beside.size and power[top] > TONE_STANDS_OUT * np.median(beside):
+                out.append(float(frequency[top]))
+            power[far < apart] = 0.0
         self._tones[place.name] = tuple(out)
         return tuple(out)
 

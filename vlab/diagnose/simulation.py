@@ -13,8 +13,8 @@ from vlab.signals import Array
 
 STEPS_PER_CYCLE, FINER = 22.0, 2
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
-more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round within a step."""
-EDGED = ("friction", "hysteresis")
+more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round, a gap closes within a step."""
+EDGED = ("friction", "hysteresis", "contact", "clearance")
 """Families of such laws."""
 
 
