@@ -61,5 +61,5 @@ def test_what_is_no_law_is_refused_in_one_line(tmp_path, change, words):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(BadController, match="cannot be read"):
+    with pytest.raises(BadController, match="there is no such file"):
         load_law(tmp_path / "none.toml")
