@@ -124,7 +124,7 @@ class Screen:
         self._cache: dict[str, _Plan] = {}
         self._marched: dict[tuple[Any, ...], Array] = {}
         self._spectra: tuple[Group, Array, Any] | None = None
-        self._tones: dict[str, tuple[float, ...]] = {}
+        self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
         start = np.zeros(len(self.twin.changes)) if like is None else like.theta
         self.theta = start if theta is None else theta
         for _ in range(REFITS if like is None else 1):
@@ -533,8 +533,9 @@ class Screen:
             return max(g.h for g in self.groups)
         return 1.0
 
-    def tones(self, place: Place) -> tuple[float, ...]:
-        """Return the frequencies [Hz] at which a force at a port would explain most of what is left, the strongest first."""
+    def tones(self, place: Place) -> tuple[tuple[float, bool], ...]:
+        """Return the frequencies [Hz] at which a force at a port would explain most of what is left, the strongest first, and
+        whether each stands out of its neighbours, as a force of one frequency does and a resonance need not."""
         if place.name in self._tones:
             return self._tones[place.name]
         if self._spectra is None:
@@ -551,8 +552,8 @@ class Screen:
             top = int(np.argmax(power))
             far = np.abs(frequency - frequency[top])
             beside = whole[(far > apart) & (far < TONE_NEIGHBOURS / TONE_WIDTH * apart) & (whole > 0)]
-            if beside.size and power[top] > TONE_STANDS_OUT * np.median(beside):
-                out.append(float(frequency[top]))
+            stands_out = bool(beside.size and power[top] > TONE_STANDS_OUT * np.median(beside))
+            out.append((float(frequency[top]) or apart, stands_out))
             power[far < apart] = 0.0
         self._tones[place.name] = tuple(out)
         return tuple(out)
@@ -581,7 +582,7 @@ class Screen:
         """Return the values of a shape that are tried; frequencies of forces are read off the recordings besides."""
         values = [g * self._reference_of(effect, parameter.name, place) for g in parameter.grid]
         if isinstance(effect, PortEffect) and parameter.name == "frequency":
-            values += self.tones(place)
+            values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
         return values
 
     def _shapes(self, effect: Effect, place: Place) -> list[dict[str, float]]:
