@@ -61,13 +61,17 @@ def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
         assert c.gap_closed == pytest.approx(1.0, abs=0.02)
 
 
-def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monkeypatch):
+def held_out_run(folder, monkeypatch):
+    """Return a short case, its first hold-out, the nominal model's run of it and the compared channels."""
     monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
-    oscillator_case(tmp_path)
-    case = load_case(tmp_path)
+    oscillator_case(folder)
+    case = load_case(folder)
     (run, *_) = case.runs(("holdout",))
-    plain = simulate(case.plant, run).recording
-    names = tuple(c.channel for c in run.compared)
+    return case, run, simulate(case.plant, run).recording, tuple(c.channel for c in run.compared)
+
+
+def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monkeypatch):
+    case, run, plain, names = held_out_run(tmp_path, monkeypatch)
     gains, offsets = np.array([1.0, 1.1, 0.9]), np.array([0.0, 0.0, 2e-3])
     changed = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=offsets).simulated(run)
     for name, gain, offset in zip(names, gains, offsets, strict=True):
@@ -75,12 +79,7 @@ def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monke
 
 
 def test_a_gain_counts_from_what_is_read_at_rest(tmp_path, monkeypatch):
-    monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
-    oscillator_case(tmp_path)
-    case = load_case(tmp_path)
-    (run, *_) = case.runs(("holdout",))
-    plain = simulate(case.plant, run).recording
-    names = tuple(c.channel for c in run.compared)
+    case, run, plain, names = held_out_run(tmp_path, monkeypatch)
     gains, rest = np.full(3, 1.02), np.array([0.5, 9.81, 0.0])  # a height, an accelerometer upright
     model = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=np.zeros(3), about=rest)
     for name, about in zip(names, rest, strict=True):

@@ -37,8 +37,6 @@ BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
 LAGGING = 30.0
 """A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
-
-
 LEAST_SAMPLES = 64
 """What a spectrum takes from which the noise is read."""
 LONG = 0.9
@@ -212,9 +210,8 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     kept = observable(rows.onto(np.eye(plant.model.nv)), shapes, omega)
     band = 2 * np.pi * min(max(BAND_MARGIN * highest, 1.5 * _lowest(omega, kept)), 0.45 * rate)
     kept &= np.abs(omega) < band
-    kept |= lags(
-        omega, np.einsum("ij,ik,kj->j", shapes, linear.C, shapes), band
-    )  # damping couples them to what is seen
+    damping = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes)
+    kept |= lags(omega, damping, band)  # damping couples them to what is seen
     kept &= np.cumsum(kept) <= MOST_MODES
     if not kept.any():
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {0.45 * rate:.3g} Hz")
@@ -235,21 +232,21 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         points = [p.name for p in structure.point if p.name in plant.ports]
         at_points = plant.port_rows(points) @ basis
         parts = structure_parts(structure, variant, parameters, at_points, omega[kept], points, tuned)
+    pushes = np.hstack([actuator_forces(plant), plant.port_rows(load_ports).T.reshape(plant.model.nv, -1)])
     twin = Twin(
         omega=omega[kept],
         shapes=basis,
         M=basis.T @ linear.M @ basis + np.diag(stepped[0]),
         C=basis.T @ linear.C @ basis + np.diag(stepped[1]),
         K=basis.T @ linear.K @ basis + np.diag(stepped[2]),
-        forces=basis.T @ actuator_forces(plant),
-        loads=(plant.port_rows(load_ports) @ basis).T if load_ports else np.zeros((kept.sum(), 0)),
+        forces=basis.T @ pushes[:, : len(plant.actuators)],
+        loads=basis.T @ pushes[:, len(plant.actuators) :],
         rows=rows.onto(basis),
         changes=changes_of(parameters),
         parts=parts,
     )
     hums = find_hum(runs)
     into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
-    pushes = np.hstack([actuator_forces(plant), plant.port_rows(load_ports).T.reshape(plant.model.nv, -1)])
     stiff = ~kept & (np.abs(omega) >= band)
     still = (rows.at_q @ shapes[:, stiff] / omega[stiff] ** 2) @ shapes[:, stiff].T @ pushes
     still[:, : len(plant.actuators)] += command_readings(plant, channels)

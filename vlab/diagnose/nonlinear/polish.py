@@ -90,8 +90,8 @@ class SimulatedRefiner(MovingRefiner):
     def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
         """Return what MuJoCo's run of a plant gives at a course's samples."""
         course, whole = self.moving.moving.courses[run], self.problem.runs[run]
-        from_start = whole.measured.time[0] + course.time - 1e-9  # the search may have looked at a later part alone
-        part = whole.measured.between(from_start[0], np.inf)
+        first = whole.measured.time[0] + course.time[0] - 1e-9  # the search may have looked at a later part alone
+        part = whole.measured.between(first, np.inf)
         recording = simulate(plant, replace(whole, measured=part), initial=start).recording
         rest = self.twin.rows.rest
         time, at = recording.time - recording.time[0], course.time - course.time[0]
