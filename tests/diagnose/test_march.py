@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.march import CHUNK, acting_order, march
+from vlab.diagnose.march import CHUNK, _remember, acting_order, march
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Term
@@ -147,3 +147,24 @@ class Viscous(PortEffect):
 
     def force(self, z, v, p, step, memory):
         return -p["damping"] * v, memory
+
+
+@pytest.mark.parametrize("name", [e.name for e in PORTS if e.response == "linear"])
+def test_what_a_linear_law_remembers_is_what_its_steps_leave(name):
+    rng, effect = np.random.default_rng(2), EFFECTS[name]
+    p = {k: np.array([v, 1.5 * v, 0.7 * v])[:, None] for k, v in LAWS[name].items()}
+    y, before = np.zeros((5, 1)), rng.standard_normal((700, 4)).cumsum(axis=0)
+    run = Signals(
+        name="part", role="fit", h=H, y=y, u=y, load=y[:, :0], noise=y[0], scale=y[0], at_rest=False, t0=0.0,
+        before=before, start=before[-1],
+    )  # fmt: skip
+    row = np.array([1.0, -0.4])
+    (whole,) = np.asarray(_remember(effect, row, p, [run], SETS)).transpose(2, 0, 1)
+    memory, seen = effect.memory((SETS, 1)), np.vstack([before, before[-1]])
+    z, v = seen[:, :2] @ row, seen[:, 2:] @ row
+    for k in range(700):
+        middle = [np.full((SETS, 1), 0.5 * (x[k] + x[k + 1])) for x in (z, v)]
+        memory = effect.force(*middle, p, Step(h=H), memory)[1]
+    by_steps = np.array(memory)[..., 0]
+    assert np.abs(by_steps).max() > 0.1
+    assert whole == pytest.approx(by_steps, rel=1e-9, abs=1e-9)

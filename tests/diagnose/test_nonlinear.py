@@ -16,6 +16,7 @@ from test_twin_inputs import ENCODER, VELOCITY, recorded
 from vlab.cases import load_case
 from vlab.cases.initial import find_initial_state
 from vlab.diagnose.choose import choose
+from vlab.diagnose.noise import uneven_noise
 from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.prepare import prepare_moving
@@ -23,7 +24,6 @@ from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.signals import uneven_noise
 from vlab.diagnose.terms import Term
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS

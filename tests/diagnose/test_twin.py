@@ -7,7 +7,8 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case, simulate
-from vlab.diagnose.prepare import _as_stepped, prepare
+from vlab.diagnose.modes import as_stepped
+from vlab.diagnose.prepare import prepare
 from vlab.diagnose.twin import discretise
 from vlab.diagnose.uncertain import adjusted
 from vlab.errors import BadCase
@@ -151,7 +152,7 @@ def test_the_twin_has_the_eigenvalues_of_an_implicit_step_within_a_tree(tmp_path
     plant = build_mjcf("rig.xml", folder=tmp_path)
     linear = plant.linearise()
     basis = linear.eigen[1]
-    _, added_c, added_k = _as_stepped(plant, linear, basis, plant.timestep)
+    _, added_c, added_k = as_stepped(plant, linear, basis, plant.timestep)
     c, k = (np.diag(basis.T @ part @ basis) for part in (linear.C, linear.K))
     c, k = c + added_c, k + added_k
     ours, exact = -c / 2 + 1j * np.sqrt(k - c**2 / 4), stepped_eigenvalues(plant)
@@ -175,7 +176,7 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
     twin = problem.twin
     theta = 0.5 * twin.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(twin.prior))
     theta[[c.actuator is not None or c.sensor is not None for c in twin.changes]] = 0.0
-    _, c_stepped, k_stepped = _as_stepped(problem.plant, problem.plant.linearise(), twin.shapes, problem.plant.timestep)
+    _, c_stepped, k_stepped = as_stepped(problem.plant, problem.plant.linearise(), twin.shapes, problem.plant.timestep)
     row = problem.plant.port_rows(["20in"])
     for set_of, tolerance in ((theta, 5e-4), (0 * theta, 1e-9)):
         linear = problem.adjusted(set_of).linearise()

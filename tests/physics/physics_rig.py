@@ -13,7 +13,8 @@ from vlab.cases.case import Case, load_case
 from vlab.cases.initial import InitialState
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
-from vlab.diagnose.prepare import Problem, prepare
+from vlab.diagnose.prepare import prepare
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.terms import Term
 from vlab.physics.attach import Attached, attach

@@ -29,6 +29,7 @@ UNCERTAIN_KINDS = (
 
 HELD_KINDS = ("command", "voltage", "current")
 """Kinds of input that a converter holds from one sample to the next; the others are sampled from a smooth signal."""
+Hold = Literal["", "zero", "zero-first", "past", "linear"]
 
 
 OTHER_WORDS = {
@@ -108,8 +109,10 @@ class ChannelTable:
     from_rest : bool
         The file counts from the equilibrium: the model's value there is subtracted before comparing.
     hold : str
-        How an input goes on between its samples; ``"zero"`` for what a converter holds (`HELD_KINDS`), else
-        ``"linear"``.
+        How an input goes on between its samples: ``"linear"`` on a straight line; ``"zero"`` it stands from its sample to the
+        next, and readings of its sample were taken before; ``"zero-first"`` the same, but they were taken after; ``"past"`` it
+        stood from the sample before until its own. Where it is not said, ``"zero"`` for what a converter holds (`HELD_KINDS`),
+        else ``"linear"``; a diagnosis says where recordings contradict that.
     """
 
     column: str
@@ -121,7 +124,7 @@ class ChannelTable:
     offset: float = 0.0
     input: bool = False
     from_rest: bool = False
-    hold: Literal["", "zero", "linear"] = ""
+    hold: Hold = ""
 
     def __post_init__(self) -> None:
         if self.kind not in KIND_UNITS:
@@ -156,7 +159,12 @@ class ChannelTable:
     @property
     def is_held(self) -> bool:
         """Whether an input stays constant between its samples."""
-        return self.hold == "zero" or (not self.hold and self.kind in HELD_KINDS)
+        return self.kind in HELD_KINDS if not self.hold else self.hold != "linear"
+
+    @property
+    def is_first(self) -> bool:
+        """Whether readings of an input's sample see it already, although it is held."""
+        return self.hold == "zero-first"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from vlab.cases.wiring import Compared, Law, Run
+from vlab.cases.wiring import Compared, Drive, Law, Run
 from vlab.errors import BadCase
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
@@ -294,7 +294,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
     plant, model, data = bench.plant, bench.model, bench.data
     means, present = _drives(run, clock, plant)
     loads = [drive for drive in run.drives if drive.port]
-    load_means, load_present = _channels(run, clock, [d.channel for d in loads], [d.is_held for d in loads])
+    load_means, load_present = _channels(run, clock, loads)
     ports = [plant.port(drive.port) for drive in loads]
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix
@@ -403,7 +403,7 @@ def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
     means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
     present = np.zeros((clock.readings, len(plant.actuators)))
     drives = [drive for drive in run.drives if drive.actuator is not None]
-    each, now = _channels(run, clock, [d.channel for d in drives], [d.is_held for d in drives])
+    each, now = _channels(run, clock, drives)
     for i, drive in enumerate(drives):
         if drive.actuator is None:
             continue
@@ -430,14 +430,14 @@ def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
     return np.resize(forces, steps) if forces.size >= steps else np.pad(forces, (0, steps - forces.size), mode="edge")
 
 
-def _channels(run: Run, clock: Clock, names: list[str], held: list[bool]) -> tuple[Array, Array]:
-    """Return channels as means over the integration steps and as values just before the readings."""
+def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
+    """Return what drives a plant as means over the integration steps and as the values that readings see."""
     time = run.measured.time - run.measured.time[0]
     steps = (clock.readings - 1) * clock.steps
-    means, present = np.zeros((steps, len(names))), np.zeros((clock.readings, len(names)))
-    for i, (name, is_held) in enumerate(zip(names, held, strict=True)):
-        values = run.measured[name]
-        if not is_held:
+    means, present = np.zeros((steps, len(drives))), np.zeros((clock.readings, len(drives)))
+    for i, drive in enumerate(drives):
+        values = run.measured[drive.channel]
+        if not drive.is_held:
             means[:, i] = np.interp(clock.middles, time, values)
             present[:, i] = np.interp(clock.times, time, values)
         elif clock.on_time:
@@ -447,6 +447,10 @@ def _channels(run: Run, clock: Clock, names: list[str], held: list[bool]) -> tup
         else:
             means[:, i] = _held_means(time, values, np.arange(steps + 1) * clock.timestep)
             present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+        if drive.is_first:
+            present[:, i] = values[
+                np.maximum(np.searchsorted(time, clock.times + 0.5 * clock.steps * clock.timestep, side="right") - 1, 0)
+            ]
     return means, present
 
 

@@ -1,7 +1,7 @@
 """A recording wired to a plant: which channel drives what, which is compared with what, and the law in the loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -36,6 +36,8 @@ class Drive:
 
     Parameters
     ----------
+    is_held, is_first : bool
+        Whether it stays constant between its samples, and whether readings see it at its own sample already.
     through_chain : bool
         It is a command: delay, hold and filter of the hardware stand between it and the force.
     """
@@ -44,6 +46,7 @@ class Drive:
     actuator: int | None = None
     port: str = ""
     is_held: bool = True
+    is_first: bool = False
     through_chain: bool = False
 
 
@@ -140,7 +143,13 @@ def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -
         if channel.at in (tap.name, tap.at, f"actuator:{tap.name}") and tap.name:
             _check_input_unit(channel, tap.unit)
             is_command = channel.kind == "command" and tap.unit != "command"
-            return Drive(channel=label, actuator=i, is_held=channel.is_held, through_chain=is_command)
+            return Drive(
+                channel=label,
+                actuator=i,
+                is_held=channel.is_held,
+                is_first=channel.is_first,
+                through_chain=is_command,
+            )
     if channel.at in plant.ports:
         if channel.kind in ORDER:
             raise BadCase(
@@ -148,7 +157,7 @@ def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -
                 "give the model a stiff <position> or <velocity> actuator there and drive that"
             )
         _check_input_unit(channel, "N" if plant.ports[channel.at].unit == "m" else "N m")
-        return Drive(channel=label, port=channel.at, is_held=channel.is_held)
+        return Drive(channel=label, port=channel.at, is_held=channel.is_held, is_first=channel.is_first)
     names = [tap.name for tap in plant.actuators if tap.name]
     raise unknown_name("actuator", channel.at, [*names, *plant.ports])
 
@@ -322,6 +331,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
     """
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
+    whole = _moved_on(whole, table)
     edge = 1e-9 * max(1.0, abs(whole.time[-1]))  # a start that stands on a sample takes it, rounding aside
     measured = _part(whole, start - edge, stop - edge)
     if measured is None:
@@ -341,6 +351,17 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         hardware=hardware,
         initial=table.initial,
     )
+
+
+def _moved_on(whole: Recording, table: RecordingTable) -> Recording:
+    """Return a recording whose inputs that stood until their samples stand from the samples before."""
+    past = [name for c, name in zip(table.channel, table.channel_names, strict=True) if c.input and c.hold == "past"]
+    if not past:
+        return whole
+    data = whole.data.copy()
+    for i in (whole.index(name) for name in past):
+        data[:-1, i] = data[1:, i]
+    return replace(whole, data=data)
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

@@ -19,17 +19,17 @@ from vlab.diagnose.findings import of_hum, of_limit, of_step, of_stop, of_terms,
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import Hypothesis
+from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.nonlinear.engine import prepared
-from vlab.diagnose.prepare import MESH_OWN_ERROR, MODEL_ERROR, Problem
+from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR, Problem
 from vlab.diagnose.refine import EXACT, Refiner
 from vlab.diagnose.resolution import SensorStep, sensor_steps
 from vlab.diagnose.search import TimeFound, search
-from vlab.diagnose.signals import noise_level
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
-from vlab.diagnose.words import next_measurement, not_excluded
+from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import Zero, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
@@ -116,7 +116,7 @@ def look(problem: Problem, damage: Damage) -> Seen:
     big: list[Hum] = []
     small: list[Hum] = []
     for hum in problem.hums:
-        noise = float(np.median([noise_level(run.measured[hum.channel]) for run in runs]))
+        noise = float(np.median([noise_levels(run, [hum.channel]) for run in runs]))
         matters = hum.share > BENIGN_HUM and hum.rms > HUM_OVER_NOISE * noise
         (big if matters else small).append(hum)
     stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP)
@@ -168,6 +168,7 @@ def diagnose(
     report(0.0, "reading")
     case, standoffs = without_standoffs(case)
     problem, along = prepared(case)
+    case = problem.case
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
     sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
@@ -326,7 +327,7 @@ def _say(
         alternatives=tuple(_alternatives(choice, problem)),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
-        not_excluded=not_excluded(choice, verdict),
+        not_excluded=(*not_excluded(choice, verdict), *far_off(problem.parameters, fit.theta)),
         next_measurement=next_measurement(choice, verdict, [f.effect for f in findings]),
         quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
         notes=tuple(notes),

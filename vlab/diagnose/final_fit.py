@@ -15,10 +15,10 @@ from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import says_something
 from vlab.diagnose.hum import without_hum
 from vlab.diagnose.hypothesis import WORTH
+from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner, carried_on, inward, outward
-from vlab.diagnose.signals import noise_level
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
@@ -147,9 +147,9 @@ def _shortened(run: Run, most: int) -> Run:
 
 
 def _target(problem: Problem, run: Run) -> _Target:
-    clean = without_hum(run, problem.hums).measured
-    measured = np.column_stack([clean[name] for name in problem.names])
-    noise = np.array([noise_level(column) for column in measured.T])
+    clean = without_hum(run, problem.hums)
+    measured = np.column_stack([clean.measured[name] for name in problem.names])
+    noise = noise_levels(clean, problem.names)
     return _Target(
         run=run,
         columns=tuple(run.measured.index(name) for name in problem.names),

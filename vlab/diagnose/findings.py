@@ -11,7 +11,7 @@ from vlab.diagnose.diagnosis import Finding
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.zeros import Zero

@@ -14,7 +14,7 @@ import numpy as np
 
 from vlab.diagnose.causes import RUNAWAY
 from vlab.diagnose.recursion import states_of
-from vlab.diagnose.signals import Signals
+from vlab.diagnose.signals import LONG_PREROLL, PREROLL, Signals
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import Discrete
 from vlab.physics.effect import PortEffect, Step
@@ -289,17 +289,41 @@ def _law(
 def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:
     """Return a law's memory after the smoothed motion that stands before every window."""
     memory = effect.memory((n_sets, len(runs)))
-    longest = max((0 if run.before is None else len(run.before)) for run in runs)
+    is_linear = effect.response == "linear"
+    most = LONG_PREROLL if is_linear else PREROLL
+    longest = min(max((0 if run.before is None else len(run.before)) for run in runs), most)
     if memory is None or longest == 0:
         return memory
     m = len(row)
-    z, v = np.zeros((longest, len(runs))), np.zeros((longest, len(runs)))
+    motion = np.zeros((longest, 2, len(runs)))  # displacement and velocity, in the middle of each step
     for i, run in enumerate(runs):
-        if run.before is not None and len(run.before):
-            z[-len(run.before) :, i], v[-len(run.before) :, i] = run.before[:, :m] @ row, run.before[:, m:] @ row
-    for k in range(longest):
-        memory = effect.force(z[k][None], v[k][None], p, Step(h=runs[0].h), memory)[1]
+        if run.before is None or not len(run.before):
+            continue
+        x = np.vstack([run.before[-longest:], run.before[-1] if run.start is None else run.start])
+        seen = np.stack([x[:, :m] @ row, x[:, m:] @ row], axis=1)
+        motion[-len(x) + 1 :, :, i] = 0.5 * (seen[1:] + seen[:-1])
+    now = Step(h=runs[0].h)
+    if is_linear:
+        return _remembered(effect, p, motion, now, n_sets)
+    for z, v in motion:
+        memory = effect.force(z[None], v[None], p, now, memory)[1]
     return memory
+
+
+def _remembered(effect: PortEffect, p: Mapping[str, Array], motion: Array, now: Step, n_sets: int) -> list[Array]:
+    """Return what a linear law remembers of motion (n, 2, n_runs), each entry (n_sets, n_runs): a sum over decaying modes."""
+    still, count = np.zeros((n_sets, 1)), len(effect.memory((n_sets, 1)) or ())
+
+    def after(z: Array, v: Array, memory: list[Array]) -> Array:
+        return np.stack([part[:, 0] for part in effect.force(z, v, p, now, memory)[1]], axis=1)
+
+    none, one = [still] * count, np.ones((n_sets, 1))
+    A = np.stack([after(still, still, [*none[:i], one, *none[i + 1 :]]) for i in range(count)], axis=2)
+    B = np.stack([after(one, still, none), after(still, one, none)], axis=2)
+    decay, modes = np.linalg.eig(A)
+    weights = decay[..., None] ** np.arange(len(motion) - 1, -1, -1)
+    driven = np.einsum("scd,scl,ldr->scr", np.linalg.solve(modes, B), weights, motion, optimize=True)
+    return [np.ascontiguousarray(part) for part in np.moveaxis((modes @ driven).real, 1, 0)]
 
 
 def _contained(x: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose.observer import smoothed_states
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.recursion import states_of
 from vlab.diagnose.twin import discretise
 from vlab.plants.base import Plant

@@ -27,6 +27,8 @@ from their priors' means over what is usual, above which it has one all the same
 NEAR_ENOUGH, EXACT = 1.0, 0.02
 """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
 and for the values of parameters."""
+NOISE = 0.95
+"""Mean square of what is left below which it is noise, in its squared standard deviations."""
 LEAD = 512
 """Samples before a window in which a sensor's dynamics settle."""
 REUSED = 3
@@ -334,12 +336,24 @@ class Refiner:
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             damping = max(lams[pick] * 0.1, 1e-8)
-            is_noise = settled > EXACT and spread_is_noise(raw, layout.r + layout.n_channels)
-            if (small >= 2 and shapes_too) or is_noise:
+            if (small >= 2 and shapes_too) or (settled > EXACT and self._is_noise(layout, raw)):
                 break
         if settled <= EXACT:
             slopes = self._jacobian(layout, terms, x, raw)  # what is carried on is good for steps, not for intervals
         return self._result(layout, terms, x, raw, slopes * self._weight(layout, raw)[:, None])
+
+    def _is_noise(self, layout: _Layout, raw: Array) -> bool:
+        """Return whether what remains of every run is as small as the noise: a better fit means nothing.
+
+        All together may be while the loudest run still asks for another value: most samples of a blow are of its fading out.
+        """
+        at = layout.r + layout.n_channels
+        for run in sorted(self.runs, key=lambda run: run.h):
+            size = run.y.size
+            if np.mean(raw[at : at + size] ** 2) > NOISE + 4.0 * np.sqrt(2.0 / size):  # four standard deviations of it
+                return False
+            at += size
+        return True
 
     def _shape_entries(self, layout: _Layout, terms: Sequence[Term]) -> list[int]:
         """Return the entries of parameters that a law is not linear in, of laws that have others."""
@@ -572,11 +586,6 @@ class Refiner:
             cost=data,
             sd=sd,
         )
-
-
-def spread_is_noise(raw: Array, priors: int) -> bool:
-    """Return whether the remaining difference is as small as the noise: a better fit means nothing."""
-    return bool(np.mean(raw[priors:] ** 2) < 0.95)
 
 
 def carried_on(slopes: Array, step: Array, change: Array) -> Array:

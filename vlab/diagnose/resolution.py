@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.cases.wiring import Run, compared_names
-from vlab.diagnose.signals import noise_level
+from vlab.diagnose.noise import noise_levels
 from vlab.signals import Array
 
 BENIGN_STEP = 0.01
@@ -57,10 +57,11 @@ def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
     """Return the steps of channels whose readings are coarse, pooled over runs."""
     out = []
     for channel in compared_names(runs):
-        columns = [run.measured[channel] for run in runs if run.measured.is_uniform and channel in run.measured.names]
-        if not columns:
+        even = [run for run in runs if run.measured.is_uniform and channel in run.measured.names]
+        if not even:
             continue
-        noise = float(np.median([noise_level(column) for column in columns]))
+        columns = [run.measured[channel] for run in even]
+        noise = float(np.median([noise_levels(run, [channel]) for run in even]))
         found = _step(np.concatenate(columns), OVER_NOISE * noise)
         rms = float(np.sqrt(np.mean([np.var(column) for column in columns])))
         if found is not None and found[0] > BENIGN_STEP * rms:

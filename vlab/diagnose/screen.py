@@ -22,7 +22,7 @@ from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
 from vlab.diagnose.observer import Gains, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place, admissible
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Candidate
 from vlab.diagnose.twin import discretise
@@ -336,6 +336,34 @@ class Screen:
     def _left(self, columns: Array) -> Array:
         """Return columns with what the uncertain parameters explain of them taken off."""
         return np.asarray(columns - self.nuisance @ (self._gram @ (self.nuisance.T @ columns)))
+
+    def instead(self, signals: Sequence[Signals]) -> tuple[float, float, float]:
+        """Return how far the inputs and readings of other signals of the same runs explain the innovations.
+
+        Returns
+        -------
+        share : float
+            Of the way from these signals to the others that the innovations ask for: 1 where the others are right.
+        gain : float
+            In log-likelihood.
+        explained : float
+            Share of what is left that this explains.
+        """
+        others, blocks = {s.name: s for s in signals}, []
+        for group in self.groups:
+            runs = [others[run.name].first(len(run)) for run in group.runs]
+            u, _ = stack_runs(runs, [run.u for run in runs])
+            load, _ = stack_runs(runs, [run.load for run in runs])
+            y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+            force = u @ self.now.forces.T + load @ self.now.loads.T - group.forces
+            blocks.append(group.rows(self.through(group, force[..., None], (group.y - y)[..., None])))
+        column = np.concatenate(blocks)
+        left, pull = self._left(column), float(column[:, 0] @ self.base)
+        size = float(column[:, 0] @ left[:, 0])
+        if not size > 1e-12:
+            return 0.0, 0.0, 0.0
+        won = pull * pull / size
+        return pull / size, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 

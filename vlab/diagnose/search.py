@@ -20,7 +20,7 @@ from vlab.diagnose.fits import (
 )
 from vlab.diagnose.hypothesis import Found, Hypothesis, weighed
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import SLOW, Screen
 from vlab.diagnose.second import MUCH, SECOND_PLACES, pairs, wants_a_second

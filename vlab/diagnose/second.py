@@ -16,7 +16,7 @@ from vlab.diagnose.fits import pairs_fitted, terms_of
 from vlab.diagnose.group import Group
 from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import SLOW, Screen
 from vlab.diagnose.shortlist import LEAST_GAIN, siblings

@@ -1,4 +1,4 @@
-"""The runs of a case on one clock: interval means of the inputs, deviations of the outputs from rest, noise."""
+"""The runs of a case on one clock: interval means of the inputs, deviations of the outputs from rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +11,7 @@ from vlab.cases.initial import begins_at_rest
 from vlab.cases.playback import before
 from vlab.cases.wiring import Compared, Run
 from vlab.diagnose.damage import on_clock, says_something
+from vlab.diagnose.noise import NOISE_BAND, noise_level
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -24,10 +25,6 @@ MOST_SAMPLES = 8000
 FIRST_WILL_DO = 0.25
 """It is the first part, whose start is known best, where that has this share of the power of any other."""
 POWER_SHARE = 0.99
-NOISE_BAND = 0.7
-"""The noise is read off the spectrum above this share of half the sample rate, as its median there."""
-LEAST_NOISE = 1e-4
-"""Least noise that is believed, as a share of a channel's rms: what integrators and converters leave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +104,7 @@ class Signals:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
+class Feedthrough:
     """What channels show of inputs at once.
 
     Parameters
@@ -142,6 +139,8 @@ CYCLES = 3.0
 LEAST_WINDOW = 150
 PREROLL = 120
 """Samples of smoothed motion that a law with memory sees before a window, and of commands, which may come out late."""
+LONG_PREROLL = 2000
+"""The same of laws that are linear in what they remember, which costs them nothing: a light oscillator rings for that long."""
 
 
 def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
@@ -172,7 +171,7 @@ def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
                 at_rest=run.at_rest and i == 0,
                 t0=run.t0 + float(a * run.h),
                 start=states[a],
-                before=states[max(a - PREROLL, 0) : a],
+                before=states[max(a - LONG_PREROLL, 0) : a],
                 led=run.u[max(a - PREROLL, 0) : a],
             )
         )
@@ -201,42 +200,6 @@ def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
         if total[-1] > 0:
             out = max(out, float(freq[np.searchsorted(total, POWER_SHARE * total[-1])]))
     return out
-
-
-def noise_level(column: Array) -> float:
-    """Return the standard deviation of a channel's noise: white noise of the level at the upper end of its spectrum."""
-    if len(column) < 64:
-        return LEAST_NOISE * float(np.std(column) or 1.0)
-    freq, power = signal.welch(column - column.mean(), 1.0, nperseg=min(len(column), 1024), window="blackmanharris")
-    floor = float(np.median(power[freq > NOISE_BAND / 2]))
-    rms = float(np.std(column)) or 1.0
-    return float(np.hypot(max(np.sqrt(floor / 2), LEAST_NOISE * rms), _grain(column) / np.sqrt(12)))
-
-
-def _grain(column: Array) -> float:
-    """Return the step of a coarsely quantised channel, else 0."""
-    steps = np.diff(np.unique(column))
-    return float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
-
-
-def uneven_noise(time: Array, column: Array) -> float:
-    """Return the standard deviation of the noise of a smooth channel at uneven times.
-
-    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
-    """
-    if len(column) < 16:
-        return LEAST_NOISE * float(np.std(column) or 1.0)
-    index = np.arange(2, len(column) - 2)
-    near = index[:, None] + np.array([-2, -1, 1, 2])
-    t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
-    weights = np.ones_like(t)  # Lagrange's polynomials at zero
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
-    left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
-    noise = max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
-    return float(np.hypot(noise, _grain(column) / np.sqrt(12)))
 
 
 def thinning(count: int, h: float, highest_hz: float, enough: int = ENOUGH_SAMPLES) -> int:
@@ -305,7 +268,7 @@ def signals_of(
     orders: Sequence[int],
     commands: Array | None = None,
     highest_hz: float | None = None,
-    seen: Seen | None = None,
+    feedthrough: Feedthrough | None = None,
 ) -> Signals:
     """Put one run on the search's clock.
 
@@ -319,7 +282,7 @@ def signals_of(
         What a law in the loop commanded, added to the inputs.
     highest_hz : float or None
         Fastest motion of interest; found from the run itself by default.
-    seen : Seen or None
+    feedthrough : Feedthrough or None
         The search lets inputs act with their means over the intervals, and readings show the inputs of their own moment; what
         channels show of the difference is taken off them.
     """
@@ -335,19 +298,19 @@ def signals_of(
     recorded = y.copy()
     inputs = np.zeros((len(grid), n_actuators + len(port_names)))
 
-    def add(column: int, values: Array, is_held: bool) -> None:
+    def add(column: int, values: Array, is_held: bool, is_first: bool = False) -> None:
         mean = interval_means(time, values, is_held, grid)
         inputs[:, column] += mean
-        if seen is not None and seen.shows(column):
-            now = before(values) if is_held else values
-            y[:] -= seen.ahead(column, mean, on_grid(time, now, grid, thin))
+        if feedthrough is not None and feedthrough.shows(column):
+            now = before(values) if is_held and not is_first else values
+            y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin))
 
     for drive in run.drives:
         values, is_held = run.measured[drive.channel], drive.is_held
         if drive.through_chain and run.hardware is not None:
             values, is_held = through_chain(run, values, run.hardware.converter.rate), True
         at = n_actuators + list(port_names).index(drive.port) if drive.actuator is None else drive.actuator
-        add(at, values, is_held)
+        add(at, values, is_held, drive.is_first)
     if commands is not None:
         for j in range(n_actuators):
             add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
@@ -367,7 +330,7 @@ def signals_of(
         u=u,
         load=load,
         y=y,
-        noise=np.array([noise_level(column) for column in recorded.T]),
+        noise=np.array([noise_level(column, inputs[part]) for column in recorded.T]),
         scale=scale,
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         t0=float(grid[part.start]),

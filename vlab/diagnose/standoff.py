@@ -11,7 +11,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.linear_view import channel_rows
 from vlab.diagnose.places import FREE
-from vlab.diagnose.prepare import wired_runs
+from vlab.diagnose.wired import wired_runs
 from vlab.errors import BadStructure
 from vlab.signals import Array
 

@@ -10,10 +10,10 @@ from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
+from vlab.diagnose.noise import noise_rms
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.resolution import SensorStep
-from vlab.diagnose.signals import noise_level, uneven_noise
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.zeros import Zero
 from vlab.errors import BadCase, Diverged
@@ -195,10 +195,7 @@ def _checked(
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
     scale = np.array([np.std(run.measured[n]) for n in names])
-    time, is_even = run.measured.time, run.measured.is_uniform
-    measured = [run.measured[n] for n in names]
-    noise = np.array([noise_level(y) if is_even else uneven_noise(time, y) for y in measured])
-    noise = noise / scale
+    noise = noise_rms(run, names) / scale
     for step in next((m.steps for m in reversed(models) if m is not None), ()):
         if step.channel in names:
             i = names.index(step.channel)

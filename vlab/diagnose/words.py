@@ -2,8 +2,14 @@
 
 from collections.abc import Sequence
 
-from vlab.diagnose.choose import Choice
+import numpy as np
 
+from vlab.diagnose.choose import Choice
+from vlab.diagnose.uncertain import Uncertain
+from vlab.signals import Array
+
+FAR_OFF = 2.9
+"""Standard deviations beyond which one of a dozen uncertain parameters lies by chance once in twenty models."""
 _SEPARATES = {
     frozenset(
         {"friction", "hysteresis"}
@@ -65,6 +71,19 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
         out += [f"{h.label} was tried and leaves {h.level:.2g} times the noise" for h, _ in choice.ranking[:3]]
         out.append("physics that is not in the catalogue")
     return tuple(out)
+
+
+def far_off(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
+    """Return which uncertain parameters a refit took further than chance would, at log-factors (n_parameters,).
+
+    Physics that only changes a number hides there: a refit that may change the number takes it up.
+    """
+    return tuple(
+        f"{p.name} was refitted by {100.0 * float(np.expm1(v)):+.2g} %, {abs(v) / p.sd:.1f} of its standard deviations: if it "
+        "cannot be off by that, state so in [model.uncertain]"
+        for p, v in zip(parameters, theta, strict=True)
+        if abs(v) > FAR_OFF * p.sd
+    )
 
 
 def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = ()) -> str:

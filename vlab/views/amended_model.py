@@ -88,6 +88,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
         for given, table in zip(raw.get("recording", ()), case.table.recording, strict=True):
             for channel, known in zip(given["channel"], table.channel, strict=True):
                 channel.update({"offset": known.offset} if known.offset else {})
+                channel.update({"hold": known.hold} if known.hold else {})
         raw["title"] = f"{case.table.title} (amended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}

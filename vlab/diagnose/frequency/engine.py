@@ -30,7 +30,7 @@ from vlab.diagnose.frequency.verify import (
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.uncertain import unused
 from vlab.diagnose.verify import gap_closed, total
-from vlab.diagnose.words import next_measurement, not_excluded
+from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
@@ -46,7 +46,6 @@ UNVERIFIED = 3.0
 a misfit on the very data that it was fitted to may be anything."""
 LEAST_PARTS = 6
 """Where so many parts of the data were left out one after the other, their prediction decides in the place of held-out data."""
-EDGE = 2.9
 BANDS = 12
 FORMS = ("m/N", "m/s/N", "m/s^2/N")
 
@@ -248,9 +247,8 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
         if choice.best.terms
         else f"{found.tried} effects at places were tried"
     )
-    far = [p.name for p, v in zip(problem.parameters, choice.best.fit.theta, strict=True) if abs(v) > EDGE * p.sd]
-    if far:
-        out.append(f"at the edge of what [model.uncertain] allows: {', '.join(far)}")
+    far = far_off(problem.parameters, choice.best.fit.theta)
+    out += far
     best = found.hypotheses[0] if found.hypotheses else None
     if not choice.best.terms and far and best is not None and best.score > found.before.score:
         odds = np.exp(min(best.score - found.before.score, 20.0))

@@ -10,9 +10,8 @@ from vlab.diagnose.frequency.evaluate import State
 from vlab.diagnose.frequency.measured import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
-from vlab.diagnose.prepare import changes_of, parts_of
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, uncertain_parameters
+from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, changes_of, parts_of, uncertain_parameters
 from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
 from vlab.errors import BadCase
 from vlab.plants.base import Plant

@@ -9,9 +9,10 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.initial import begins_at_rest, exponentials, joint_of
 from vlab.cases.wiring import Run
 from vlab.diagnose.damage import on_clock, says_something
+from vlab.diagnose.noise import noise_level, uneven_noise
 from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.signals import liveliest, noise_level, on_grid, uneven_noise, uniform
+from vlab.diagnose.signals import liveliest, on_grid, uniform
 from vlab.signals import Array
 
 MOST_SAMPLES = 2500
@@ -126,14 +127,14 @@ def course_of(
         load=load,
         act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
         y=y,
-        noise=np.array([_noise(grid, column, is_even) for column in y.T]),
+        noise=np.array([_noise(grid, column, is_even, np.column_stack([u, load])) for column in y.T]),
         scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         valid=None if usable.all() else usable,
     )
 
 
-def _noise(time: Array, column: Array, is_even: bool) -> float:
+def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
     """Return the standard deviation of a channel's noise.
 
     Of even records it is read off the spectrum, whose median is low by up to a fifth where few segments are averaged;
@@ -142,7 +143,7 @@ def _noise(time: Array, column: Array, is_even: bool) -> float:
     local = uneven_noise(time, column)
     if not is_even:
         return local
-    floor = noise_level(column)
+    floor = noise_level(column, inputs)
     return float(np.clip(local, floor, 1.25 * floor))
 
 

@@ -7,7 +7,7 @@ from vlab.cases.case import Case
 from vlab.diagnose.nonlinear.prepare import Moving, prepare_moving
 from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.nonlinear.search import search_moving
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.search import TimeFound
 from vlab.physics.effect import Effect
 

@@ -14,10 +14,11 @@ from vlab.diagnose.nonlinear.course import MOST_SAMPLES, Course, Motion, course_
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import FREE, places_of
-from vlab.diagnose.prepare import Problem, changes_of, recorded_commands, wired_runs
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Signals, thinning, uniform
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import Uncertain, of_kind, uncertain_parameters
+from vlab.diagnose.uncertain import Uncertain, changes_of, of_kind, uncertain_parameters
+from vlab.diagnose.wired import recorded_commands, wired_runs
 from vlab.errors import BadStructure
 from vlab.plants.base import Plant
 from vlab.signals import Array

@@ -11,8 +11,10 @@ from vlab.cases.case import Case
 from vlab.diagnose.nonlinear.course import Motion
 from vlab.diagnose.observer import smoothed_states
 from vlab.diagnose.own_nonlinearity import with_own_nonlinearity
-from vlab.diagnose.prepare import Problem, prepare
+from vlab.diagnose.prepare import prepare
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Signals
+from vlab.diagnose.timing import timed
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
@@ -62,12 +64,12 @@ def linear_problem(case: Case) -> Problem | None:
     problem = prepare(case, ("fit",))
     if _departure(plant, linear, *_large(plant)) < EXACT:
         _check_stable(case, problem, linear)
-        return problem
+        return timed(problem)
     q, v = (part @ problem.twin.shapes.T for part in _states(problem))
     if _departure(plant, linear, q, v) > FAR:
         return None
     _check_stable(case, problem, linear)
-    return with_own_nonlinearity(problem)
+    return with_own_nonlinearity(timed(problem))
 
 
 def _large(plant: Plant) -> tuple[Array, Array]:

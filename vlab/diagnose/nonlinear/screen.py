@@ -28,7 +28,7 @@ from vlab.diagnose.observer import Gains as SteadyGains
 from vlab.diagnose.observer import Smoothed, stack_runs
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.places import Place
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete

@@ -17,7 +17,7 @@ from vlab.diagnose.nonlinear.polish import SimulatedRefiner
 from vlab.diagnose.nonlinear.prepare import Moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.prepare import Problem
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import SLOW
 from vlab.diagnose.search import SLOW_SHORTLIST, TimeFound, shows
 from vlab.diagnose.second import SECONDS, SEEDS

@@ -1,0 +1,110 @@
+"""When inputs act: conventions of files that a case does not state, found from recordings that scipy integrated."""
+
+import numpy as np
+import pytest
+from rig_folder import Channel, Record, multisine, write_case
+from scipy import signal
+
+from vlab.cases import load_case
+from vlab.diagnose.engine import diagnose
+from vlab.diagnose.prepare import prepare
+from vlab.diagnose.timing import timed
+
+RATE, SECONDS, NOISE = 500.0, 8.0, 0.003
+MASS, STIFFNESS, DAMPING = 1.02, 2510.0, 1.1
+"""True; the model has 1 kg, 2500 N/m, 1 N s/m: 8 Hz, one per cent of critical damping."""
+
+MODEL = """<mujoco model="mass">
+  <option timestep="0.0005" gravity="0 0 0"/>
+  <worldbody><body name="mass"><joint name="x" type="slide" axis="1 0 0" stiffness="2500" damping="1"/>
+    <geom type="box" size=".05 .05 .05" mass="1"/><site name="s"/></body></worldbody>
+  <actuator><motor name="motor" joint="x"/></actuator>
+  <sensor><jointpos name="gauge" joint="x"/><accelerometer name="acc" site="s"/></sensor>
+</mujoco>"""
+
+
+def recorded(truth, kind, level, rng):
+    """Rows of a file whose inputs act as `truth` says."""
+    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+    u = multisine(rng, 0.5, 60.0, SECONDS, level)(time)
+    system = ([[0.0, 1.0], [-STIFFNESS / MASS, -DAMPING / MASS]], [[0.0], [1.0 / MASS]], np.eye(2), [[0.0], [0.0]])
+    _, y, _ = signal.lsim(system, u, time, interp=truth == "linear")
+    now = {"linear": u, "zero-first": u}.get(truth, np.append(0.0, u[:-1]))
+    acc = (now - STIFFNESS * y[:, 0] - DAMPING * y[:, 1]) / MASS
+    out = y[:, 0] if kind == "displacement" else acc
+    out = out + NOISE * out.std() * rng.standard_normal(len(out))
+    return {"u": np.append(0.0, u[:-1]) if truth == "past" else u, "y": out}
+
+
+def case(folder, truth, *, kind="displacement", given="force", hold="", rows=recorded):
+    rng = np.random.default_rng(4)
+    at, unit = {"displacement": ("gauge", "m"), "acceleration": ("acc.x", "m/s^2")}[kind]
+    records = [
+        Record(name=f"run {i}", role=role, columns=rows(truth, kind, level, rng), rate_hz=RATE)
+        for i, (level, role) in enumerate([(1.0, "fit"), (2.0, "fit"), (1.5, "holdout")])
+    ]
+    write_case(
+        folder,
+        title="Mass",
+        mjcf=MODEL,
+        uncertain={"mass": 0.03},
+        channels=[
+            Channel(column="u", at="motor", kind=given, unit="N", is_input=True, hold=hold),
+            Channel(column="y", at=at, kind=kind, unit=unit),
+        ],
+        records=records,
+    )
+    if not hold:
+        path = folder / "case.toml"
+        path.write_text(path.read_text().replace('hold = ""\n', ""))
+    return load_case(folder)
+
+
+@pytest.mark.parametrize(
+    ("truth", "kind", "given", "found"),
+    [
+        ("linear", "displacement", "force", ""),
+        ("zero", "displacement", "force", "zero"),
+        ("past", "displacement", "force", "past"),
+        ("linear", "acceleration", "force", ""),
+        ("zero", "acceleration", "force", "zero"),
+        ("zero-first", "acceleration", "force", "zero-first"),
+        ("past", "acceleration", "force", "past"),
+        ("linear", "displacement", "command", "linear"),
+        ("zero", "displacement", "command", ""),
+        ("zero", "acceleration", "command", ""),
+        ("zero-first", "acceleration", "command", "zero-first"),
+    ],
+)
+def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, found):
+    problem = timed(prepare(case(tmp_path, truth, kind=kind, given=given)))
+    channel = problem.case.table.recording[0].channel[0]
+    assert channel.hold == found
+    assert bool(problem.timing) == bool(found)
+    assert not found or f'"{found}"' in problem.notes[0]
+
+
+def test_what_a_case_states_is_kept(tmp_path):
+    problem = prepare(case(tmp_path, "past", hold="linear"))
+    assert timed(problem) is problem
+
+
+@pytest.mark.parametrize("samples", [0.5, 2.0])
+def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
+    def late(truth, kind, level, rng):
+        time = np.arange(0.0, SECONDS, 1.0 / RATE)
+        rows = recorded(truth, kind, level, rng)
+        rows["y"] = np.interp(time - samples / RATE, time, rows["y"])
+        return rows
+
+    problem = timed(prepare(case(tmp_path, "linear", rows=late)))
+    assert problem.case.table.recording[0].channel[0].hold == ("zero" if samples == 0.5 else "")
+
+
+@pytest.mark.parametrize(("truth", "kind"), [("past", "displacement"), ("zero-first", "acceleration")])
+def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
+    done = diagnose(case(tmp_path, truth, kind=kind)).diagnosis
+    assert done.verdict == "nothing-missing"
+    assert any(f'hold = "{truth}"' in note for note in done.notes)
+    errors = done.heldout
+    assert errors["nrmse_before"] < 1.3 * errors["nrmse_noise"]

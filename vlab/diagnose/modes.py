@@ -1,0 +1,125 @@
+"""Which modes of a model the search follows, and what MuJoCo's step makes of them."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from vlab.diagnose.linear_view import ChannelRows
+from vlab.diagnose.places import FREE
+from vlab.diagnose.twin import observable
+from vlab.fe.second_order import SecondOrderModel
+from vlab.physics.running import STAGGERED
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+MOST_MODES = 24
+BAND_MARGIN = 2.0
+"""Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
+SEEN = 0.45
+"""Share of the sample rate beyond which no mode is followed."""
+LAGGING = 30.0
+"""A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KeptModes:
+    """A model near rest, and the modes of it that the search follows.
+
+    Parameters
+    ----------
+    linear : SecondOrderModel
+    rows : ChannelRows
+        What channels read of its coordinates.
+    omega, shapes : (nv,), (nv, nv) array
+        All its modes: frequencies [rad/s], mass-normalised shapes.
+    kept : (nv,) array of bool
+        Those that are followed.
+    band : float
+        Modes beyond it follow statically [rad/s].
+    """
+
+    linear: SecondOrderModel
+    rows: ChannelRows
+    omega: Array
+    shapes: Array
+    kept: Array
+    band: float
+
+    @property
+    def basis(self) -> Array:
+        """Shapes of the modes that are followed, (nv, m)."""
+        return np.asarray(self.shapes[:, self.kept])
+
+    def compliance(self, pushes: Array) -> Array:
+        """Return what channels read of the modes beyond the band per force (nv, n), which they follow statically."""
+        stiff = ~self.kept & (np.abs(self.omega) >= self.band)
+        shapes = self.shapes[:, stiff]
+        return np.asarray((self.rows.at_q @ shapes / self.omega[stiff] ** 2) @ shapes.T @ pushes)
+
+
+def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, rate_hz: float) -> KeptModes:
+    """Choose the modes that the search follows.
+
+    Parameters
+    ----------
+    highest_hz : float
+        Frequency below which nearly all power of the recorded velocities lies.
+    rate_hz : float
+        Slowest sample rate of the recordings.
+    """
+    omega, shapes = linear.eigen
+    kept = observable(rows.onto(np.eye(len(omega))), shapes, omega)
+    band = 2 * np.pi * min(max(BAND_MARGIN * highest_hz, 1.5 * _lowest(omega, kept)), SEEN * rate_hz)
+    kept &= np.abs(omega) < band
+    damping = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes)
+    kept |= lags(omega, damping, band)  # damping couples them to what is seen
+    kept &= np.cumsum(kept) <= MOST_MODES
+    return KeptModes(linear=linear, rows=rows, omega=omega, shapes=shapes, kept=kept, band=float(band))
+
+
+def lags(omega: Array, damping: Array, band: float) -> Array:
+    """Return which modes are damped beyond their critical damping, as a servo's are, with a slow pole that a band feels [rad/s].
+
+    Parameters
+    ----------
+    omega, damping : (n,) array
+        Frequencies [rad/s] and modal damping [1/s], of unit modal mass.
+    """
+    half = 0.5 * damping
+    slow = omega**2 / np.maximum(half + np.sqrt(np.maximum(half**2 - omega**2, 0.0)), 1e-300)
+    return np.asarray((half > np.abs(omega)) & (slow < LAGGING * band) & (np.abs(omega) > FREE))
+
+
+def _lowest(omega: Array, kept: Array) -> float:
+    moving = np.abs(omega[kept])
+    moving = moving[moving > 1e-3]
+    return float(moving.min() / (2 * np.pi)) if moving.size else 0.0
+
+
+def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -> tuple[Array, Array, Array]:
+    """Return what MuJoCo's step adds to the modes' mass, damping and stiffness.
+
+    A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
+    end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
+    the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step. One beyond its critical
+    damping, a servo's, gets them with its own stiffness, for it goes where it is told to, and so another mass.
+    """
+    model = plant.model
+    c, k = (np.einsum("ij,ik,kj->j", basis, part, basis) for part in (linear.C, linear.K))
+    if model.opt.integrator not in STAGGERED:
+        return np.zeros_like(c), np.zeros_like(c), np.zeros_like(k)
+    at_end = np.zeros_like(linear.C)
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP):
+        at_end[np.diag_indices(model.nv)] = model.dof_damping
+    if model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER:
+        at_end = linear.C if plant.dissipation is None else linear.C - plant.dissipation
+    grown = 1.0 + h * np.einsum("ij,ik,kj->j", basis, at_end, basis)
+    step = np.zeros((len(c), 2, 2))  # of velocity and displacement
+    step[:, 0, 0], step[:, 0, 1] = 1.0 - h * c / grown, -h * k / grown
+    step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
+    s = np.log(np.linalg.eigvals(step).astype(complex)) / h
+    damping, stiffness = -s.sum(axis=1).real, s.prod(axis=1).real
+    lagging = (0.25 * c**2 > k) & (k > FREE**2)
+    mass = np.divide(k, stiffness, out=np.ones_like(k), where=lagging)
+    return mass - 1.0, mass * damping - c, mass * stiffness - k

@@ -1,0 +1,107 @@
+"""What the search works on: the twin, the runs on one clock, what is uncertain, the places."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.wiring import Compared, Run
+from vlab.diagnose.hum import Hum
+from vlab.diagnose.places import Place
+from vlab.diagnose.signals import Signals
+from vlab.diagnose.twin import Twin
+from vlab.diagnose.uncertain import Uncertain, adjusted, unused
+from vlab.diagnose.uncertain_structure import adjusted_structure
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+MODEL_ERROR, MESH_ERROR = 0.002, 0.005
+"""Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
+INTEGRATION_ERROR = 5e-4
+"""What integration leaves of a user's model where nothing is missing."""
+MESH_OWN_ERROR = 0.025
+"""What a structure's mesh and the places of its sensors do leave after a refit. It is more than the weights allow for: these say
+what a fit should strive for, this what its success is worth."""
+LONG = 0.9
+"""Less than this share of a recording searched is worth saying."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """A case as the search sees it.
+
+    Parameters
+    ----------
+    channels : tuple of Compared
+        All channels that are compared in some run, commands aside.
+    names : tuple of str
+        Their names.
+    runs : tuple of Run
+        As wired.
+    signals : tuple of Signals
+        The same runs on the search's clock, in the same order, hum taken off.
+    orders : tuple of int
+        How often every channel is the derivative of a position.
+    about : (n_channels,) array
+        Readings from which sensors' gains count: those at rest, of which nobody knows how much is the zero.
+    hums : tuple of Hum
+        The hum that was found on their channels.
+    highest_hz : float
+        Frequency below which nearly all power of the recorded velocities lies.
+    intensity : mapping of float to float
+        Of the forces that the twin lacks, by sample period [s], where a filter was tuned before; see `observer.tune`.
+    timing : str
+        When the inputs act, where the recordings had to tell; see `timing.timed`.
+    """
+
+    case: Case
+    plant: Plant
+    twin: Twin
+    parameters: tuple[Uncertain, ...]
+    channels: tuple[Compared, ...]
+    names: tuple[str, ...]
+    runs: tuple[Run, ...]
+    orders: tuple[int, ...]
+    about: Array
+    signals: tuple[Signals, ...]
+    places: tuple[Place, ...]
+    hums: tuple[Hum, ...] = ()
+    highest_hz: float = np.inf
+    intensity: Mapping[float, float] = field(default_factory=dict)
+    timing: str = ""
+
+    @property
+    def model_error(self) -> float:
+        """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
+        return MODEL_ERROR if self.case.structure is None else MESH_ERROR
+
+    @property
+    def own_error(self) -> float:
+        """Error that the model itself leaves where nothing is missing, as a share of a channel's rms, at least."""
+        return INTEGRATION_ERROR if self.case.structure is None else MESH_OWN_ERROR
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What must be said of the search: parts of recordings that it did not look at, what was stated and not used."""
+        out = [self.timing] if self.timing else []
+        for run, part in zip(self.runs, self.signals, strict=True):
+            whole = float(run.measured.time[-1] - run.measured.time[0])
+            if part.last_s - part.t0 < LONG * whole:
+                out.append(
+                    f"{run.name}: searched from {part.t0:.4g} to {part.last_s:.4g} s of {whole:.4g} s; the verdict is on all of it"
+                )
+        out += unused(self.case.table.model.uncertain, self.parameters)
+        return (*out, *getattr(self.plant, "notes", ()))
+
+    def adjusted(self, theta: Array) -> Plant:
+        """Return the plant with its uncertain parameters at given log-factors."""
+        if self.case.structure is None:
+            return adjusted(self.plant, self.parameters, theta)
+        return adjusted_structure(
+            self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta
+        )
+
+    def in_role(self, role: str) -> list[Signals]:
+        """Return the runs of one role."""
+        return [s for s in self.signals if s.role == role]
