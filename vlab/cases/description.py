@@ -108,6 +108,9 @@ class ChannelTable:
         What the file reads where there is nothing, in its own unit: a laser's standoff, an encoder's zero.
     from_rest : bool
         The file counts from the equilibrium: the model's value there is subtracted before comparing.
+    delay_s : float
+        By how much its readings show what was before (negative: after) the stamps of their rows, less than a sample: an instrument's
+        skew. Longer delays are physics.
     hold : str
         How an input goes on between its samples: ``"linear"`` on a straight line; ``"zero"`` it stands from its sample to the
         next, and readings of its sample were taken before; ``"zero-first"`` the same, but they were taken after; ``"past"`` it
@@ -124,6 +127,7 @@ class ChannelTable:
     offset: float = 0.0
     input: bool = False
     from_rest: bool = False
+    delay_s: float = 0.0
     hold: Hold = ""
 
     def __post_init__(self) -> None:
@@ -137,6 +141,8 @@ class ChannelTable:
             )
         if self.input and self.from_rest:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
+        if self.input and self.delay_s:
+            raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
             check_unit(self.unit, si)

@@ -1,7 +1,7 @@
 """A recording wired to a plant: which channel drives what, which is compared with what, and the law in the loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from controllers import Controller, DirectRateFeedback, ObserverFeedback
 from vlab import units
 from vlab.cases.description import ChannelTable, ControllerTable, RecordingTable
+from vlab.cases.stamps import in_time
 from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown_name
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
@@ -331,7 +332,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
     """
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
-    whole = _moved_on(whole, table)
+    whole = in_time(whole, table)
     edge = 1e-9 * max(1.0, abs(whole.time[-1]))  # a start that stands on a sample takes it, rounding aside
     measured = _part(whole, start - edge, stop - edge)
     if measured is None:
@@ -351,17 +352,6 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         hardware=hardware,
         initial=table.initial,
     )
-
-
-def _moved_on(whole: Recording, table: RecordingTable) -> Recording:
-    """Return a recording whose inputs that stood until their samples stand from the samples before."""
-    past = [name for c, name in zip(table.channel, table.channel_names, strict=True) if c.input and c.hold == "past"]
-    if not past:
-        return whole
-    data = whole.data.copy()
-    for i in (whole.index(name) for name in past):
-        data[:-1, i] = data[1:, i]
-    return replace(whole, data=data)
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from vlab.cases.playback import before
+from vlab.cases.stamps import between_samples
 from vlab.diagnose.causes import commands_changed, port_series, unit_amplitudes
 from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
 from vlab.diagnose.observer import Gains, filter_gains, run_filter, stack_runs, start_covariance, tune
@@ -337,33 +338,53 @@ class Screen:
         """Return columns with what the uncertain parameters explain of them taken off."""
         return np.asarray(columns - self.nuisance @ (self._gram @ (self.nuisance.T @ columns)))
 
-    def instead(self, signals: Sequence[Signals]) -> tuple[float, float, float]:
-        """Return how far the inputs and readings of other signals of the same runs explain the innovations.
+    def asked(
+        self, others: Sequence[Sequence[Signals]], skewed: Sequence[int] = (), skew_s: float = 0.0
+    ) -> tuple[Array, float, float]:
+        """Return how far the innovations ask for other inputs and for another time of some readings.
+
+        Parameters
+        ----------
+        others : sequence of sequences of Signals
+            The same runs with other inputs.
+        skewed : sequence of int
+            Channels that may show what is later, all by the same time.
+        skew_s : float
+            That time, a share of a sample [s].
 
         Returns
         -------
-        share : float
-            Of the way from these signals to the others that the innovations ask for: 1 where the others are right.
+        shares : (n_others,) or (n_others + 1,) array
+            Of the way to each of the others, and of the skew, all together: 1 where they are right.
         gain : float
             In log-likelihood.
         explained : float
             Share of what is left that this explains.
         """
-        others, blocks = {s.name: s for s in signals}, []
+        by_name, blocks = [{s.name: s for s in signals} for signals in others], []
         for group in self.groups:
-            runs = [others[run.name].first(len(run)) for run in group.runs]
-            u, _ = stack_runs(runs, [run.u for run in runs])
-            load, _ = stack_runs(runs, [run.load for run in runs])
-            y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
-            force = u @ self.now.forces.T + load @ self.now.loads.T - group.forces
-            blocks.append(group.rows(self.through(group, force[..., None], (group.y - y)[..., None])))
-        column = np.concatenate(blocks)
-        left, pull = self._left(column), float(column[:, 0] @ self.base)
-        size = float(column[:, 0] @ left[:, 0])
-        if not size > 1e-12:
-            return 0.0, 0.0, 0.0
-        won = pull * pull / size
-        return pull / size, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
+            forces, readings = [], []
+            for named in by_name:
+                runs = [named[run.name].first(len(run)) for run in group.runs]
+                u, _ = stack_runs(runs, [run.u for run in runs])
+                load, _ = stack_runs(runs, [run.load for run in runs])
+                y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+                forces.append(u @ self.now.forces.T + load @ self.now.loads.T - group.forces)
+                readings.append(group.y - y)
+            if skewed:
+                forces.append(np.zeros_like(group.forces))
+                readings.append(_moved(group.y, skewed, skew_s / group.h))
+            left = self.through(group, np.stack(forces, axis=-1), np.stack(readings, axis=-1))
+            if skewed:  # of their own samples only what was foreseen
+                left[..., -1] -= _moved(group.e, skewed, skew_s / group.h)
+            blocks.append(group.rows(left))
+        columns = np.concatenate(blocks)
+        normal, pull = columns.T @ self._left(columns), columns.T @ self.base
+        if not np.all(np.diag(normal) > 1e-12):
+            return np.zeros(len(pull)), 0.0, 0.0
+        shares = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), pull)
+        won = float(pull @ shares)
+        return shares, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 
@@ -687,3 +708,12 @@ class Screen:
             Cause(series=-(mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row))[..., None], force=row)
             for row in place.rows
         ]
+
+
+def _moved(y: Array, channels: Sequence[int], samples: float) -> Array:
+    """Return by how much channels (n, n_runs, p) differ where they show what is so many samples later; 0 for the others."""
+    out = np.zeros_like(y)
+    for run in range(y.shape[1]):
+        for channel in channels:
+            out[:, run, channel] = y[:, run, channel] - between_samples(y[:, run, channel], -samples)
+    return out

@@ -1,21 +1,24 @@
-"""When inputs act, where a case does not say it: read off the recordings.
+"""When inputs act and readings are taken, where a case does not say it: read off the recordings.
 
 Whether a command stands from its sample on or stood until it, runs straight from sample to sample, and whether the readings of its
 sample were taken before it went out, is a convention of whoever wrote the file. Half a sample more or less is no physics, but at
 half the sample rate it turns phases by a right angle.
 """
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.description import ChannelTable, Hold
+from vlab.cases.wiring import ORDER
 from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import Screen
+from vlab.physics.running import STAGGERED
 
 WORDS: dict[Hold, str] = {
     "linear": "inputs run straight from sample to sample",
@@ -25,33 +28,130 @@ WORDS: dict[Hold, str] = {
 }
 NEAR = 0.2
 """Another convention is taken where the recordings ask for it and for nothing else: for this much more or less of it at most."""
-GAIN = 30.0
-"""It must gain this much in log-likelihood: as much as the refitted parameters' directions could together by chance, and more."""
-EXPLAINED = 0.05
+LEAST_SKEW, MOST_SKEW = 0.2, 1.2
+"""Skews that are believed, in halves of an integration step or of a sample, whichever is shorter: other simulators take finer steps."""
+GAIN, GAIN_EACH = 30.0, 10.0
+"""A convention must gain this much in log-likelihood: as much as the refitted parameters' directions could together by chance, and
+more; and this much more beside another one."""
+EXPLAINED = 0.01
 """It must explain this share of what the refitted model leaves."""
+MOST_PASSES = 2
+"""What is wrong with the readings hides what is wrong with the inputs: the filter takes it for unknown forces."""
 SEEN = 0.5
 """Conventions are compared where half a sample moves the readings by this multiple of their noise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Convention:
+    """A convention that the recordings may ask for, and how much they do.
+
+    Parameters
+    ----------
+    case : Case
+        With it.
+    hold : str
+        Of the inputs; "" as given.
+    skew_s : float
+        By which positions, accelerations and forces are ahead of velocities and inputs.
+    """
+
+    case: Case
+    hold: Hold
+    skew_s: float
+    gain: float
+
+    @property
+    def lines(self) -> list[str]:
+        """It in words."""
+        out = [f'{WORDS[self.hold]} (hold = "{self.hold}")'] if self.hold else []
+        if self.skew_s:
+            out.append(
+                f"positions and accelerations stand {1e3 * self.skew_s:.3g} ms ahead, as steps of a simulation leave them (delay_s)"
+            )
+        return out
 
 
 def timed(problem: Problem) -> Problem:
     """Return a problem whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
 
-    Laws in the loop are replayed on their own clock, and the two structures' converters are known: these stay as they are.
+    A simulation with semi-implicit steps that writes its state leaves positions half a step ahead of velocities; that counts as a
+    convention, too. Laws in the loop are replayed on their own clock, and the two structures' converters are known: these stay as
+    they are.
     """
-    case = problem.case
-    if case.structure is not None or any(run.law is not None for run in problem.runs) or not _matters(problem):
+    if problem.case.structure is not None or any(run.law is not None for run in problem.runs) or not _matters(problem):
         return problem
-    others = list(_others(case))
-    if not others:
-        return problem
-    screen, best, most = Screen(problem), problem, GAIN
-    for hold, other in others:
-        candidate = prepare(other, [run.role for run in problem.runs])
-        share, gain, explained = screen.instead(candidate.signals)
-        if gain > most and explained > EXPLAINED and abs(share - 1.0) < NEAR:
-            line = f'{WORDS[hold]} (hold = "{hold}"): the case does not say it, the recordings do'
-            best, most = replace(candidate, timing=line), gain
-    return best
+    lines: list[str] = []
+    for _ in range(MOST_PASSES):
+        holds: list[tuple[Hold, Case]] = [("", problem.case), *_others(problem.case)]
+        asked = _asked_for(problem, holds, partial(Screen, problem))
+        found = max(asked, key=lambda convention: convention.gain, default=None)
+        if found is None or found.gain <= GAIN:
+            break
+        lines += found.lines
+        problem = prepare(found.case, [run.role for run in problem.runs])
+    return replace(problem, timing=said(lines)) if lines else problem
+
+
+def skew_asked_for(screen: Screen) -> tuple[Case, str] | None:
+    """Return the case of a screening with the skew that its innovations ask for, and that in words; None where they do not."""
+    problem = screen.problem
+    if any(run.law is not None for run in problem.runs) or not _matters(problem):
+        return None
+    found = next(_asked_for(problem, [("", problem.case)], lambda: screen), None)
+    return None if found is None or found.gain <= GAIN else (found.case, said(found.lines))
+
+
+def said(lines: Sequence[str]) -> str:
+    """Return conventions in one line."""
+    return f"{'; '.join(lines)}: the case does not say it, the recordings do"
+
+
+def _asked_for(
+    problem: Problem, holds: Sequence[tuple[Hold, Case]], screened: Callable[[], Screen]
+) -> Iterator[_Convention]:
+    """Yield the conventions among some that the recordings ask for."""
+    roles, step = [run.role for run in problem.runs], _half_step(problem)
+    skewed = [i for i, order in enumerate(problem.orders) if order != 1] if _may_be_skewed(problem) else []
+    if len(holds) == 1 and not skewed:
+        return
+    screen = screened()
+    for hold, other in holds:
+        first = [prepare(other, roles).signals] if hold else []
+        for moved in ([], skewed) if skewed else ([],):
+            if not first and not moved:
+                continue
+            shares, gain, explained = screen.asked(first, moved, step)
+            is_near = not hold or abs(shares[0] - 1.0) < NEAR
+            skew = float(shares[-1]) if moved else 0.0
+            if is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW):
+                whole = _skewed(other, skew * step) if moved else other
+                yield _Convention(case=whole, hold=hold, skew_s=skew * step, gain=gain - GAIN_EACH * (len(shares) - 1))
+
+
+def _half_step(problem: Problem) -> float:
+    """Return half an integration step of the model, or half a sample where that is shorter [s]."""
+    return 0.5 * min(problem.plant.timestep, *(float(np.median(np.diff(run.measured.time))) for run in problem.runs))
+
+
+def _may_be_skewed(problem: Problem) -> bool:
+    """Return whether the model takes steps that skew its state, a skew shows, and the case says nothing of one and has even stamps."""
+    is_driven = any(run.drives for run in problem.runs)
+    if not is_driven and len({order == 1 for order in problem.orders}) < 2:
+        return False  # of a release seen by positions alone nobody knows when it began
+    channels = [channel for table in problem.case.table.recording for channel in table.channel]
+    if problem.plant.model.opt.integrator not in STAGGERED or any(channel.delay_s for channel in channels):
+        return False
+    return all(run.measured.is_uniform for run in problem.case.runs())
+
+
+def _skewed(case: Case, seconds: float) -> Case:
+    """Return a case whose readings but velocities show what is so much later than their stamps."""
+    tables = []
+    for table in case.table.recording:
+        own = [c for c in table.channel if not c.input and ORDER.get(c.kind, 0) != 1]
+        channels = tuple(replace(c, delay_s=-seconds) if c in own else c for c in table.channel)
+        tables.append(replace(table, channel=channels))
+    return replace(case, table=replace(case.table, recording=tuple(tables)))
 
 
 def _matters(problem: Problem) -> bool:

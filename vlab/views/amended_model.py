@@ -89,6 +89,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
             for channel, known in zip(given["channel"], table.channel, strict=True):
                 channel.update({"offset": known.offset} if known.offset else {})
                 channel.update({"hold": known.hold} if known.hold else {})
+                channel.update({"delay_s": known.delay_s} if known.delay_s else {})
         raw["title"] = f"{case.table.title} (amended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}

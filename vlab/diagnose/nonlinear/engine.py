@@ -1,14 +1,16 @@
 """The road of a case whose recorded motion leaves the range in which its model is linear."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vlab.cases.case import Case
-from vlab.diagnose.nonlinear.prepare import Moving, prepare_moving
+from vlab.diagnose.nonlinear.prepare import prepare_moving
 from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
+from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.search import search_moving
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search import TimeFound
+from vlab.diagnose.timing import skew_asked_for
 from vlab.physics.effect import Effect
 
 
@@ -17,7 +19,7 @@ class AlongMotion:
     """A case whose recorded motion is far from linear, prepared for a search along that motion."""
 
     problem: Problem
-    moving: Moving
+    screen: MovingScreen
 
     @property
     def note(self) -> str:
@@ -26,7 +28,7 @@ class AlongMotion:
 
     def search(self, effects: Sequence[Effect], report: Callable[[float, str], None]) -> TimeFound:
         """Search what is missing; see `vlab.diagnose.search.search`."""
-        return search_moving(self.problem, self.moving, effects, report)
+        return search_moving(self.screen, effects, report)
 
 
 def prepared(case: Case) -> tuple[Problem, AlongMotion | None]:
@@ -43,4 +45,10 @@ def prepared(case: Case) -> tuple[Problem, AlongMotion | None]:
     check_scope(case)
     problem, moving = prepare_moving(case)
     check_contacts(case, moving.motions)
-    return problem, AlongMotion(problem=problem, moving=moving)
+    screen = MovingScreen(problem, moving)
+    skew = skew_asked_for(screen)
+    if skew is not None:
+        problem, moving = prepare_moving(skew[0])
+        problem = replace(problem, timing=skew[1])
+        screen = MovingScreen(problem, moving)
+    return problem, AlongMotion(problem=problem, screen=screen)

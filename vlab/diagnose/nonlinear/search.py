@@ -14,10 +14,8 @@ from vlab.diagnose.fits import (
 )
 from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.nonlinear.polish import SimulatedRefiner
-from vlab.diagnose.nonlinear.prepare import Moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import SLOW
 from vlab.diagnose.search import SLOW_SHORTLIST, TimeFound, shows
 from vlab.diagnose.second import SECONDS, SEEDS
@@ -26,13 +24,10 @@ from vlab.diagnose.terms import Candidate
 from vlab.physics.effect import Effect
 
 
-def search_moving(
-    problem: Problem, moving: Moving, effects: Sequence[Effect], report: Callable[[float, str], None]
-) -> TimeFound:
-    """Search what is missing on a problem's fit runs, along their motion; see `vlab.diagnose.search.search`."""
+def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Callable[[float, str], None]) -> TimeFound:
+    """Search what is missing on the fit runs of a screening along their motion; see `vlab.diagnose.search.search`."""
+    problem = screen.problem
     effects = [effect for effect in effects if shows(problem, effect)]
-    report(0.05, "finding the motion")
-    screen = MovingScreen(problem, moving)
     report(0.3, "screening")
     candidates = screen.candidates(effects)
     narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
