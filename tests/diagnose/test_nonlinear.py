@@ -17,13 +17,13 @@ from vlab.cases import load_case
 from vlab.cases.initial import find_initial_state
 from vlab.diagnose.choose import choose
 from vlab.diagnose.noise import uneven_noise
-from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.prepare import prepare_moving
 from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.stepper import Stepper
+from vlab.diagnose.roads import road_of
 from vlab.diagnose.terms import Term
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
@@ -73,14 +73,14 @@ def test_what_cannot_be_handled_is_said_at_once(tmp_path):
         )
     )
     with pytest.raises(BadCase, match="bird.*free flight"):
-        prepared(load_case(tmp_path))
+        road_of(load_case(tmp_path))
     path.write_text(
         whole.replace('<flag contact="disable"/>', "").replace(
             "</worldbody>", '<geom name="wall" type="box" size=".02 1 1" pos=".3 0 .5"/></worldbody>'
         )
     )
     with pytest.raises(BadCase, match="wall.*touch.*contact-rich"):
-        prepared(load_case(tmp_path))
+        road_of(load_case(tmp_path))
 
 
 def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):
@@ -91,7 +91,7 @@ def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):
     for file in tmp_path.glob("*.parquet"):
         pq.write_table(pa.table({"angle": balanced}), file)
     with pytest.raises(BadCase, match="unstable in the model.*record the commands"):
-        prepared(load_case(tmp_path))
+        road_of(load_case(tmp_path))
 
 
 def test_a_muscle_is_refused(tmp_path):
@@ -100,7 +100,7 @@ def test_a_muscle_is_refused(tmp_path):
     muscle = '<actuator><muscle name="biceps" joint="pivot"/></actuator><sensor>'
     path.write_text(path.read_text().replace("<sensor>", muscle).replace('type="hinge"', 'type="hinge" range="-3 3"'))
     with pytest.raises(BadCase, match="biceps.*muscle"):
-        prepared(load_case(tmp_path))
+        road_of(load_case(tmp_path))
 
 
 # ---- the linear system along the motion -------------------------------------------------------------------------------
@@ -204,8 +204,8 @@ def test_a_start_far_from_rest_is_found(tmp_path, is_even, monkeypatch):
 def answers(folder, rig, effect, samples=None, **given):
     WRITE[rig](folder, effect, **given)
     case = load_case(folder)
-    _, along = prepared(case if samples is None else shorter(case, samples))
-    assert along is not None
+    along = road_of(case if samples is None else shorter(case, samples))
+    assert not along.is_linear
     names = {e for hidden in CASES[rig].values() for e, _ in hidden.right} | {"sensor-gain", "lugre-friction"}
     found = along.search([EFFECTS[name] for name in sorted(names)], lambda share, what: None)
     choice = choose(found)

@@ -8,8 +8,8 @@ from scipy import signal
 
 from vlab.cases import load_case
 from vlab.diagnose.engine import diagnose
-from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import prepare
+from vlab.diagnose.roads import road_of
 from vlab.diagnose.timing import timed
 
 RATE, SECONDS, NOISE = 500.0, 8.0, 0.003
@@ -102,7 +102,7 @@ def case(folder, truth, *, kind="displacement", given="force", hold="", rows=rec
     ],
 )
 def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, found):
-    problem = timed(prepare(case(tmp_path, truth, kind=kind, given=given)))
+    problem, _ = timed(prepare(case(tmp_path, truth, kind=kind, given=given)))
     channel = problem.case.table.recording[0].channel[0]
     assert channel.hold == found
     assert bool(problem.timing) == bool(found)
@@ -111,7 +111,7 @@ def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, fou
 
 def test_what_a_case_states_is_kept(tmp_path):
     problem = prepare(case(tmp_path, "past", hold="linear"))
-    assert timed(problem) is problem
+    assert timed(problem)[0] is problem
 
 
 @pytest.mark.parametrize("samples", [0.5, 2.0])
@@ -122,7 +122,7 @@ def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
         rows["y"] = np.interp(time - samples / RATE, time, rows["y"])
         return rows
 
-    problem = timed(prepare(case(tmp_path, "linear", rows=late)))
+    problem, _ = timed(prepare(case(tmp_path, "linear", rows=late)))
     assert problem.case.table.recording[0].channel[0].hold == ("zero" if samples == 0.5 else "")
 
 
@@ -140,7 +140,7 @@ def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
 def test_steps_of_a_simulation_leave_positions_ahead(tmp_path, every, given):
     step = 1.0 / RATE / every
     model = MODEL.replace('timestep="0.0005"', f'timestep="{step}"')
-    problem = timed(prepare(case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)))
+    problem, _ = timed(prepare(case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)))
     _, position, velocity = problem.case.table.recording[0].channel
     assert position.delay_s == pytest.approx(-0.5 * step, rel=0.05)
     assert velocity.delay_s == 0.0
@@ -187,8 +187,9 @@ def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
         ],
         records=records,
     )
-    problem, along = prepared(load_case(tmp_path))
-    assert along is not None
+    road = road_of(load_case(tmp_path))
+    problem = road.problem
+    assert not road.is_linear
     assert "ms ahead" in problem.timing
     # about a motion that is itself found from the skewed readings a fifth of it may be lost
     assert problem.case.table.recording[0].channel[1].delay_s == pytest.approx(-0.5 * step, rel=0.25)

@@ -5,8 +5,8 @@ import pytest
 from test_twin_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
-from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.prepare import prepare
+from vlab.diagnose.roads import road_of
 from vlab.diagnose.signals import liveliest
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.uncertain import uncertain_parameters, unused
@@ -115,7 +115,7 @@ def test_the_diagnosis_says_what_it_did_not_search(tmp_path):
 def test_a_record_that_is_too_short_is_refused(tmp_path):
     case = write(tmp_path, [("fit", ALL, tuple(x[:40] for x in (SWEEP, SWEEP, SWEEP)))])
     with pytest.raises(BadCase, match="run0 has 40 samples; at least 64"):
-        prepared(case)
+        road_of(case)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_loop_that_runs_away_by_negative_damping_is_said(tmp_path):
     folder = tmp_path
     case = write(folder, [("fit", ("x", "v"), (still, still))], rig=rig)
     with pytest.raises(BadCase, match="unstable in the model"):
-        prepared(case)
+        road_of(case)
 
 
 def test_equality_constraints_are_refused_in_one_line(tmp_path):
@@ -159,4 +159,4 @@ def test_equality_constraints_are_refused_in_one_line(tmp_path):
     with pytest.raises(BadStructure, match="'gear' ties coordinates together"):
         linearise(case.plant.model)
     with pytest.raises(BadStructure, match="'gear'"):
-        prepared(case)
+        road_of(case)

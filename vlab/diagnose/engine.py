@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,11 @@ from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequenc
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.noise import noise_levels
-from vlab.diagnose.nonlinear.engine import prepared
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR, Problem
 from vlab.diagnose.refine import EXACT, Refiner
 from vlab.diagnose.resolution import SensorStep, sensor_steps
-from vlab.diagnose.search import TimeFound, search
+from vlab.diagnose.roads import road_of
+from vlab.diagnose.search import TimeFound
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.unseen import held_out, moves
@@ -167,15 +167,14 @@ def diagnose(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     case, standoffs = without_standoffs(case)
-    problem, along = prepared(case)
-    case = problem.case
+    road = road_of(case)
+    problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
     sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
-    find = partial(search, problem) if along is None else along.search
-    found = find(sought, lambda share, what: report(0.8 * share, what))
+    found = road.search(sought, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
-    settled = _settled(problem, found, seen, is_linear=along is None)
+    settled = _settled(problem, found, seen, is_linear=road.is_linear)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after
     seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
     before, after = amended(problem, fit_before, seen.zeros), seen.on(amended(problem, fit_after))
@@ -197,7 +196,7 @@ def diagnose(
         *unseen.notes,
         *problem.notes,
         *rejected,
-        *(() if along is None else (along.note,)),
+        *road.notes,
     )
     diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
     report(1.0, "done")

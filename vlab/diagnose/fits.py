@@ -15,6 +15,8 @@ QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
 WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
 """The same over whole runs."""
+NEARLY_AS_LITTLE = 1.25
+"""Whole runs are fitted on where they leave this multiple of the least mean square at most."""
 PLACES = 5
 """Places at which the chosen effect is fitted again."""
 ENOUGH = 1.3
@@ -109,6 +111,7 @@ def on_whole_runs(
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
     fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS, thetas), chosen)
+    fits = _on_from_the_best(whole, fits)
     both = []
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)
@@ -123,6 +126,35 @@ def on_whole_runs(
         for h in list(hypotheses)[most:]
     ]
     return by_score(both, rest)
+
+
+def _on_from_the_best(whole: Refiner, fits: Sequence[Fit]) -> list[Fit]:
+    """Return fits that leave nearly as little as the best one, fitted on from where it ended as far as that is theirs, too.
+
+    A law that holds another one as a special case may get there where the simpler one, after as many steps, is still on its way.
+    """
+    if len(fits) < 2:
+        return list(fits)
+    best = min(fits, key=lambda fit: fit.cost)
+    near = [i for i, fit in enumerate(fits) if fit.cost <= NEARLY_AS_LITTLE * best.cost]
+    if len(near) < 2:
+        return list(fits)
+
+    def on(i: int) -> Fit:
+        again = whole.fit(fits[i].terms, _as_in(best, fits[i]), WHOLE_ITERATIONS)
+        return min(fits[i], again, key=whole.unlikeliness)
+
+    better = dict(zip(near, side_by_side(on, near), strict=True))
+    return [better.get(i, fit) for i, fit in enumerate(fits)]
+
+
+def _as_in(best: Fit, fit: Fit) -> Fit:
+    """Return a fit with all that another one knows of the same: uncertain parameters, and values of the same names."""
+    terms = [
+        replace(term, values={name: other.values.get(name, value) for name, value in term.values.items()})
+        for term, other in zip(fit.terms, best.terms, strict=False)
+    ]
+    return replace(best, terms=(*terms, *fit.terms[len(terms) :]))
 
 
 def other_places(

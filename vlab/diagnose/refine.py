@@ -289,10 +289,10 @@ class Refiner:
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
             if best.cost < EXPLAINED * samples and best.chi2 - best.cost < FAR_OFF * layout.r:
                 break
-            best = min(best, self._descend(layout, terms, x, iterations, settled), key=self._unlikeliness)
+            best = min(best, self._descend(layout, terms, x, iterations, settled), key=self.unlikeliness)
         return best
 
-    def _unlikeliness(self, fit: Fit) -> float:
+    def unlikeliness(self, fit: Fit) -> float:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
         return self.worth * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 

@@ -62,7 +62,10 @@ class TimeFound(Found):
 
 
 def search(
-    problem: Problem, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+    problem: Problem,
+    effects: Sequence[Effect],
+    progress: Callable[[float, str], None] | None = None,
+    screen: Screen | None = None,
 ) -> TimeFound:
     """Search what is missing on a problem's fit runs.
 
@@ -72,11 +75,13 @@ def search(
         What may be missing.
     progress : callable or None
         Called with the share done and what is being done.
+    screen : Screen or None
+        The problem's, where there is one already.
     """
     report = progress or (lambda share, what: None)
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "screening")
-    screen = Screen(problem)
+    screen = screen or Screen(problem)
     candidates = _sharpened(screen, screen.candidates(effects))
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)

@@ -7,7 +7,6 @@ half the sample rate it turns phases by a right angle.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import Screen
+from vlab.diagnose.signals import Signals
 from vlab.physics.running import STAGGERED
 
 WORDS: dict[Hold, str] = {
@@ -71,25 +71,42 @@ class _Convention:
         return out
 
 
-def timed(problem: Problem) -> Problem:
+def timed(problem: Problem, again: Callable[[Case], Problem | None] = prepare) -> tuple[Problem, Screen | None]:
     """Return a problem whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
 
     A simulation with semi-implicit steps that writes its state leaves positions half a step ahead of velocities; that counts as a
     convention, too. Laws in the loop are replayed on their own clock, and the two structures' converters are known: these stay as
     they are.
+
+    Parameters
+    ----------
+    again : callable
+        Prepares a case as the problem was prepared; None where it cannot.
+
+    Returns
+    -------
+    problem : Problem
+    screen : Screen or None
+        Its screening, where it had to be made.
     """
     if problem.case.structure is not None or any(run.law is not None for run in problem.runs) or not _matters(problem):
-        return problem
+        return problem, None
     lines: list[str] = []
+    screen: Screen | None = None
     for _ in range(MOST_PASSES):
         holds: list[tuple[Hold, Case]] = [("", problem.case), *_others(problem.case)]
-        asked = _asked_for(problem, holds, partial(Screen, problem))
-        found = max(asked, key=lambda convention: convention.gain, default=None)
+        if len(holds) == 1 and not _may_be_skewed(problem):
+            break
+        screen = Screen(problem)
+        found = max(_asked_for(screen, holds), key=lambda convention: convention.gain, default=None)
         if found is None or found.gain <= GAIN:
             break
+        other = again(found.case)
+        if other is None:
+            break
         lines += found.lines
-        problem = prepare(found.case, [run.role for run in problem.runs])
-    return replace(problem, timing=said(lines)) if lines else problem
+        problem, screen = replace(other, timing=said(lines)), None
+    return problem, screen
 
 
 def skew_asked_for(screen: Screen) -> tuple[Case, str] | None:
@@ -97,7 +114,7 @@ def skew_asked_for(screen: Screen) -> tuple[Case, str] | None:
     problem = screen.problem
     if any(run.law is not None for run in problem.runs) or not _matters(problem):
         return None
-    found = next(_asked_for(problem, [("", problem.case)], lambda: screen), None)
+    found = next(_asked_for(screen, [("", problem.case)]), None)
     return None if found is None or found.gain <= GAIN else (found.case, said(found.lines))
 
 
@@ -106,17 +123,13 @@ def said(lines: Sequence[str]) -> str:
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
 
-def _asked_for(
-    problem: Problem, holds: Sequence[tuple[Hold, Case]], screened: Callable[[], Screen]
-) -> Iterator[_Convention]:
+def _asked_for(screen: Screen, holds: Sequence[tuple[Hold, Case]]) -> Iterator[_Convention]:
     """Yield the conventions among some that the recordings ask for."""
-    roles, step = [run.role for run in problem.runs], _half_step(problem)
+    problem = screen.problem
+    step = _half_step(problem)
     skewed = [i for i, order in enumerate(problem.orders) if order != 1] if _may_be_skewed(problem) else []
-    if len(holds) == 1 and not skewed:
-        return
-    screen = screened()
     for hold, other in holds:
-        first = [prepare(other, roles).signals] if hold else []
+        first = [_with_inputs_of(problem, other)] if hold else []
         for moved in ([], skewed) if skewed else ([],):
             if not first and not moved:
                 continue
@@ -126,6 +139,14 @@ def _asked_for(
             if is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW):
                 whole = _skewed(other, skew * step) if moved else other
                 yield _Convention(case=whole, hold=hold, skew_s=skew * step, gain=gain - GAIN_EACH * (len(shares) - 1))
+
+
+def _with_inputs_of(problem: Problem, other: Case) -> list[Signals]:
+    """Return a problem's signals with the inputs of another case, and with what its model's own nonlinearity adds as it was."""
+    out = []
+    for s, t in zip(problem.signals, prepare(other, [run.role for run in problem.runs]).signals, strict=True):
+        out.append(replace(s, u=t.u, y=t.y, load=np.hstack([t.load, s.load[:, t.load.shape[1] :]])))
+    return out
 
 
 def _half_step(problem: Problem) -> float:

@@ -14,7 +14,6 @@ from vlab.diagnose.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.timing import timed
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
@@ -64,12 +63,12 @@ def linear_problem(case: Case) -> Problem | None:
     problem = prepare(case, ("fit",))
     if _departure(plant, linear, *_large(plant)) < EXACT:
         _check_stable(case, problem, linear)
-        return timed(problem)
+        return problem
     q, v = (part @ problem.twin.shapes.T for part in _states(problem))
     if _departure(plant, linear, q, v) > FAR:
         return None
     _check_stable(case, problem, linear)
-    return with_own_nonlinearity(timed(problem))
+    return with_own_nonlinearity(problem)
 
 
 def _large(plant: Plant) -> tuple[Array, Array]:
