@@ -89,16 +89,17 @@ def timed(problem: Problem, again: Callable[[Case], Problem | None] = prepare) -
     screen : Screen or None
         Its screening, where it had to be made.
     """
-    if problem.case.structure is not None or any(run.law is not None for run in problem.runs) or not _matters(problem):
+    if problem.case.structure is not None or not _shows(problem):
         return problem, None
     lines: list[str] = []
     screen: Screen | None = None
     for _ in range(MOST_PASSES):
         holds: list[tuple[Hold, Case]] = [("", problem.case), *_others(problem.case)]
-        if len(holds) == 1 and not _may_be_skewed(problem):
+        skewable = _skewable(problem)
+        if len(holds) == 1 and not skewable:
             break
         screen = Screen(problem)
-        found = max(_asked_for(screen, holds), key=lambda convention: convention.gain, default=None)
+        found = max(_asked_for(screen, holds, skewable), key=lambda convention: convention.gain, default=None)
         if found is None or found.gain <= GAIN:
             break
         other = again(found.case)
@@ -112,9 +113,9 @@ def timed(problem: Problem, again: Callable[[Case], Problem | None] = prepare) -
 def skew_asked_for(screen: Screen) -> tuple[Case, str] | None:
     """Return the case of a screening with the skew that its innovations ask for, and that in words; None where they do not."""
     problem = screen.problem
-    if any(run.law is not None for run in problem.runs) or not _matters(problem):
+    if not _shows(problem):
         return None
-    found = next(_asked_for(screen, [("", problem.case)]), None)
+    found = next(_asked_for(screen, [("", problem.case)], _skewable(problem)), None)
     return None if found is None or found.gain <= GAIN else (found.case, said(found.lines))
 
 
@@ -123,14 +124,13 @@ def said(lines: Sequence[str]) -> str:
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
 
-def _asked_for(screen: Screen, holds: Sequence[tuple[Hold, Case]]) -> Iterator[_Convention]:
-    """Yield the conventions among some that the recordings ask for."""
+def _asked_for(screen: Screen, holds: Sequence[tuple[Hold, Case]], skewable: Sequence[int]) -> Iterator[_Convention]:
+    """Yield the conventions that the recordings ask for, of some holds, with and without a skew of some channels."""
     problem = screen.problem
     step = _half_step(problem)
-    skewed = [i for i, order in enumerate(problem.orders) if order != 1] if _may_be_skewed(problem) else []
     for hold, other in holds:
         first = [_with_inputs_of(problem, other)] if hold else []
-        for moved in ([], skewed) if skewed else ([],):
+        for moved in ([], skewable) if skewable else ([],):
             if not first and not moved:
                 continue
             shares, gain, explained = screen.asked(first, moved, step)
@@ -154,15 +154,17 @@ def _half_step(problem: Problem) -> float:
     return 0.5 * min(problem.plant.timestep, *(float(np.median(np.diff(run.measured.time))) for run in problem.runs))
 
 
-def _may_be_skewed(problem: Problem) -> bool:
-    """Return whether the model takes steps that skew its state, a skew shows, and the case says nothing of one and has even stamps."""
+def _skewable(problem: Problem) -> list[int]:
+    """Return the channels that a simulation's steps would skew: none where its steps do not, no skew shows, or the case states one."""
     is_driven = any(run.drives for run in problem.runs)
     if not is_driven and len({order == 1 for order in problem.orders}) < 2:
-        return False  # of a release seen by positions alone nobody knows when it began
-    channels = [channel for table in problem.case.table.recording for channel in table.channel]
-    if problem.plant.model.opt.integrator not in STAGGERED or any(channel.delay_s for channel in channels):
-        return False
-    return all(run.measured.is_uniform for run in problem.case.runs())
+        return []  # of a release seen by positions alone nobody knows when it began
+    stated = any(channel.delay_s for table in problem.case.table.recording for channel in table.channel)
+    if problem.plant.model.opt.integrator not in STAGGERED or stated:
+        return []
+    if not all(run.measured.is_uniform for run in problem.case.runs()):
+        return []
+    return [i for i, order in enumerate(problem.orders) if order != 1]
 
 
 def _skewed(case: Case, seconds: float) -> Case:
@@ -175,8 +177,10 @@ def _skewed(case: Case, seconds: float) -> Case:
     return replace(case, table=replace(case.table, recording=tuple(tables)))
 
 
-def _matters(problem: Problem) -> bool:
-    """Return whether half a sample shows: in readings that move in it, or in readings of the inputs themselves."""
+def _shows(problem: Problem) -> bool:
+    """Return whether half a sample shows in readings that move in it, without a law in the loop, which keeps its own time."""
+    if any(run.law is not None for run in problem.runs):
+        return False
     for run in problem.runs:
         if not run.drives or not run.measured.is_uniform:
             continue
