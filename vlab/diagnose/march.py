@@ -111,7 +111,7 @@ class _Marcher:
         self.laws, self.width = list(laws), system.A.shape[1]
         kinds = [law.effect.response for law in laws]
         self.is_looped = "any" in kinds
-        self.given = [] if self.is_looped else [j for j, kind in enumerate(kinds) if kind == "none"]
+        self.given = [j for j, kind in enumerate(kinds) if kind == "none"]
         self.linear = [j for j, kind in enumerate(kinds) if kind == "linear"]
         self.left = [j for j in range(len(laws)) if j not in self.given and j not in self.linear]
         self.AT = np.ascontiguousarray(np.swapaxes(system.A, 1, 2))
@@ -178,8 +178,10 @@ class _Marcher:
         """
         pushed = np.zeros((*drive.shape[:3], len(self.laws)))
         if self.is_looped:
-            own = drive if self.DT is None else drive @ self.DT
+            drives = self._with_given(drive, first, pushed)
+            own = drives if self.DT is None else [each @ self.DT for each in drives]
             states, x = self._looped(own, part, x, first, pushed)
+            drive = drives[0]
         else:
             own = drive @ self.of_drive if self.substeps > 1 or self.DT is not None else drive.copy()
             for j, ways in zip(self.given, self.of_given, strict=True):
@@ -194,6 +196,16 @@ class _Marcher:
         if self.answers is not None:
             pushed[..., self.linear] = states @ self.answers[0] + drive @ self.answers[1]
         return states, pushed, x
+
+    def _with_given(self, drive: Array, first: int, pushed: Array) -> list[Array]:
+        """Return drives with the forces that depend on time alone, one for every substep where there are any, and fill these in."""
+        drives = [drive] * (self.substeps if self.given else 1)
+        for j in self.given:
+            forces = [self._given(self.laws[j], len(drive), first, i) for i in range(self.substeps)]
+            push = self.laws[j].push[..., : drive.shape[-1]]
+            drives = [each + force[..., None] * push for each, force in zip(drives, forces, strict=True)]
+            pushed[..., j] = forces[0]
+        return drives
 
     def _given(self, law: _Law, count: int, first: int, sub: int) -> Array:
         """Return a force that depends on time alone, (count, n_sets or 1, n_runs)."""
@@ -211,23 +223,25 @@ class _Marcher:
         middle, count = 0.5 * (at + after), len(self.laws)
         return law.effect.force(middle[..., j], middle[..., count + j], law.values, now, memory)
 
-    def _looped(self, drive: Array, part: Array, x: Array, first: int, pushed: Array) -> tuple[Array, Array]:
+    def _looped(self, drives: Sequence[Array], part: Array, x: Array, first: int, pushed: Array) -> tuple[Array, Array]:
         """Return the states at the samples of a chunk and at its end; the forces of the laws in the loop are filled in.
 
-        The laws see only their ports' motion, which goes along as so many more entries of the state.
+        The laws see only their ports' motion, which goes along as so many more entries of the state. Drives are those of
+        the substeps, or of all of them.
         """
         step, laws = self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
         count, width = len(self.laws), x.shape[-1]
         step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
         both = {j: np.concatenate([law.push, law.felt], axis=-1) for j, law in laws}
-        driven, states = np.concatenate([drive, drive @ self.seen], axis=-1), np.zeros(drive.shape)
+        driven = [np.concatenate([each, each @ self.seen], axis=-1) for each in drives]
+        states = np.zeros((*driven[0].shape[:1], *x.shape))
         state = np.concatenate([x, x @ self.seen], axis=-1)
         last = {j: law.last for j, law in laws}
         for k in range(len(part)):
             states[k] = state[..., :width]
             for sub in range(self.substeps):
                 new = np.matmul(state[..., :width], step_of)
-                new += driven[k]
+                new += driven[sub % len(driven)][k]
                 at, after = state[..., width:], new[..., width:]
                 t = self.late + ((first + k) * self.h + (sub + 0.5) * step)
                 # forces change by little in a step: the last ones stand for those not known yet
