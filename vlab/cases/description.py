@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from vlab import units
-from vlab.errors import BadCase, unknown_name
+from vlab.errors import BadCase, BadUnit, unknown_name
 from vlab.recordings.assemble import ColumnSpec
 from vlab.signals import KIND_UNITS
 
@@ -52,6 +52,17 @@ def _same_length(what: str, values: tuple[object, ...], n: int, against: str) ->
 def check_unit(unit: str, si: str) -> None:
     """Refuse a unit that is unknown or not of the dimension of `si`."""
     units.factor(unit, si)
+
+
+def check_unit_of_kind(unit: str, kind: str, si: str) -> None:
+    """Refuse a unit that is not one of a kind of channel; where it is one of another kind, say of which."""
+    try:
+        check_unit(unit, si)
+    except BadUnit as error:
+        meant = [k for k, own in KIND_UNITS.items() if own not in (None, "1") and units.same_dimension(unit, own)]
+        if not meant:
+            raise
+        raise BadUnit(f"{error}; with this unit the kind is {' or '.join(map(repr, meant))}, not {kind!r}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +156,7 @@ class ChannelTable:
             raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
-            check_unit(self.unit, si)
+            check_unit_of_kind(self.unit, self.kind, si)
         elif self.unit:
             check_unit(self.unit, self.unit)
 
