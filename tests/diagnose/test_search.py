@@ -7,6 +7,7 @@ from rigs import oscillator_case
 from vlab.cases import load_case
 from vlab.diagnose.choose import choose
 from vlab.diagnose.prepare import prepare
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.search import search
 from vlab.physics.catalogue import EFFECTS
 
@@ -15,7 +16,7 @@ SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "
 
 def found(folder, **given):
     rig = oscillator_case(folder, **given)
-    return rig, search(prepare(load_case(folder)), [EFFECTS[name] for name in SOME])
+    return rig, search(Screen(prepare(load_case(folder))), [EFFECTS[name] for name in SOME])
 
 
 @pytest.fixture(autouse=True)

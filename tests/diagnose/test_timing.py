@@ -8,9 +8,7 @@ from scipy import signal
 
 from vlab.cases import load_case
 from vlab.diagnose.engine import diagnose
-from vlab.diagnose.prepare import prepare
 from vlab.diagnose.roads import road_of
-from vlab.diagnose.timing import timed
 
 RATE, SECONDS, NOISE = 500.0, 8.0, 0.003
 MASS, STIFFNESS, DAMPING = 1.02, 2510.0, 1.1
@@ -102,7 +100,7 @@ def case(folder, truth, *, kind="displacement", given="force", hold="", rows=rec
     ],
 )
 def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, found):
-    problem, _ = timed(prepare(case(tmp_path, truth, kind=kind, given=given)))
+    problem = road_of(case(tmp_path, truth, kind=kind, given=given)).problem
     channel = problem.case.table.recording[0].channel[0]
     assert channel.hold == found
     assert bool(problem.timing) == bool(found)
@@ -110,8 +108,9 @@ def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, fou
 
 
 def test_what_a_case_states_is_kept(tmp_path):
-    problem = prepare(case(tmp_path, "past", hold="linear"))
-    assert timed(problem)[0] is problem
+    problem = road_of(case(tmp_path, "past", hold="linear")).problem
+    assert problem.case.table.recording[0].channel[0].hold == "linear"
+    assert not problem.timing
 
 
 @pytest.mark.parametrize("samples", [0.5, 2.0])
@@ -122,7 +121,7 @@ def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
         rows["y"] = np.interp(time - samples / RATE, time, rows["y"])
         return rows
 
-    problem, _ = timed(prepare(case(tmp_path, "linear", rows=late)))
+    problem = road_of(case(tmp_path, "linear", rows=late)).problem
     assert problem.case.table.recording[0].channel[0].hold == ("zero" if samples == 0.5 else "")
 
 
@@ -140,7 +139,7 @@ def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
 def test_steps_of_a_simulation_leave_positions_ahead(tmp_path, every, given):
     step = 1.0 / RATE / every
     model = MODEL.replace('timestep="0.0005"', f'timestep="{step}"')
-    problem, _ = timed(prepare(case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)))
+    problem = road_of(case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)).problem
     _, position, velocity = problem.case.table.recording[0].channel
     assert position.delay_s == pytest.approx(-0.5 * step, rel=0.05)
     assert velocity.delay_s == 0.0
@@ -157,39 +156,52 @@ def test_a_model_stepped_as_it_is_lacks_nothing(tmp_path):
     assert done.heldout["nrmse_before"] < 1.6 * done.heldout["nrmse_noise"]
 
 
-def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
-    step = 0.004
-    arm = """<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody><body name="arm">
-      <joint name="pivot" type="hinge" axis="0 1 0" damping="{damping}"/>
-      <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass="{mass}"/></body></worldbody>
-      <actuator><motor name="motor" joint="pivot"/></actuator>
-      <sensor><jointpos name="angle" joint="pivot"/></sensor></mujoco>"""
-    true = arm.format(step=step, integrator="Euler", damping=0.022, mass=0.507)
-    rng, records = np.random.default_rng(6), []
+ARM = """<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody><body name="arm">
+  <joint name="pivot" type="hinge" axis="0 1 0" damping="{damping}" frictionloss="{friction}"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass="{mass}"/></body></worldbody>
+  <actuator><motor name="motor" joint="pivot"/></actuator>
+  <sensor><jointpos name="angle" joint="pivot"/></sensor></mujoco>"""
+
+
+def arm(folder, step, every, *, integrator="Euler", hold="", friction=0.0):
+    """A case of an arm that swings far, in rows of `every` steps of MuJoCo in which its torque stands still."""
+    true = ARM.format(step=step, integrator=integrator, damping=0.022, mass=0.507, friction=friction)
+    rng, records, rate = np.random.default_rng(6), [], 1.0 / (step * every)
     for i, (level, role) in enumerate([(0.6, "fit"), (0.9, "fit"), (0.75, "holdout")]):
         model = mujoco.MjModel.from_xml_string(true)
-        data, time = mujoco.MjData(model), np.arange(0.0, 8.0, step)
+        data, time = mujoco.MjData(model), np.arange(0.0, 8.0, 1.0 / rate)
         u, y = multisine(rng, 0.3, 6.0, 8.0, level)(time), np.zeros(len(time))
         for k in range(len(time)):
             data.ctrl[0], y[k] = u[k], data.qpos[0]
-            mujoco.mj_step(model, data)
-        assert np.abs(y).max() > 0.5
+            mujoco.mj_step(model, data, every)
+        assert np.abs(y).max() > 0.4
         y += 0.002 * y.std() * rng.standard_normal(len(y))
-        records.append(Record(name=f"run {i}", role=role, columns={"u": u, "y": y}, rate_hz=1.0 / step))
+        records.append(Record(name=f"run {i}", role=role, columns={"u": u, "y": y}, rate_hz=rate))
     write_case(
-        tmp_path,
+        folder,
         title="Arm",
-        mjcf=arm.format(step=step, integrator="Euler", damping=0.02, mass=0.5),
+        mjcf=ARM.format(step=step, integrator=integrator, damping=0.02, mass=0.5, friction=0.0),
         uncertain={"mass": 0.02},
         channels=[
-            Channel(column="u", at="motor", kind="moment", unit="N m", is_input=True, hold="zero"),
+            Channel(column="u", at="motor", kind="moment", unit="N m", is_input=True, hold=hold),
             Channel(column="y", at="angle", kind="angle", unit="rad"),
         ],
         records=records,
     )
-    road = road_of(load_case(tmp_path))
+    return load_case(folder)
+
+
+def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
+    road = road_of(arm(tmp_path, 0.004, 1, hold="zero"))
     problem = road.problem
     assert not road.is_linear
     assert "ms ahead" in problem.timing
     # about a motion that is itself found from the skewed readings a fifth of it may be lost
-    assert problem.case.table.recording[0].channel[1].delay_s == pytest.approx(-0.5 * step, rel=0.25)
+    assert problem.case.table.recording[0].channel[1].delay_s == pytest.approx(-0.5 * 0.004, rel=0.25)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.06])
+def test_inputs_stand_far_from_rest_too(tmp_path, friction):
+    road = road_of(arm(tmp_path, 0.0005, 20, integrator="RK4", friction=friction))
+    assert not road.is_linear
+    assert road.problem.case.table.recording[0].channel[0].hold == "zero"

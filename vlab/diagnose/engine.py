@@ -167,7 +167,7 @@ def diagnose(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     case, standoffs = without_standoffs(case)
-    road = road_of(case)
+    road = road_of(case, list(effects) or list(EFFECTS.values()))
     problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))

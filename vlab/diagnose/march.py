@@ -179,8 +179,8 @@ class _Marcher:
         pushed = np.zeros((*drive.shape[:3], len(self.laws)))
         if self.is_looped:
             drives = self._with_given(drive, first, pushed)
-            own = drives if self.DT is None else [each @ self.DT for each in drives]
-            states, x = self._looped(own, part, x, first, pushed)
+            owns = drives if self.DT is None else [each @ self.DT for each in drives]
+            states, x = self._looped(owns, part, x, first, pushed)
             drive = drives[0]
         else:
             own = drive @ self.of_drive if self.substeps > 1 or self.DT is not None else drive.copy()

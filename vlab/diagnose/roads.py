@@ -5,14 +5,16 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from vlab.cases.case import Case
-from vlab.diagnose.nonlinear.prepare import prepare_moving
+from vlab.diagnose.nonlinear.prepare import moving_signals, prepare_moving
 from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.search import search_moving
+from vlab.diagnose.prepare import prepare
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.search import TimeFound, search
-from vlab.diagnose.timing import skew_asked_for, timed
+from vlab.diagnose.timing import timed
+from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
 Report = Callable[[float, str], None]
@@ -20,27 +22,25 @@ Report = Callable[[float, str], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearRest:
-    """A case prepared for a search on its linear twin.
-
-    Parameters
-    ----------
-    screen : Screen or None
-        The screening, where it was needed already.
-    """
+    """A case screened on its linear twin."""
 
     is_linear: ClassVar[bool] = True
     notes: ClassVar[tuple[str, ...]] = ()
-    problem: Problem
-    screen: Screen | None = None
+    screen: Screen
+
+    @property
+    def problem(self) -> Problem:
+        """What is searched."""
+        return self.screen.problem
 
     def search(self, effects: Sequence[Effect], report: Report) -> TimeFound:
         """Search what is missing; see `vlab.diagnose.search.search`."""
-        return search(self.problem, effects, report, self.screen)
+        return search(self.screen, effects, report)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AlongMotion:
-    """A case whose recorded motion is far from linear, prepared for a search along that motion."""
+    """A case whose recorded motion is far from linear, screened along that motion."""
 
     is_linear: ClassVar[bool] = False
     notes: ClassVar[tuple[str, ...]] = (
@@ -58,8 +58,13 @@ class AlongMotion:
         return search_moving(self.screen, effects, report)
 
 
-def road_of(case: Case) -> NearRest | AlongMotion:
-    """Prepare a case, for a search along its recorded motion where that is far from linear.
+def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> NearRest | AlongMotion:
+    """Screen a case, along its recorded motion where that is far from linear.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing.
 
     Raises
     ------
@@ -68,14 +73,18 @@ def road_of(case: Case) -> NearRest | AlongMotion:
     """
     problem = linear_problem(case)
     if problem is not None:
-        problem, near = timed(problem, linear_problem)
-        return NearRest(problem=problem, screen=near)
+        return NearRest(screen=timed(Screen(problem), lambda other: prepare(other).signals, _near_rest, effects))
     check_scope(case)
+    screen = _along_motion(case)
+    check_contacts(case, screen.moving.motions)
+    return AlongMotion(screen=timed(screen, moving_signals, _along_motion, effects))
+
+
+def _near_rest(case: Case, timing: str) -> Screen | None:
+    problem = linear_problem(case)
+    return None if problem is None else Screen(replace(problem, timing=timing))
+
+
+def _along_motion(case: Case, timing: str = "") -> MovingScreen:
     problem, moving = prepare_moving(case)
-    check_contacts(case, moving.motions)
-    screen = MovingScreen(problem, moving)
-    skew = skew_asked_for(screen)
-    if skew is not None:
-        problem, moving = prepare_moving(skew[0])
-        screen = MovingScreen(replace(problem, timing=skew[1]), moving)
-    return AlongMotion(screen=screen)
+    return MovingScreen(replace(problem, timing=timing), moving)

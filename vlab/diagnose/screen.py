@@ -366,10 +366,8 @@ class Screen:
             forces, readings = [], []
             for named in by_name:
                 runs = [named[run.name].first(len(run)) for run in group.runs]
-                u, _ = stack_runs(runs, [run.u for run in runs])
-                load, _ = stack_runs(runs, [run.load for run in runs])
                 y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
-                forces.append(u @ self.now.forces.T + load @ self.now.loads.T - group.forces)
+                forces.append(self._of_inputs(group, runs))
                 readings.append(group.y - y)
             if skewed:
                 forces.append(np.zeros_like(group.forces))
@@ -385,6 +383,12 @@ class Screen:
         shares = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), pull)
         won = float(pull @ shares)
         return shares, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
+
+    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+        """Return by what modal forces the inputs of the same runs with others differ from a group's, (n, n_runs, m)."""
+        u, _ = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        return np.asarray(u @ self.now.forces.T + load @ self.now.loads.T - group.forces)
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 

@@ -62,12 +62,9 @@ class TimeFound(Found):
 
 
 def search(
-    problem: Problem,
-    effects: Sequence[Effect],
-    progress: Callable[[float, str], None] | None = None,
-    screen: Screen | None = None,
+    screen: Screen, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
 ) -> TimeFound:
-    """Search what is missing on a problem's fit runs.
+    """Search what is missing on the fit runs of a screening.
 
     Parameters
     ----------
@@ -75,13 +72,11 @@ def search(
         What may be missing.
     progress : callable or None
         Called with the share done and what is being done.
-    screen : Screen or None
-        The problem's, where there is one already.
     """
+    problem = screen.problem
     report = progress or (lambda share, what: None)
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "screening")
-    screen = screen or Screen(problem)
     candidates = _sharpened(screen, screen.candidates(effects))
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)

@@ -7,6 +7,7 @@ half the sample rate it turns phases by a right angle.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,10 +15,10 @@ from vlab.cases.case import Case
 from vlab.cases.description import ChannelTable, Hold
 from vlab.cases.wiring import ORDER
 from vlab.diagnose.noise import noise_levels
-from vlab.diagnose.prepare import prepare
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import Signals
+from vlab.physics.effect import Effect
 from vlab.physics.running import STAGGERED
 
 WORDS: dict[Hold, str] = {
@@ -27,7 +28,7 @@ WORDS: dict[Hold, str] = {
     "past": "inputs stood from the sample before until their own",
 }
 NEAR = 0.2
-"""Another convention is taken where the recordings ask for it and for nothing else: for this much more or less of it at most."""
+"""Another convention is believed where the recordings ask for it and for nothing else: for this much more or less of it at most."""
 LEAST_SKEW, MOST_SKEW = 0.2, 1.2
 """Skews that are believed, in halves of an integration step or of a sample, whichever is shorter: other simulators take finer steps."""
 GAIN, GAIN_EACH = 30.0, 10.0
@@ -37,6 +38,8 @@ EXPLAINED = 0.01
 """It must explain this share of what the refitted model leaves."""
 MOST_PASSES = 2
 """What is wrong with the readings hides what is wrong with the inputs: the filter takes it for unknown forces."""
+BESIDE = 12
+"""Effects that may be missing besides: what they leave in the recordings may look like other inputs in part."""
 SEEN = 0.5
 """Conventions are compared where half a sample moves the readings by this multiple of their noise."""
 
@@ -53,12 +56,17 @@ class _Convention:
         Of the inputs; "" as given.
     skew_s : float
         By which positions, accelerations and forces are ahead of velocities and inputs.
+    gain : float
+        In log-likelihood, less its price.
+    is_believed : bool
+        Whether they ask for it and for nothing else.
     """
 
     case: Case
     hold: Hold
     skew_s: float
     gain: float
+    is_believed: bool
 
     @property
     def lines(self) -> list[str]:
@@ -71,8 +79,16 @@ class _Convention:
         return out
 
 
-def timed(problem: Problem, again: Callable[[Case], Problem | None] = prepare) -> tuple[Problem, Screen | None]:
-    """Return a problem whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
+S = TypeVar("S", bound=Screen)
+
+
+def timed(
+    screen: S,
+    signals: Callable[[Case], Sequence[Signals]],
+    again: Callable[[Case, str], S | None],
+    effects: Sequence[Effect],
+) -> S:
+    """Return a screening whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
 
     A simulation with semi-implicit steps that writes its state leaves positions half a step ahead of velocities; that counts as a
     convention, too. Laws in the loop are replayed on their own clock, and the two structures' converters are known: these stay as
@@ -80,43 +96,28 @@ def timed(problem: Problem, again: Callable[[Case], Problem | None] = prepare) -
 
     Parameters
     ----------
+    signals : callable
+        Puts the runs to fit of a case with another convention on the search's clock.
     again : callable
-        Prepares a case as the problem was prepared; None where it cannot.
-
-    Returns
-    -------
-    problem : Problem
-    screen : Screen or None
-        Its screening, where it had to be made.
+        Screens a case with another convention, which is to be said of it in these words; None where it cannot.
+    effects : sequence of Effect
+        What may be missing besides.
     """
-    if problem.case.structure is not None or not _shows(problem):
-        return problem, None
     lines: list[str] = []
-    screen: Screen | None = None
     for _ in range(MOST_PASSES):
-        holds: list[tuple[Hold, Case]] = [("", problem.case), *_others(problem.case)]
-        skewable = _skewable(problem)
-        if len(holds) == 1 and not skewable:
+        problem = screen.problem
+        if problem.case.structure is not None or not _shows(problem):
             break
-        screen = Screen(problem)
-        found = max(_asked_for(screen, holds, skewable), key=lambda convention: convention.gain, default=None)
-        if found is None or found.gain <= GAIN:
+        others = [(hold, case, _with_inputs_of(problem, signals(case))) for hold, case in _others(problem.case)]
+        found = _asked_for(screen, others, effects)
+        if found is None:
             break
-        other = again(found.case)
+        other = again(found.case, said([*lines, *found.lines]))
         if other is None:
             break
         lines += found.lines
-        problem, screen = replace(other, timing=said(lines)), None
-    return problem, screen
-
-
-def skew_asked_for(screen: Screen) -> tuple[Case, str] | None:
-    """Return the case of a screening with the skew that its innovations ask for, and that in words; None where they do not."""
-    problem = screen.problem
-    if not _shows(problem):
-        return None
-    found = next(_asked_for(screen, [("", problem.case)], _skewable(problem)), None)
-    return None if found is None or found.gain <= GAIN else (found.case, said(found.lines))
+        screen = other
+    return screen
 
 
 def said(lines: Sequence[str]) -> str:
@@ -124,29 +125,52 @@ def said(lines: Sequence[str]) -> str:
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
 
-def _asked_for(screen: Screen, holds: Sequence[tuple[Hold, Case]], skewable: Sequence[int]) -> Iterator[_Convention]:
-    """Yield the conventions that the recordings ask for, of some holds, with and without a skew of some channels."""
+Others = Sequence[tuple[Hold, Case, Sequence[Signals]]]
+"""Holds that a case leaves open, with the case and its signals."""
+
+
+def _asked_for(screen: Screen, others: Others, effects: Sequence[Effect]) -> _Convention | None:
+    """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
+    asked = [convention for convention in _conventions(screen, others) if convention.gain > GAIN]
+    believed = [convention for convention in asked if convention.is_believed]
+    if believed or not asked:
+        return max(believed, key=lambda convention: convention.gain, default=None)
+    candidates = screen.candidates(effects)[:BESIDE]
+    most, found = candidates[0].gain + GAIN if candidates else np.inf, None
+    for candidate in candidates:
+        for convention in _conventions(screen.given([candidate]), others):
+            if convention.is_believed and convention.gain > GAIN and candidate.gain + convention.gain > most:
+                most, found = candidate.gain + convention.gain, convention
+    return found
+
+
+def _conventions(screen: Screen, others: Others) -> Iterator[_Convention]:
+    """Yield what recordings ask for of some holds, and of none, with and without a skew of their readings."""
     problem = screen.problem
-    step = _half_step(problem)
-    for hold, other in holds:
-        first = [_with_inputs_of(problem, other)] if hold else []
+    step, skewable = _half_step(problem), _skewable(problem)
+    for hold, case, signals in [("", problem.case, ()), *others]:
+        first = [signals] if hold else []
         for moved in ([], skewable) if skewable else ([],):
             if not first and not moved:
                 continue
             shares, gain, explained = screen.asked(first, moved, step)
-            is_near = not hold or abs(shares[0] - 1.0) < NEAR
             skew = float(shares[-1]) if moved else 0.0
-            if is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW):
-                whole = _skewed(other, skew * step) if moved else other
-                yield _Convention(case=whole, hold=hold, skew_s=skew * step, gain=gain - GAIN_EACH * (len(shares) - 1))
+            is_near = not hold or abs(shares[0] - 1.0) < NEAR
+            yield _Convention(
+                case=_skewed(case, skew * step) if moved else case,
+                hold=hold,
+                skew_s=skew * step,
+                gain=gain - GAIN_EACH * (len(shares) - 1),
+                is_believed=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
+            )
 
 
-def _with_inputs_of(problem: Problem, other: Case) -> list[Signals]:
-    """Return a problem's signals with the inputs of another case, and with what its model's own nonlinearity adds as it was."""
-    out = []
-    for s, t in zip(problem.signals, prepare(other, [run.role for run in problem.runs]).signals, strict=True):
-        out.append(replace(s, u=t.u, y=t.y, load=np.hstack([t.load, s.load[:, t.load.shape[1] :]])))
-    return out
+def _with_inputs_of(problem: Problem, signals: Sequence[Signals]) -> list[Signals]:
+    """Return a problem's signals with the inputs of others, and with what its model's own nonlinearity adds as it was."""
+    return [
+        replace(s, u=t.u, y=t.y, load=np.hstack([t.load, s.load[:, t.load.shape[1] :]]))
+        for s, t in zip(problem.signals, signals, strict=True)
+    ]
 
 
 def _half_step(problem: Problem) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.playback import Bench
 from vlab.cases.wiring import Compared
-from vlab.diagnose.hum import find_hum, without_hum
+from vlab.diagnose.hum import Hum, find_hum, without_hum
 from vlab.diagnose.linear_view import ChannelRows, actuator_forces
 from vlab.diagnose.nonlinear.course import MOST_SAMPLES, Course, Motion, course_of, first_motion
 from vlab.diagnose.nonlinear.stepper import Stepper
@@ -18,7 +18,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Signals, thinning, uniform
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import Uncertain, changes_of, of_kind, uncertain_parameters
-from vlab.diagnose.wired import recorded_commands, wired_runs
+from vlab.diagnose.wired import Wired, recorded_commands, wired_runs
 from vlab.errors import BadStructure
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -83,6 +83,13 @@ def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
     return tuple(out)
 
 
+def moving_signals(case: Case) -> tuple[Signals, ...]:
+    """Return a case's fit recordings as the search along their motion has them, without that motion."""
+    wired = wired_runs(case, ("fit",))
+    stepper = Stepper(case.plant, wired.channels, wired.load_ports)
+    return _signals(_courses(case, wired, stepper, _hum(wired)))
+
+
 def prepare_moving(case: Case) -> tuple[Problem, Moving]:
     """Prepare a case's fit recordings for a search along their motion.
 
@@ -92,25 +99,10 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         No recording, or runs that compare different channels.
     """
     wired = wired_runs(case, ("fit",))
-    plant, runs, channels, names = case.plant, wired.runs, wired.channels, wired.names
+    plant, channels, names = case.plant, wired.channels, wired.names
     load_ports, driven = wired.load_ports, wired.driven
-    stepper = Stepper(plant, channels, load_ports)
-    rest = Bench(plant).rest_values(channels)
-    hums = find_hum([run for run in runs if run.measured.is_uniform])
-    highest = wired.highest_hz
-    longest = max(len(run.measured) for run in runs)  # all runs alike: laws have one sample period
-    courses = [
-        course_of(
-            without_hum(run, hums),
-            stepper,
-            rest,
-            len(plant.actuators),
-            load_ports,
-            thinning(longest, uniform(run.measured.time), highest, MOST_SAMPLES),
-            recorded_commands(plant, run),
-        )
-        for run in runs
-    ]
+    stepper, hums = Stepper(plant, channels, load_ports), _hum(wired)
+    courses = _courses(case, wired, stepper, hums)
     at_rest = plant.new_data().qpos.copy()
     motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), courses)
     substeps = stepper.find_substeps(
@@ -121,8 +113,7 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         ]
     )
     parameters = tuple(moving_parameters(plant, case.table.model.uncertain, names, driven))
-    twin = _twin(plant, len(channels), rest, parameters, load_ports)
-    h = float(np.median([np.median(c.h) for c in courses]))
+    twin = _twin(plant, len(channels), Bench(plant).rest_values(channels), parameters, load_ports)
     problem = Problem(
         case=case,
         plant=plant,
@@ -130,13 +121,13 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         parameters=parameters,
         channels=channels,
         names=names,
-        runs=runs,
+        runs=wired.runs,
         orders=wired.orders,
         about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
-        signals=tuple(_signals(course, h) for course in courses),
+        signals=_signals(courses),
         places=tuple(places_of(plant, twin, names, driven, _free_motion(plant))),
         hums=hums,
-        highest_hz=highest,
+        highest_hz=wired.highest_hz,
     )
     return problem, Moving(
         courses=tuple(courses),
@@ -159,21 +150,47 @@ def _free_motion(plant: Plant) -> Array:
     return np.asarray(shapes[:, np.abs(omega) < FREE])
 
 
-def _signals(course: Course, h: float) -> Signals:
-    """Return a course as the search has runs: deviations from its motion start at nothing."""
-    return Signals(
-        name=course.name,
-        role=course.role,
-        h=h,
-        u=course.u,
-        load=course.load,
-        y=course.y,
-        noise=course.noise,
-        scale=course.scale,
-        at_rest=course.at_rest,
-        t0=float(course.time[0]),
-        end=float(course.time[-1]),
-        valid=course.valid,
+def _hum(wired: Wired) -> tuple[Hum, ...]:
+    return find_hum([run for run in wired.runs if run.measured.is_uniform])
+
+
+def _courses(case: Case, wired: Wired, stepper: Stepper, hums: Sequence[Hum]) -> list[Course]:
+    """Return the runs at their samples, hum taken off."""
+    plant, rest = case.plant, Bench(case.plant).rest_values(wired.channels)
+    longest = max(len(run.measured) for run in wired.runs)  # all runs alike: laws have one sample period
+    return [
+        course_of(
+            without_hum(run, hums),
+            stepper,
+            rest,
+            len(plant.actuators),
+            wired.load_ports,
+            thinning(longest, uniform(run.measured.time), wired.highest_hz, MOST_SAMPLES),
+            recorded_commands(plant, run),
+        )
+        for run in wired.runs
+    ]
+
+
+def _signals(courses: Sequence[Course]) -> tuple[Signals, ...]:
+    """Return courses as the search has runs: deviations from their motion start at nothing."""
+    h = float(np.median([np.median(c.h) for c in courses]))
+    return tuple(
+        Signals(
+            name=course.name,
+            role=course.role,
+            h=h,
+            u=course.u,
+            load=course.load,
+            y=course.y,
+            noise=course.noise,
+            scale=course.scale,
+            at_rest=course.at_rest,
+            t0=float(course.time[0]),
+            end=float(course.time[-1]),
+            valid=course.valid,
+        )
+        for course in courses
     )
 
 

@@ -224,6 +224,19 @@ class MovingScreen(Screen):
         column = list(self.moving.driven).index(actuator)
         return stacked([a.drives[:, :, column] for a in self.alongs])
 
+    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+        """See `Screen`."""
+        u, _ = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        given, _ = stack_runs(runs, [course.load for course in self.moving.courses])
+        out = np.zeros((*u.shape[:2], self.twin.m))
+        for i in self.moving.driven:
+            out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
+        for j, name in enumerate(self.moving.load_ports):
+            rows = self._lines(self.plant.port(name), False).rows
+            out += rows.sum(axis=0) * (load - given)[..., j, None]
+        return out
+
     def _changed_forces(self, group: Group) -> Array:
         return self.changes
 
