@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from vlab.errors import BadStructure
 from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
 from vlab.modal.mac import mac
 from vlab.plants import build_plant
 from vlab.structure import load_structure
@@ -18,7 +20,7 @@ FACTORS = (1.01, 0.99, 1.003, 1.0, 1.02)
 
 @pytest.fixture(scope="module")
 def tuned(beam):
-    return dataclasses.replace(beam, tuning=Tuning(frequencies=FACTORS))
+    return dataclasses.replace(beam, tuning=Tuning(frequencies=FACTORS, of_fe=7))
 
 
 def heard(linear, rows):
@@ -46,11 +48,44 @@ def test_frequencies_of_the_fe_model_are_multiplied(beam, tuned):
 
 @pytest.mark.parametrize("plant", ["composite", "fe", "modal"])
 def test_every_plant_has_them(beam, tuned, plant):
-    before, after = (build_plant(s, plant, "physical") for s in (beam, tuned))
+    own = dataclasses.replace(beam, tuning=Tuning(of_fe=7))
+    before, after = (build_plant(s, plant, "physical") for s in (own, tuned))
     rows = before.port_rows([coil.at for coil in beam.coil])
     (w0, z0, _), (w1, z1, _) = (heard(p.linearise(), rows) for p in (before, after))
     assert w1 / w0 == pytest.approx((*FACTORS, 1.0), rel=1e-6)
     assert z1 == pytest.approx(z0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "count", "off"), [("beam", 7, 0.004), ("grid", 15, 0.016)])
+def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
+    structure = load_structure(name)
+    like = dataclasses.replace(structure, tuning=Tuning(of_fe=count))
+    fe, before, after = (
+        build_fe_model(structure, "physical"),
+        *(build_plant(s, "composite", "physical") for s in (structure, like)),
+    )
+    points = [p.name for p in structure.point if p.name in after.ports]
+    at_coils = after.port_rows([coil.at for coil in structure.coil])
+    shapes = []
+    for linear, coils, rows in (
+        (fe.linear, fe.coils.T, fe.deflections(points)),
+        *((p.linearise(), at_coils, p.port_rows(points)) for p in (before, after)),
+    ):
+        omega, phi = linear.eigen
+        first = driven_modes(coils @ phi)[:count]
+        shapes.append((omega[first], rows @ phi[:, first], linear.zeta[first]))
+    (w, x, z), (_, coarse, _), (w1, x1, z1) = shapes
+    assert w1 == pytest.approx(w, rel=1e-6)
+    assert z1 == pytest.approx(z, rel=1e-6)
+    # mass-normalised shapes at all points, which the rotation among the plant's own modes leaves this much off
+    sign = np.sign(np.sum(x * x1, axis=0))
+    assert np.linalg.norm(x1 * sign - x) < off * np.linalg.norm(x)
+    assert np.linalg.norm(np.abs(coarse) - np.abs(x)) > (0.1 if name == "grid" else 0.0) * np.linalg.norm(x)
+
+
+def test_more_modes_of_the_fe_model_than_points_are_refused(beam):
+    with pytest.raises(BadStructure, match="the points tell apart"):
+        build_plant(dataclasses.replace(beam, tuning=Tuning(of_fe=40)), "composite", "physical")
 
 
 @pytest.mark.parametrize("plant", ["composite", "fe"])

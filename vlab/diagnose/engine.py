@@ -19,6 +19,7 @@ from vlab.diagnose.findings import of_hum, of_limit, of_step, of_stop, of_terms,
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import Hypothesis
+from vlab.diagnose.mesh import with_modes_of_fe
 from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR, Problem
 from vlab.diagnose.refine import EXACT, Refiner
@@ -166,7 +167,8 @@ def diagnose(
     began = time.monotonic()
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
-    case, standoffs = without_standoffs(case)
+    given = case.plant
+    case, standoffs = without_standoffs(with_modes_of_fe(case))
     road = road_of(case, list(effects) or list(EFFECTS.values()))
     problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
@@ -184,7 +186,7 @@ def diagnose(
     report(0.9, "checking in MuJoCo")
     runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
     is_amended = bool(choice.best.terms) or seen.is_missing
-    nominal = Amended(plant=case.plant)
+    nominal = Amended(plant=given)
     checked = check(runs, before, after if is_amended else None, seen.benign_hums, nominal=nominal)
     verdict = _verdict(choice, checked, seen, case.structure is not None)
     if verdict != "missing-physics":

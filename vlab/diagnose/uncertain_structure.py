@@ -161,10 +161,11 @@ def _damping(mode: int | None) -> Edit:
 
 def _frequency(mode: int) -> Edit:
     def edit(structure: Structure, factor: float) -> Structure:
-        old = () if structure.tuning is None else structure.tuning.frequencies
+        tuning = structure.tuning or Tuning()
+        old = tuning.frequencies
         factors = [*old, *(1.0 for _ in range(mode + 1 - len(old)))]
         factors[mode] *= factor
-        return replace(structure, tuning=Tuning(frequencies=tuple(factors)))
+        return replace(structure, tuning=replace(tuning, frequencies=tuple(factors)))
 
     return edit
 
@@ -184,7 +185,7 @@ def adjusted_structure(
 
     Coil gains multiply the gear of the coils' controls.
     """
-    out = build_plant(edited(structure, parameters, theta), plant.name, variant)
+    out = build_plant(edited(structure, parameters, theta), plant.name, variant).with_physics_of(plant)
     for parameter, value in zip(parameters, theta, strict=True):
         if parameter.actuator is not None:
             for control in out.actuators[parameter.actuator].controls:

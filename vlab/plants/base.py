@@ -13,7 +13,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -176,6 +176,10 @@ class Plant:
     def own_stiffness(self, name: str) -> float:
         """Return the stiffness of the elastic element whose deflection a port is; 0 without one."""
         return self.port(name).stiffness
+
+    def with_physics_of(self, other: "Plant") -> Self:
+        """Return this plant with the physics that is attached to another one of the same make."""
+        return replace(self, physics=other.physics, impedance=other.impedance)
 
     def port_rows(self, names: Sequence[str] | None = None) -> Array:
         """Return the Jacobian rows of ports at equilibrium, (n_ports, nv); all of them by default."""

@@ -19,8 +19,7 @@ from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines, vertical
 from vlab.plants.base import ActuatorTap, Plant, Port, named_sensors, sensor_taps, set_options, travel_name
 from vlab.plants.chain import Chain, build_chain
 from vlab.plants.element_ports import element_ports
-from vlab.plants.linearise import linearise
-from vlab.plants.mode_by_mode import prescribe, with_modal_tendons
+from vlab.plants.mode_by_mode import with_prescribed
 from vlab.signals import Array
 from vlab.structure.model import Bar, Clamp, Section, Structure
 
@@ -323,14 +322,11 @@ def build_composite(
     builder = _Builder(structure, variant, options or CompositeOptions())
     spec = builder.build()
     model = spec.compile()
-    prescribed = prescribe(linearise(model), structure, _at_coils(model, structure, builder.curves), damped=damped)
     one_mode = structure.variant_named(variant).one_mode_bar
-    return Plant(
+    plant = Plant(
         name="composite",
         model=model,
-        spec=with_modal_tendons(spec, prescribed.tendons),
-        dissipation=prescribed.dissipation,
-        restoring=prescribed.restoring,
+        spec=spec,
         actuators=tuple(
             ActuatorTap(name=name, at=c.name, controls=(model.actuator(name).id, model.actuator(_curve(name)).id))
             for c in structure.coil
@@ -347,13 +343,7 @@ def build_composite(
             *(("the crosspiece has its first symmetric mode only",) if one_mode else ()),
         ),
     )
-
-
-def _at_coils(model: Any, structure: Structure, curves: dict[str, dict[str, float]]) -> Array:
-    """Return the deflections at the coils per joint coordinate, (n_coils, nv)."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    return np.array([_port(model, coil.at, curves[coil.at]).row(data) for coil in structure.coil])
+    return with_prescribed(plant, structure, variant, damped=damped)
 
 
 def _addresses(model: Any, name: str) -> tuple[int, ...]:

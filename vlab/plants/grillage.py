@@ -15,7 +15,7 @@ from vlab.plants.base import ActuatorTap, Plant, Port, sensor_taps, travel_name
 from vlab.plants.element_ports import constant_port, element_ports
 from vlab.plants.grillage_spec import GrillageBuilder, GrillageOptions, in_plane_mask
 from vlab.plants.linearise import linearise
-from vlab.plants.mode_by_mode import prescribe, with_modal_tendons
+from vlab.plants.mode_by_mode import with_prescribed
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -63,16 +63,12 @@ def build_grillage(
         p.name: _port(model, p.name, builder.readings[p.name]) for p in structure.point if p.name in builder.readings
     }
     ports |= _element_ports(model, structure, variant, builder, ports)
-    coils = np.array([ports[coil.at].row(None) for coil in structure.coil]).reshape(-1, linear.n)
-    prescribed = prescribe(linear, structure, coils, damped=damped)
     calibrated = not choice.in_plane_moments or choice.moment_boundary_factor != 0.5
     first = int(model.sensor(travel_name(structure.sensor[0])).adr[0]) if structure.sensor else model.nsensordata
-    return Grillage(
+    plant = Grillage(
         name="composite",
         model=model,
-        spec=with_modal_tendons(spec, prescribed.tendons),
-        dissipation=prescribed.dissipation,
-        restoring=prescribed.restoring,
+        spec=spec,
         actuators=tuple(
             ActuatorTap(name=f"coil:{c.name}", at=c.name, controls=(i,)) for i, c in enumerate(structure.coil)
         ),
@@ -89,6 +85,7 @@ def build_grillage(
             ),
         ),
     )
+    return with_prescribed(plant, structure, variant, damped=damped)
 
 
 def _uncoupled(linear: SecondOrderModel) -> SecondOrderModel:

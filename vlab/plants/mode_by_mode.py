@@ -3,20 +3,24 @@
 The damping C = sum over modes of (M phi)(2 zeta omega)(M phi)^T couples no modes and is full in joint coordinates.
 MuJoCo carries it natively as one fixed tendon a mode, with coefficients phi^T M and damping 2 zeta omega; the model that
 a plant writes out has these tendons. The stiffness that tunes frequencies is of the same form with (f^2 - 1) omega^2, negative
-where a frequency is lowered. Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the
+where a frequency is lowered, and so is the one that turns a coarse mesh's modes into those of the FE model. Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the
 same matrices act as a generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two against each other.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from vlab.errors import BadStructure
-from vlab.fe.damping import modal_factors, modal_ratios
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes, modal_factors, modal_ratios
 from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.base import Plant
 from vlab.signals import Array
 from vlab.structure.model import Structure
+
+P = TypeVar("P", bound=Plant)
 
 
 @dataclass(frozen=True)
@@ -37,45 +41,74 @@ class ModalTendon:
     stiffness: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prescribed:
-    """Damping and tuned frequencies of a plant.
+def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: bool = True) -> P:
+    """Return a bare plant with the structure's modal damping ratios, and with the modes that it is tuned to.
 
     Parameters
     ----------
-    tendons : list of ModalTendon
-        As they are written out.
-    dissipation, restoring : (nv, nv) array or None
-        The matrices that they add up to, as they act while the plant runs.
-    """
-
-    tendons: list[ModalTendon]
-    dissipation: Array | None
-    restoring: Array | None
-
-
-def prescribe(linear: SecondOrderModel, structure: Structure, coils: Array, *, damped: bool = True) -> Prescribed:
-    """Return what gives a plant the structure's modal damping ratios and the frequencies that it is tuned to.
-
-    Parameters
-    ----------
-    linear : SecondOrderModel
-        Of the plant without.
-    coils : (n_coils, nv) array
-        Deflections at the structure's coils per coordinate.
     damped : bool
         Whether to prescribe damping.
+
+    Raises
+    ------
+    BadStructure
+        It is tuned to more modes than the plant and the FE model have.
     """
+    linear = plant.linearise()
+    coils = plant.port_rows([coil.at for coil in structure.coil])
     restoring = dissipation = None
     if structure.tuning is not None:
-        restoring = linear.tuning_stiffness(modal_factors(structure.tuning, coils @ linear.eigen[1]))
+        restoring = np.zeros((linear.n, linear.n))
+        if structure.tuning.of_fe:
+            restoring += mesh_stiffness(plant, linear, structure, variant)
+        meshed = replace(linear, K=linear.K + restoring)
+        restoring += meshed.tuning_stiffness(modal_factors(structure.tuning, coils @ meshed.eigen[1]))
         linear = replace(linear, K=linear.K + restoring)
     dampers = modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1])) if damped else []
     if dampers:
         rows = np.array([damper.row for damper in dampers])
         dissipation = np.asarray(rows.T * [damper.damping for damper in dampers] @ rows)
     springs = [] if restoring is None else tuning_springs(restoring)
-    return Prescribed(tendons=[*springs, *dampers], dissipation=dissipation, restoring=restoring)
+    spec = with_modal_tendons(plant.spec, [*springs, *dampers])
+    return replace(plant, spec=spec, dissipation=dissipation, restoring=restoring)
+
+
+def mesh_stiffness(plant: Plant, linear: SecondOrderModel, structure: Structure, variant: str) -> Array:
+    """Return the stiffness that turns a plant's first modes into those of the FE model, (nv, nv).
+
+    The modes span nearly the same motion, but a coarse mesh turns those that lie close together into each other. The rotation Q that
+    takes the one set of shapes at the structure's points and plates nearest to the other (the orthogonal Procrustes problem, Schoenemann,
+    Psychometrika 31, 1966) gives the stiffness Q diag(omega_fe^2) Q^T among the plant's own modes; its own is taken off.
+
+    Raises
+    ------
+    BadStructure
+        There are not so many modes that the coils drive.
+    """
+    fe = build_fe_model(replace(structure, tuning=None), variant)
+    assert structure.tuning is not None
+    count = structure.tuning.of_fe
+    places = [part.name for part in (*structure.point, *structure.plate) if part.name in plant.ports]
+    places = [name for name, row in zip(places, fe.deflections(places), strict=True) if np.any(row)]
+    sets = []
+    for model, at_places, at_coils in (
+        (linear, plant.port_rows(places), plant.port_rows([coil.at for coil in structure.coil])),
+        (fe.linear, fe.deflections(places), fe.coils.T),
+    ):
+        omega, shapes = model.eigen
+        driven = driven_modes(at_coils @ shapes)[:count]
+        if len(driven) < count or count > len(places):
+            most = min(len(driven), len(places))
+            raise BadStructure(
+                f"tuning.of_fe = {count}: there are {most} modes that the coils drive and the points tell apart"
+            )
+        sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
+    (own, shapes, here), (wanted, _, there) = sets
+    alike = 1.0 / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
+    left, _, right = np.linalg.svd(here.T @ (alike * there))
+    turned = left @ right
+    rows = linear.M @ shapes
+    return np.asarray(rows @ (turned * wanted**2 @ turned.T - np.diag(own**2)) @ rows.T)
 
 
 def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:

@@ -220,12 +220,25 @@ class Damping:
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Factors on the frequencies of the first modes, as a test of the structure itself gives them; the shapes stay.
+    """What a plant's first modes are made to be, of those that the coils drive.
 
-    No mesh has every frequency to a part in a thousand, and light damping makes much of that.
+    No mesh has every frequency to a part in a thousand, and light damping makes much of that; a coarse one turns shapes of modes
+    that lie close together into each other.
+
+    Parameters
+    ----------
+    frequencies : tuple of float
+        Factors on the frequencies of the first modes, as a test of the structure itself gives them; the shapes stay.
+    of_fe : int
+        So many of the first modes of the physical plant have frequencies and shapes of the FE model, before these factors.
     """
 
-    frequencies: tuple[float, ...] = number("1", positive=True)
+    frequencies: tuple[float, ...] = number("1", positive=True, default=())
+    of_fe: int = 0
+
+    def __post_init__(self) -> None:
+        if self.of_fe < 0:
+            raise BadStructure(f"of_fe = {self.of_fe} is no number of modes; it must be 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
