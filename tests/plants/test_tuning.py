@@ -56,7 +56,7 @@ def test_every_plant_has_them(beam, tuned, plant):
     assert z1 == pytest.approx(z0, rel=1e-6)
 
 
-@pytest.mark.parametrize(("name", "count", "off"), [("beam", 7, 0.004), ("grid", 15, 0.016)])
+@pytest.mark.parametrize(("name", "count", "off"), [("beam", 7, 0.006), ("grid", 15, 0.016)])
 def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
     structure = load_structure(name)
     like = dataclasses.replace(structure, tuning=Tuning(of_fe=count))
@@ -77,15 +77,15 @@ def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
     (w, x, z), (_, coarse, _), (w1, x1, z1) = shapes
     assert w1 == pytest.approx(w, rel=1e-6)
     assert z1 == pytest.approx(z, rel=1e-6)
-    # mass-normalised shapes at all points, which the rotation among the plant's own modes leaves this much off
+    # mass-normalised shapes at all points, which rotation among close modes of the plant's own leaves this much off
     sign = np.sign(np.sum(x * x1, axis=0))
     assert np.linalg.norm(x1 * sign - x) < off * np.linalg.norm(x)
     assert np.linalg.norm(np.abs(coarse) - np.abs(x)) > (0.1 if name == "grid" else 0.0) * np.linalg.norm(x)
 
 
-def test_more_modes_of_the_fe_model_than_points_are_refused(beam):
-    with pytest.raises(BadStructure, match="the points tell apart"):
-        build_plant(dataclasses.replace(beam, tuning=Tuning(of_fe=40)), "composite", "physical")
+def test_more_modes_of_the_fe_model_than_there_are_are_refused(beam):
+    with pytest.raises(BadStructure, match="modes that the coils drive"):
+        build_plant(dataclasses.replace(beam, tuning=Tuning(of_fe=400)), "composite", "physical")
 
 
 @pytest.mark.parametrize("plant", ["composite", "fe"])

@@ -1,4 +1,4 @@
-"""The mesh of a structure's physical plant, made as good as the FE model in the band that was recorded, before anything is sought."""
+"""The mesh of a structure's physical plant, made as good as the FE model where recordings are, before anything is sought."""
 
 from dataclasses import replace
 
@@ -13,14 +13,12 @@ from vlab.structure.model import Tuning
 
 PHYSICAL = "composite"
 """The plant whose mesh is coarse."""
-IN_BAND = 1.05
-"""Modes up to this multiple of the highest frequency recorded are those of the FE model."""
-CLOSE = 1.05
-"""Modes whose frequencies differ by less than this factor are taken together or not at all: they turn into each other."""
+WIDER = 2.0
+"""Modes up to this multiple of the highest frequency recorded are those of the FE model: pulses and edges go beyond the others."""
 
 
 def with_modes_of_fe(case: Case) -> Case:
-    """Return a case whose physical plant has the FE model's modes in the band that was recorded; others as they are.
+    """Return a case whose physical plant has the FE model's modes in and above the band that was recorded; others as they are.
 
     Two links a bar of the grid turn modes that lie close together into each other, which leaves a tenth of the recordings
     whatever is refitted; that is no physics that the model lacks, and the FE model knows better.
@@ -32,10 +30,7 @@ def with_modes_of_fe(case: Case) -> Case:
         return case
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
     freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
-    count = int(np.sum(freq <= IN_BAND * wired_runs(case, ("fit",)).highest_hz))
-    while 0 < count < len(freq) and freq[count] < CLOSE * freq[count - 1]:
-        count += 1
-    count = min(count, len(structure.point) - 1)
+    count = int(np.sum(freq <= WIDER * wired_runs(case, ("fit",)).highest_hz))
     if count == 0:
         return case
     tuned = replace(structure, tuning=replace(structure.tuning or Tuning(), of_fe=count))

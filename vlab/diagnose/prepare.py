@@ -21,6 +21,9 @@ from vlab.fe.damping import driven_modes
 from vlab.signals import Array
 from vlab.structure import Structure
 
+BAND = 1.1
+"""Modes of a structure up to this multiple of the highest frequency recorded have an uncertain frequency of their own."""
+
 
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     """Prepare a case's recordings in some roles.
@@ -87,7 +90,9 @@ def _uncertain_of_structure(
     at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ modes.shapes
     among = np.cumsum(kept) - 1
     tuned = [int(among[j]) if kept[j] else -1 for j in driven_modes(at_coils)]
-    last = max((k + 1 for k, j in enumerate(tuned) if j >= 0), default=0)
+    # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
+    in_band = modes.omega[kept] <= 2 * np.pi * BAND * wired.highest_hz
+    last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
     parameters = structure_parameters(structure, case.table.model.uncertain, wired.names, wired.driven, last)
     points = [p.name for p in structure.point if p.name in plant.ports]
     at_points = plant.port_rows(points) @ basis

@@ -8,6 +8,7 @@ same matrices act as a generalised force -C qvel - K (qpos - qpos0) instead; a t
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,6 +21,8 @@ from vlab.plants.base import Plant
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
+CLOSE = 1.15
+"""Modes whose frequencies differ by less than this factor may be turned into each other by a coarse mesh."""
 P = TypeVar("P", bound=Plant)
 
 
@@ -76,8 +79,8 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
 def mesh_stiffness(plant: Plant, linear: SecondOrderModel, structure: Structure, variant: str) -> Array:
     """Return the stiffness that turns a plant's first modes into those of the FE model, (nv, nv).
 
-    The modes span nearly the same motion, but a coarse mesh turns those that lie close together into each other. The rotation Q that
-    takes the one set of shapes at the structure's points and plates nearest to the other (the orthogonal Procrustes problem, Schoenemann,
+    A coarse mesh has nearly the same modes, but turns those that lie close together into each other. Among these the rotation Q that
+    takes the plant's shapes at points and plates nearest to the FE model's (the orthogonal Procrustes problem, Schoenemann,
     Psychometrika 31, 1966) gives the stiffness Q diag(omega_fe^2) Q^T among the plant's own modes; its own is taken off.
 
     Raises
@@ -88,8 +91,8 @@ def mesh_stiffness(plant: Plant, linear: SecondOrderModel, structure: Structure,
     fe = build_fe_model(replace(structure, tuning=None), variant)
     assert structure.tuning is not None
     count = structure.tuning.of_fe
-    places = [part.name for part in (*structure.point, *structure.plate) if part.name in plant.ports]
-    places = [name for name, row in zip(places, fe.deflections(places), strict=True) if np.any(row)]
+    named = [*(point.name for point in structure.point), *(plate.name for plate in structure.plate)]
+    places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
     sets = []
     for model, at_places, at_coils in (
         (linear, plant.port_rows(places), plant.port_rows([coil.at for coil in structure.coil])),
@@ -97,18 +100,23 @@ def mesh_stiffness(plant: Plant, linear: SecondOrderModel, structure: Structure,
     ):
         omega, shapes = model.eigen
         driven = driven_modes(at_coils @ shapes)[:count]
-        if len(driven) < count or count > len(places):
-            most = min(len(driven), len(places))
-            raise BadStructure(
-                f"tuning.of_fe = {count}: there are {most} modes that the coils drive and the points tell apart"
-            )
+        if len(driven) < count:
+            raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
         sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
     (own, shapes, here), (wanted, _, there) = sets
-    alike = 1.0 / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
-    left, _, right = np.linalg.svd(here.T @ (alike * there))
-    turned = left @ right
+    alike = there / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
+    turned = np.zeros((count, count))
+    for group in _close(wanted):
+        left, _, right = np.linalg.svd(here[:, group].T @ alike[:, group])
+        turned[group, group] = left @ right
     rows = linear.M @ shapes
     return np.asarray(rows @ (turned * wanted**2 @ turned.T - np.diag(own**2)) @ rows.T)
+
+
+def _close(omega: Array) -> list[slice]:
+    """Return the groups of ascending frequencies whose neighbours are close."""
+    edges = [0, *(i for i in range(1, len(omega)) if omega[i] > CLOSE * omega[i - 1]), len(omega)]
+    return [slice(a, b) for a, b in pairwise(edges)]
 
 
 def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
