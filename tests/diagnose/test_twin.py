@@ -7,11 +7,16 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case, simulate
+from vlab.diagnose.mesh import with_modes_of_fe
 from vlab.diagnose.modes import as_stepped
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.twin import discretise
 from vlab.diagnose.uncertain import adjusted
+from vlab.diagnose.uncertain_structure import OF_FE_SD
+from vlab.diagnose.wired import wired_runs
 from vlab.errors import BadCase
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
 from vlab.fe.second_order import SecondOrderModel
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -168,11 +173,13 @@ def twin_differences(twin, theta, step=1e-5):
     return [(part[:n] - part[n:]) / (2 * step) for part in twin.matrices(sets)[:3]]
 
 
-def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_path):
+@pytest.mark.parametrize("of_fe", [False, True])
+def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_path, of_fe):
     experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
-    problem = prepare(load_case(tmp_path))
+    case = load_case(tmp_path)
+    problem = prepare(with_modes_of_fe(case) if of_fe else case)
     twin = problem.twin
     theta = 0.5 * twin.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(twin.prior))
     theta[[c.actuator is not None or c.sensor is not None for c in twin.changes]] = 0.0
@@ -187,6 +194,27 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
         np.testing.assert_allclose(ours.eigen[0][:6], linear.eigen[0][seen][:6], rtol=tolerance)
         # a close pair turns by ten times what its frequencies are off, and its ratios with it
         np.testing.assert_allclose(ours.zeta[:6], linear.zeta[seen][:6], rtol=20 * tolerance)
+
+
+def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short):
+    experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
+    write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
+    for plant in ("composite", "modal"):
+        (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant=plant, kind="excitation"))
+        case = load_case(tmp_path)
+        meshed = with_modes_of_fe(case)
+        assert (meshed is case) == (plant == "modal")
+        if plant == "composite":
+            top = 2 * wired_runs(case, ("fit",)).highest_hz
+            fe = build_fe_model(beam)
+            freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
+            assert meshed.structure.tuning.of_fe == np.sum(freq <= top) > 3
+            own = {p.name: p.sd for p in prepare(meshed).parameters if p.kind == "frequency"}
+            assert len(own) == np.sum(freq <= 0.55 * top)  # 1.1 times the highest frequency recorded
+            assert set(own.values()) == {OF_FE_SD}
+            assert with_modes_of_fe(meshed) is meshed
+    rig = short()
+    assert with_modes_of_fe(rig) is rig
 
 
 def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):

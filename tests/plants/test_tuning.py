@@ -83,6 +83,31 @@ def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
     assert np.linalg.norm(np.abs(coarse) - np.abs(x)) > (0.1 if name == "grid" else 0.0) * np.linalg.norm(x)
 
 
+def test_the_grid_answers_as_the_fe_model_does():
+    grid = load_structure("grid")
+    fe = build_fe_model(grid, "physical")
+    bare, like = (
+        build_plant(dataclasses.replace(grid, tuning=t), "composite", "physical") for t in (None, Tuning(of_fe=15))
+    )
+    sensors, coils = [sensor.at for sensor in grid.sensor], [coil.at for coil in grid.coil]
+
+    def mobility(linear, forces, rows):
+        omega, phi = (part[..., :60] for part in linear.eigen)  # up to 60 Hz and more
+        damping = phi.T @ linear.C @ phi
+        s = 2j * np.pi * np.linspace(0.3, 15.0, 600)
+        whole = [np.diag(omega**2 + x**2) + x * damping for x in s]
+        return np.array([x * (rows @ phi) @ np.linalg.solve(a, phi.T @ forces) for x, a in zip(s, whole, strict=True)])
+
+    wanted = mobility(fe.linear, fe.coils, fe.deflections(sensors))
+    off = [
+        np.linalg.norm(mobility(p.linearise(), p.port_rows(coils).T, p.port_rows(sensors)) - wanted)
+        / np.linalg.norm(wanted)
+        for p in (bare, like)
+    ]
+    assert off[0] > 0.2
+    assert off[1] < 0.025  # modal masses of two links a bar stay up to 2.5 % off
+
+
 def test_more_modes_of_the_fe_model_than_there_are_are_refused(beam):
     with pytest.raises(BadStructure, match="modes that the coils drive"):
         build_plant(dataclasses.replace(beam, tuning=Tuning(of_fe=400)), "composite", "physical")
