@@ -98,7 +98,7 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
         text_table(["suite", "cases", "right", "95 % interval", "verdicts"], _suites(found)),
     ]
     if len(found["judged"]) <= MOST_SHOWN:
-        heads = ["case", "suite", "bench", "hidden", "at", "answered", "at", "right class"]
+        heads = ["case", "suite", "bench", "hidden", "at", "answered", "at", "right"]
         parts.append(text_table(heads, [_case(j) for j in found["judged"]]))
     if found["worst"]:
         rows = [[w["case"], w["suite"], _names(w), w["answered"], w["report"]] for w in found["worst"]]
@@ -130,7 +130,7 @@ def _suites(found: dict[str, Any]) -> list[list[Any]]:
 
 def _case(j: dict[str, Any]) -> list[Any]:
     known = [j["case"], j["suite"], j["bench"], _names(j), j["truth_place"]]
-    return [*known, j["answered"], j["place"], j["right_class"]]
+    return [*known, j["answered"], j["place"], j["right"]]
 
 
 def _names(row: dict[str, Any]) -> str:
