@@ -18,6 +18,8 @@ ALIKE = 1e-7
 """Relative distance below which poles count as one, so that their eigenvectors are judged together."""
 RESIDUAL = 1e-6
 """Largest relative residual of a Riccati equation that counts as solved."""
+ON_LIMIT = 1e-12
+"""A pole that lies left of the stability limit by less than this share of the largest one's size is on it: rounding moves it as far."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,8 +177,9 @@ def _solve(a: Array, b: Array, q: Array, r: Array, what: str, cause: str) -> Arr
     gain = linalg.solve(r, b.T @ S, assume_a="pos")
     terms = (a.T @ S, S @ b @ gain, q)
     residual = np.abs(terms[0] + terms[0].T - terms[1] + terms[2]).max()
-    unstable = np.linalg.eigvals(a - b @ gain).real.max()
-    if not residual <= RESIDUAL * max(np.abs(term).max() for term in terms) or not unstable < 0:
+    poles = np.linalg.eigvals(a - b @ gain)
+    is_stable = poles.real.max() < -ON_LIMIT * np.abs(poles).max()
+    if not residual <= RESIDUAL * max(np.abs(term).max() for term in terms) or not is_stable:
         raise BadDesign(f"the Riccati equation of the {what} has no stabilising solution: {cause}")
     return S
 

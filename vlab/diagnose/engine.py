@@ -169,12 +169,12 @@ def diagnose(
     report(0.0, "reading")
     given = case.plant
     case, standoffs = without_standoffs(with_modes_of_fe(case))
-    road = road_of(case, list(effects) or list(EFFECTS.values()))
+    effects = list(effects) or list(EFFECTS.values())
+    road = road_of(case, effects)
     problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
-    sought = [] if seen.damage.fatal else list(effects) or list(EFFECTS.values())
-    found = road.search(sought, lambda share, what: report(0.8 * share, what))
+    found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
     settled = _settled(problem, found, seen, is_linear=road.is_linear)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after

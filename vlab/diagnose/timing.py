@@ -108,8 +108,7 @@ def timed(
         problem = screen.problem
         if problem.case.structure is not None or not _shows(problem):
             break
-        others = [(hold, case, _with_inputs_of(problem, signals(case))) for hold, case in _others(problem.case)]
-        found = _asked_for(screen, others, effects)
+        found = _asked_for(screen, _left_open(problem, signals), effects)
         if found is None:
             break
         other = again(found.case, said([*lines, *found.lines]))
@@ -125,32 +124,51 @@ def said(lines: Sequence[str]) -> str:
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
 
-Others = Sequence[tuple[Hold, Case, Sequence[Signals]]]
-"""Holds that a case leaves open, with the case and its signals."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Open:
+    """What a case leaves open.
+
+    Parameters
+    ----------
+    inputs : list of (str, Case, sequence of Signals)
+        Holds of the inputs, each with the case and its signals on the search's clock; "" and no signals as given.
+    skewable : list of int
+        Channels whose readings a simulation's steps may have left ahead.
+    half_step : float
+        By which they would be [s].
+    """
+
+    inputs: list[tuple[Hold, Case, Sequence[Signals]]]
+    skewable: list[int]
+    half_step: float
 
 
-def _asked_for(screen: Screen, others: Others, effects: Sequence[Effect]) -> _Convention | None:
+def _left_open(problem: Problem, signals: Callable[[Case], Sequence[Signals]]) -> _Open:
+    others = [(hold, case, _with_inputs_of(problem, signals(case))) for hold, case in _others(problem.case)]
+    return _Open(inputs=[("", problem.case, ()), *others], skewable=_skewable(problem), half_step=_half_step(problem))
+
+
+def _asked_for(screen: Screen, left_open: _Open, effects: Sequence[Effect]) -> _Convention | None:
     """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
-    asked = [convention for convention in _conventions(screen, others) if convention.gain > GAIN]
+    asked = [convention for convention in _conventions(screen, left_open) if convention.gain > GAIN]
     believed = [convention for convention in asked if convention.is_believed]
     if believed or not asked:
         return max(believed, key=lambda convention: convention.gain, default=None)
     candidates = screen.candidates(effects)[:BESIDE]
     most, found = candidates[0].gain + GAIN if candidates else np.inf, None
     for candidate in candidates:
-        for convention in _conventions(screen.given([candidate]), others):
+        for convention in _conventions(screen.given([candidate]), left_open):
             if convention.is_believed and convention.gain > GAIN and candidate.gain + convention.gain > most:
                 most, found = candidate.gain + convention.gain, convention
     return found
 
 
-def _conventions(screen: Screen, others: Others) -> Iterator[_Convention]:
-    """Yield what recordings ask for of some holds, and of none, with and without a skew of their readings."""
-    problem = screen.problem
-    step, skewable = _half_step(problem), _skewable(problem)
-    for hold, case, signals in [("", problem.case, ()), *others]:
+def _conventions(screen: Screen, left_open: _Open) -> Iterator[_Convention]:
+    """Yield what recordings ask for of what a case leaves open: of every hold with and without a skew of the readings."""
+    step = left_open.half_step
+    for hold, case, signals in left_open.inputs:
         first = [signals] if hold else []
-        for moved in ([], skewable) if skewable else ([],):
+        for moved in ([], left_open.skewable) if left_open.skewable else ([],):
             if not first and not moved:
                 continue
             shares, gain, explained = screen.asked(first, moved, step)

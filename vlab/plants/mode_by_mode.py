@@ -2,9 +2,10 @@
 
 The damping C = sum over modes of (M phi)(2 zeta omega)(M phi)^T couples no modes and is full in joint coordinates.
 MuJoCo carries it natively as one fixed tendon a mode, with coefficients phi^T M and damping 2 zeta omega; the model that
-a plant writes out has these tendons. The stiffness that tunes frequencies is of the same form with (f^2 - 1) omega^2, negative
-where a frequency is lowered, and so is the one that turns a coarse mesh's modes into those of the FE model. Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the
-same matrices act as a generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two against each other.
+a plant writes out has these tendons. The stiffness that tunes frequencies is of the same form with (f^2 - 1) omega^2,
+negative where a frequency is lowered, and so is the one that turns a coarse mesh's modes into those of the FE model.
+Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the same matrices act as a
+generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two against each other.
 """
 
 from dataclasses import dataclass, replace
