@@ -23,6 +23,7 @@ UNCERTAIN_KINDS = (
     "frequency",
     "gain",
     "sensor",
+    "place",
     "delay",
 )
 """Kinds of what may be off in a model; anything more particular is named as type:name:quantity."""
@@ -85,7 +86,7 @@ class ModelTable:
     hardware : str
         Of a structure: a hardware description in the case's folder; the laboratory's own by default.
     uncertain : mapping
-        Relative standard deviation by kind (`UNCERTAIN_KINDS`) or by name (``geom:arm:mass``).
+        Relative standard deviation by kind (`UNCERTAIN_KINDS`) or by name (``geom:arm:mass``); of places [m].
     effect : sequence of EffectTable
         Physics that is added, in this order.
     """

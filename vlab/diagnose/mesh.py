@@ -21,7 +21,8 @@ def with_modes_of_fe(case: Case) -> Case:
     """Return a case whose physical plant has the FE model's modes in and above the band that was recorded; others as they are.
 
     Two links a bar of the grid turn modes that lie close together into each other, which leaves a tenth of the recordings
-    whatever is refitted; that is no physics that the model lacks, and the FE model knows better.
+    whatever is refitted, and steps raise frequencies by as much as resonances are wide; that is no physics that the model lacks,
+    and the FE model knows better.
     """
     structure, table = case.structure, case.table.model
     if structure is None or table.plant != PHYSICAL or not case.recordings(("fit",)):
@@ -30,9 +31,11 @@ def with_modes_of_fe(case: Case) -> Case:
         return case
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
     freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
-    count = int(np.sum(freq <= WIDER * wired_runs(case, ("fit",)).highest_hz))
+    wired = wired_runs(case, ("fit",))
+    count = int(np.sum(freq <= WIDER * wired.highest_hz))
     if count == 0:
         return case
-    tuned = replace(structure, tuning=replace(structure.tuning or Tuning(), of_fe=count))
+    of_fe = replace(structure.tuning or Tuning(), of_fe=count, at_step=wired.step(case.plant))
+    tuned = replace(structure, tuning=of_fe)
     plant = build_plant(tuned, table.plant, table.variant)
     return replace(case, structure=tuned, plant=plant.with_physics_of(case.plant))

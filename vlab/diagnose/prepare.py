@@ -1,20 +1,20 @@
 """From a case to what the search works on: the twin, the runs on one clock, the places."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.playback import plan_clock
 from vlab.diagnose.hum import find_hum, without_hum
 from vlab.diagnose.linear_view import actuator_forces, channel_rows, command_readings
 from vlab.diagnose.modes import SEEN, KeptModes, as_stepped, kept_modes
 from vlab.diagnose.places import places_of
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Feedthrough, signals_of, uniform
-from vlab.diagnose.twin import Part, Twin
+from vlab.diagnose.twin import Part, Shift, Twin
 from vlab.diagnose.uncertain import Uncertain, changes_of, parts_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import structure_parameters, structure_parts
+from vlab.diagnose.uncertain_structure import structure_parameters, structure_parts, structure_shifts
 from vlab.diagnose.wired import Wired, limited, recorded_commands, wired_runs
 from vlab.errors import BadCase
 from vlab.fe.damping import driven_modes
@@ -39,9 +39,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     modes = kept_modes(plant.linearise(), rows, wired.highest_hz, rate)
     if not modes.kept.any():
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {SEEN * rate:.3g} Hz")
-    parameters, parts = _uncertain(case, wired, modes)
+    parameters, parts, shifts = _uncertain(case, wired, modes)
     pushes = np.hstack([actuator_forces(plant), plant.port_rows(wired.load_ports).T.reshape(plant.model.nv, -1)])
-    twin = _twin(case, wired, modes, pushes, parameters, parts)
+    twin = replace(_twin(case, wired, modes, pushes, parameters, parts), shifts=shifts)
     feedthrough = _feedthrough(case, wired, modes, pushes, twin)
     hums = find_hum(wired.runs)
     signals = tuple(
@@ -75,17 +75,18 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     )
 
 
-def _uncertain(case: Case, wired: Wired, modes: KeptModes) -> tuple[tuple[Uncertain, ...], tuple[Part, ...]]:
-    """Return what is uncertain, and what that multiplies in the modes that are followed."""
+_Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
+"""What is uncertain, what that multiplies in the modes that are followed, and what it moves of the sensors."""
+
+
+def _uncertain(case: Case, wired: Wired, modes: KeptModes) -> _Uncertainty:
     if case.structure is not None:
         return _uncertain_of_structure(case, case.structure, wired, modes)
     parameters = uncertain_parameters(case.plant, case.table.model.uncertain, wired.names, wired.driven)
-    return tuple(parameters), parts_of(case.plant, parameters, modes.basis)
+    return tuple(parameters), parts_of(case.plant, parameters, modes.basis), ()
 
 
-def _uncertain_of_structure(
-    case: Case, structure: Structure, wired: Wired, modes: KeptModes
-) -> tuple[tuple[Uncertain, ...], tuple[Part, ...]]:
+def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, modes: KeptModes) -> _Uncertainty:
     plant, basis, kept = case.plant, modes.basis, modes.kept
     at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ modes.shapes
     among = np.cumsum(kept) - 1
@@ -98,7 +99,8 @@ def _uncertain_of_structure(
     at_points = plant.port_rows(points) @ basis
     variant = case.table.model.variant
     parts = structure_parts(structure, variant, parameters, at_points, modes.omega[kept], points, tuned)
-    return tuple(parameters), parts
+    shifts = structure_shifts(structure, variant, parameters, at_points, modes.omega[kept], points)
+    return tuple(parameters), parts, shifts
 
 
 def _twin(
@@ -111,8 +113,7 @@ def _twin(
 ) -> Twin:
     """Return the twin; `pushes` are the generalised forces of unit commands and loads, (nv, n)."""
     plant, basis, linear = case.plant, modes.basis, modes.linear
-    step = min(plan_clock(plant.timestep, run).timestep for run in wired.runs)
-    mass, damping, stiffness = as_stepped(plant, linear, basis, step)
+    mass, damping, stiffness = as_stepped(plant, linear, basis, wired.step(plant))
     count = len(plant.actuators)
     return Twin(
         omega=modes.omega[modes.kept],

@@ -146,7 +146,8 @@ class Screen:
         """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
         periods = sorted({run.h for run in self.runs})
         M, C, K, self.actuator_gain, self.sensor_gain = (part[0] for part in self.twin.matrices(self.theta[None]))
-        self.now = replace(self.twin, M=M, C=C, K=K, forces=self.twin.forces * self.actuator_gain)
+        forces, rows = self.twin.forces * self.actuator_gain, self.twin.rows_at(self.theta)
+        self.now = replace(self.twin, M=M, C=C, K=K, forces=forces, rows=rows)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
         self.nuisance = np.hstack([self._nuisance(), self._offsets()])
@@ -299,6 +300,9 @@ class Screen:
             reading = np.zeros((*group.y.shape, len(self.twin.changes)))
             for i, sensor in sensors:
                 reading[..., sensor, i] = group.y[..., sensor]
+            for shift in self.twin.shifts:
+                p, v = np.split(group.smoothed.x, 2, axis=-1)
+                reading[..., shift.sensor, shift.by] = p @ shift.at_q + v @ shift.at_v
             left = self.through(group, self._changed_forces(group), reading)
             for i, sensor in sensors:  # of its own sample only what was foreseen: the rest is the innovation itself
                 left[..., sensor, i] -= group.e[..., sensor]

@@ -81,14 +81,16 @@ def search(
     narrow, before = _refitted(screen)
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     rough = WindowRefiner(screen, every=2, model_error=narrow.model_error)
-    shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report)
+    in_windows = before
+    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=[screen.theta, np.zeros_like(screen.theta)])
+    adds_up = in_windows.level <= ENOUGH < before.level
+    shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
     screen.forget()
     report(0.4, "fitting whole recordings")
-    (before,) = on_whole_runs(whole, narrow, [before], thetas=[np.zeros_like(screen.theta)])
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
     plain = [before.long_fit.theta] if before.level < MUCH else []
     most = min(WHOLE_SINGLES, hopeful(singles))
-    hypotheses = singles = on_whole_runs(whole, narrow, _worth_long_runs(singles), most, plain)
+    hypotheses = singles = on_whole_runs(whole, narrow, _worth_long_runs(singles, adds_up=adds_up), most, plain)
     enough = EXPLAINS * floor_of(whole) if problem.case.structure is None else ENOUGH_OF_MESH
     if singles and wants_a_second(before, singles, enough, whole.directions.shape[1]):
         among = best_places(candidates, SECOND_PLACES)
@@ -140,10 +142,11 @@ def shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def _worth_long_runs(order: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little
-    the forces that gained most in the screening, for a window knows nothing of what a law remembers from before it."""
-    if not order or order[0].level <= ENOUGH:
+def _worth_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
+    """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
+    what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
+    what came before it."""
+    if not order or (order[0].level <= ENOUGH and not adds_up):
         return list(order)
     known = {h.label for h in order[:WHOLE_FINISHED]}
     forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
@@ -161,9 +164,17 @@ def _single_effects(
     candidates: Sequence[Candidate],
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
+    *,
+    adds_up: bool,
 ) -> tuple[list[Candidate], list[Hypothesis]]:
     """Return the shortlist and the fits of single effects, best first: what the screening found, where that explains too little what
-    slower observers do, and the laws most like the best one."""
+    slower observers do, and the laws most like the best one.
+
+    Parameters
+    ----------
+    adds_up : bool
+        Whether whole runs show that something is missing, and windows do not: little damping makes much of little in the long run.
+    """
     report(0.2, "fitting single effects")
 
     def singles(some: Sequence[Candidate]) -> list[Hypothesis]:
@@ -173,7 +184,7 @@ def _single_effects(
     found = singles(shortlist)
     if before.level <= ENOUGH:
         return shortlist, found
-    if not (found and found[0].level < EXPLAINS * floor_of(narrow)):
+    if adds_up or not (found and found[0].level < EXPLAINS * floor_of(narrow)):
         report(0.25, "screening with slower observers")
         screen.slower = tuple(Screen(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
         among = best_places(candidates, PLACES)

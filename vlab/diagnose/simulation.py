@@ -1,6 +1,7 @@
 """What hypotheses make of recordings: the twin with their effects inside, for many parameter sets side by side."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,6 +63,8 @@ def channels(
         axis=2,
     )
     system = discretise(M, C, K, inputs, twin.rows, h / substeps)
+    if twin.shifts:
+        system = replace(system, C=system.C + twin.shifted(theta))
     known = inputs.shape[2] - len(ports)
     forces = _inputs(runs, terms, values, n_sets)
     with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more

@@ -1,6 +1,6 @@
 """The linear twin: a plant about rest in its own modes, with everything uncertain as parameters, for many sets at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -30,6 +30,26 @@ class Change:
     sd: float
     actuator: int | None = None
     sensor: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shift:
+    """A sensor that stands beside its place by as much as an uncertain parameter says.
+
+    Parameters
+    ----------
+    by : int
+        Index of the parameter.
+    sensor : int
+        Index of the channel, which reads displacements or velocities.
+    at_q, at_v : (m,) array
+        What it reads more per unit.
+    """
+
+    by: int
+    sensor: int
+    at_q: Array
+    at_v: Array
 
 
 Matrices = tuple[Array | None, Array | None, Array | None]
@@ -81,6 +101,8 @@ class Twin:
         What is uncertain.
     parts : tuple of Part
         What that multiplies of the matrices.
+    shifts : tuple of Shift
+        What it moves of the sensors.
     """
 
     omega: Array
@@ -93,6 +115,7 @@ class Twin:
     rows: ChannelRows
     changes: tuple[Change, ...]
     parts: tuple[Part, ...] = ()
+    shifts: tuple[Shift, ...] = ()
 
     @property
     def m(self) -> int:
@@ -129,6 +152,20 @@ class Twin:
             if change.sensor is not None:
                 channels[:, change.sensor] *= factor
         return actuators, channels
+
+    def rows_at(self, theta: Array) -> ChannelRows:
+        """Return the channels per modal coordinate with sensors where (n_changes,) parameters have them."""
+        if not self.shifts:
+            return self.rows
+        more = self.shifted(theta[None])[0]
+        return replace(self.rows, at_q=self.rows.at_q + more[:, : self.m], at_v=self.rows.at_v + more[:, self.m :])
+
+    def shifted(self, theta: Array) -> Array:
+        """Return what channels read more of [p, p'] because sensors stand beside their places, (n_sets, n_channels, 2m)."""
+        out = np.zeros((len(theta), len(self.rows.at_q), 2 * self.m))
+        for shift in self.shifts:
+            out[:, shift.sensor] += theta[:, shift.by, None] * np.concatenate([shift.at_q, shift.at_v])
+        return out
 
     def slopes(self, theta: Array) -> list[Matrices]:
         """Return the derivatives of M, C and K by every uncertain parameter at (n_changes,) log-factors."""

@@ -5,23 +5,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.diagnose.twin import Part
+from vlab.diagnose.twin import Part, Shift
 from vlab.diagnose.uncertain import COMMON, DEFAULT_SD, OWN, Uncertain
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.modal.mac import match_modes
-from vlab.plants.base import Plant
+from vlab.plants.base import Plant, named_sensors
 from vlab.plants.build import build_plant
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure, Tuning
 
 Edit = Callable[[Structure, float], Structure]
-"""A structure and a factor to the structure with something multiplied by it."""
+"""A structure and a factor to the structure with something multiplied by it; or a distance, and the structure with a sensor so far
+beside its point."""
 STEP = 1e-3
-STRUCTURE_SD = {"tension": 0.05, "frequency": 0.003}
-"""The same of what only structures have. No mesh has every frequency to a part in a thousand (composites of 16 links miss by
+STRUCTURE_SD = {"tension": 0.05, "frequency": 0.003, "place": 1e-3}
+"""The same of what only structures have, and how far a sensor may stand beside its point [m]. No mesh has every frequency to a part in a thousand (composites of 16 links miss by
 up to 0.2 % up to 50 Hz), and with damping ratios of a thousandth that is the width of a resonance."""
 OF_FE_SD = 0.001
 """The same of frequencies that the plant has from the FE model, which misses a hundred-thousandth: what the twin, linear in all that
@@ -39,9 +40,18 @@ class StructureUncertain(Uncertain):
     ----------
     edit : callable
         Multiplies it; None for gains.
+    beside : int or None
+        The channel whose sensor it moves; it is no log-factor then but a distance [m].
     """
 
     edit: Edit | None = None
+    beside: int | None = None
+
+    def applied(self, structure: Structure, value: float) -> Structure:
+        """Return a structure with it at a log-factor or distance."""
+        if self.edit is None or value == 0.0:
+            return structure
+        return self.edit(structure, value if self.beside is not None else float(np.exp(value)))
 
 
 def structure_parameters(
@@ -103,10 +113,26 @@ def structure_parameters(
         out.append(
             StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i)
         )
+    if structure.tuning is not None and structure.tuning.of_fe:
+        out += _places(structure, channels, sd["place"])
     unknown = [name for name in given if ":" in name and name not in {p.name for p in out}]
     if unknown:
         raise unknown_name("parameter", unknown[0], [p.name for p in out], where="[model.uncertain]")
     return [replace(p, sd=given.get(p.name, p.sd)) for p in out]
+
+
+def _places(structure: Structure, channels: Sequence[str], sd: float) -> list[StructureUncertain]:
+    """Return the places of the sensors that stand on a bar, along it."""
+    named = [name for name, _ in named_sensors(structure)]
+    at = {name: sensor.at for name, sensor in named_sensors(structure)}
+    on_bars = {point for bar in structure.bar for point in bar.points}
+    return [
+        StructureUncertain(
+            name=f"place:{name.partition(':')[2]}", kind="place", sd=sd, edit=_beside(named.index(name)), beside=i
+        )
+        for i, name in enumerate(channels)
+        if at.get(name) in on_bars
+    ]
 
 
 def _stiffness(name: str) -> Edit:
@@ -176,11 +202,21 @@ def _frequency(mode: int) -> Edit:
     return edit
 
 
+def _beside(sensor: int) -> Edit:
+    def edit(structure: Structure, distance: float) -> Structure:
+        tuning = structure.tuning or Tuning()
+        old = [*tuning.beside, *(0.0 for _ in range(sensor + 1 - len(tuning.beside)))]
+        old[sensor] += distance
+        return replace(structure, tuning=replace(tuning, beside=tuple(old)))
+
+    return edit
+
+
 def edited(structure: Structure, parameters: Sequence[Uncertain], theta: Array) -> Structure:
     """Return a structure with its uncertain parameters at given log-factors; gains are not the structure's."""
     for parameter, value in zip(parameters, theta, strict=True):
-        if isinstance(parameter, StructureUncertain) and parameter.edit is not None and value:
-            structure = parameter.edit(structure, float(np.exp(value)))
+        if isinstance(parameter, StructureUncertain):
+            structure = parameter.applied(structure, float(value))
     return structure
 
 
@@ -227,7 +263,7 @@ def structure_parts(
     out = []
     for i, parameter in enumerate(parameters):
         edit = parameter.edit if isinstance(parameter, StructureUncertain) else None
-        if edit is None or parameter.kind == "damping":
+        if edit is None or parameter.kind in ("damping", "place"):
             continue
         if parameter.kind == "frequency":
             mode = driven[int(parameter.name.removeprefix(FREQUENCY)) - 1]
@@ -241,6 +277,31 @@ def structure_parts(
         M, C, K = (carry.T @ ((a - b) / (2 * STEP)) @ carry for a, b in pairs)
         out.append(Part(by=(i,), M=M if np.abs(M).max() > 1e-9 else None, C=C, K=K))
     return (*out, *_damping_parts(fe, [p.name for p in parameters], carry, omega))
+
+
+def structure_shifts(
+    structure: Structure,
+    variant: str,
+    parameters: Sequence[Uncertain],
+    shapes_at_points: Array,
+    omega: Array,
+    points: Sequence[str],
+) -> tuple[Shift, ...]:
+    """Return what sensors beside their places read more in a plant's modes; see `structure_parts`."""
+    fe = build_fe_model(structure, variant)
+    carry, out = _carry(fe, shapes_at_points, omega, points), []
+    sensors = {f"place:{name.partition(':')[2]}": sensor for name, sensor in named_sensors(structure)}
+    for i, parameter in enumerate(parameters):
+        if not isinstance(parameter, StructureUncertain) or parameter.beside is None:
+            continue
+        sensor = sensors[parameter.name]
+        slope, is_rate = fe.slope(sensor.at), sensor.kind == "velocity"
+        if slope is not None:
+            row, none = slope @ carry, np.zeros(len(omega))
+            out.append(
+                Shift(by=i, sensor=parameter.beside, at_q=none if is_rate else row, at_v=row if is_rate else none)
+            )
+    return tuple(out)
 
 
 def _damping_parts(fe: FeModel, names: Sequence[str], carry: Array, omega: Array) -> list[Part]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.initial import replayed_commands
-from vlab.cases.playback import bench_for
+from vlab.cases.playback import bench_for, plan_clock
 from vlab.cases.wiring import ORDER, Compared, Law, Run
 from vlab.diagnose.linear_view import within_limits
 from vlab.diagnose.signals import fastest, uniform
@@ -55,6 +55,10 @@ class Wired:
         """The frequency below which nearly all power of the recorded velocities lies."""
         data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
         return max(fastest(y, uniform(time), self.orders) for y, time in data)
+
+    def step(self, plant: Plant) -> float:
+        """Return the shortest integration step that a plant takes along them [s]."""
+        return min(plan_clock(plant.timestep, run).timestep for run in self.runs)
 
 
 def wired_runs(case: Case, roles: Sequence[str]) -> Wired:

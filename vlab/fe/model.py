@@ -94,6 +94,23 @@ class FeModel:
         """Return the (n_places, n) rows of several places."""
         return np.array([self.deflection(place) for place in places]).reshape(len(places), self.linear.n)
 
+    def slope(self, point: str, along: tuple[float, float] | None = None) -> Array | None:
+        """Return the (n,) row that gives the deflection's slope at a point of the mesh; None where there is none.
+
+        Parameters
+        ----------
+        along : tuple of float, optional
+            Direction (x, z); that of the first bar through the point, from its first end to its last, by default.
+        """
+        if point not in [node.name for node in self.mesh.nodes]:
+            return None
+        if along is None:
+            bar = next(b for b in self.structure.bar if point in b.points)
+            (x0, z0), (x1, z1) = (self.structure.position(bar.points[i]) for i in (0, -1))
+            along = ((x1 - x0) / np.hypot(x1 - x0, z1 - z0), (z1 - z0) / np.hypot(x1 - x0, z1 - z0))
+        node = 3 * self.mesh.node(point)
+        return np.asarray(self.expand[node + 2] * along[0] - self.expand[node + 1] * along[1])
+
     @property
     def coils(self) -> Array:
         """Load distribution of the coils, (n, n_coils), in the order of the structure file."""

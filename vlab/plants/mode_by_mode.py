@@ -9,21 +9,18 @@ generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two again
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 
 from vlab.errors import BadStructure
-from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes, modal_factors, modal_ratios
+from vlab.fe.damping import modal_factors, modal_ratios
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
+from vlab.plants.fe_modes import FeModes
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
-CLOSE = 1.15
-"""Modes whose frequencies differ by less than this factor may be turned into each other by a coarse mesh."""
 P = TypeVar("P", bound=Plant)
 
 
@@ -64,7 +61,10 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
     if structure.tuning is not None:
         restoring = np.zeros((linear.n, linear.n))
         if structure.tuning.of_fe:
-            restoring += mesh_stiffness(plant, linear, structure, variant)
+            modes = FeModes.of(plant, linear, structure, variant)
+            restoring += modes.stiffness
+            plant = modes.seen_at_places(plant)
+            coils = plant.port_rows([coil.at for coil in structure.coil])
         meshed = replace(linear, K=linear.K + restoring)
         restoring += meshed.tuning_stiffness(modal_factors(structure.tuning, coils @ meshed.eigen[1]))
         linear = replace(linear, K=linear.K + restoring)
@@ -75,49 +75,6 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
     springs = [] if restoring is None else tuning_springs(restoring)
     spec = with_modal_tendons(plant.spec, [*springs, *dampers])
     return replace(plant, spec=spec, dissipation=dissipation, restoring=restoring)
-
-
-def mesh_stiffness(plant: Plant, linear: SecondOrderModel, structure: Structure, variant: str) -> Array:
-    """Return the stiffness that turns a plant's first modes into those of the FE model, (nv, nv).
-
-    A coarse mesh has nearly the same modes, but turns those that lie close together into each other. Among these the rotation Q that
-    takes the plant's shapes at points and plates nearest to the FE model's (the orthogonal Procrustes problem, Schoenemann,
-    Psychometrika 31, 1966) gives the stiffness Q diag(omega_fe^2) Q^T among the plant's own modes; its own is taken off.
-
-    Raises
-    ------
-    BadStructure
-        There are not so many modes that the coils drive.
-    """
-    fe = build_fe_model(replace(structure, tuning=None), variant)
-    assert structure.tuning is not None
-    count = structure.tuning.of_fe
-    named = [*(point.name for point in structure.point), *(plate.name for plate in structure.plate)]
-    places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
-    sets = []
-    for model, at_places, at_coils in (
-        (linear, plant.port_rows(places), plant.port_rows([coil.at for coil in structure.coil])),
-        (fe.linear, fe.deflections(places), fe.coils.T),
-    ):
-        omega, shapes = model.eigen
-        driven = driven_modes(at_coils @ shapes)[:count]
-        if len(driven) < count:
-            raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
-        sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
-    (own, shapes, here), (wanted, _, there) = sets
-    alike = there / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
-    turned = np.zeros((count, count))
-    for group in _close(wanted):
-        left, _, right = np.linalg.svd(here[:, group].T @ alike[:, group])
-        turned[group, group] = left @ right
-    rows = linear.M @ shapes
-    return np.asarray(rows @ (turned * wanted**2 @ turned.T - np.diag(own**2)) @ rows.T)
-
-
-def _close(omega: Array) -> list[slice]:
-    """Return the groups of ascending frequencies whose neighbours are close."""
-    edges = [0, *(i for i in range(1, len(omega)) if omega[i] > CLOSE * omega[i - 1]), len(omega)]
-    return [slice(a, b) for a, b in pairwise(edges)]
 
 
 def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:

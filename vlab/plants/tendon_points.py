@@ -124,10 +124,8 @@ def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Arr
     points = dict(rows) | {plate.name: onto(fe.deflection(plate.name)) for plate in fe.structure.plate}
 
     def slope(point: str, along: tuple[float, float]) -> Array | None:
-        if point not in [node.name for node in fe.mesh.nodes]:
-            return None
-        node = 3 * fe.mesh.node(point)
-        return onto(fe.expand[node + 2] * along[0] - fe.expand[node + 1] * along[1])
+        row = fe.slope(point, along)
+        return None if row is None else onto(row)
 
     together = np.ones(len(fe.expand))  # the floor moves all deflections, and turns nothing
     nodes = 3 * len(fe.mesh.nodes)

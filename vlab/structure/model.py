@@ -231,14 +231,26 @@ class Tuning:
         Factors on the frequencies of the first modes, as a test of the structure itself gives them; the shapes stay.
     of_fe : int
         So many of the first modes of the physical plant have frequencies and shapes of the FE model, before these factors.
+    at_step : float
+        Integration step [s] in which they have these frequencies: steps of a length h raise one of omega by (omega h)^2/24, by more
+        than its resonance is wide where that is light damping. 0 for the equations of motion themselves.
+    beside : tuple of float
+        How far along their bars the sensors stand beside their points [m], in channel order (coil sensors, then probes), as far as
+        the modes of the FE model show it.
     """
 
     frequencies: tuple[float, ...] = number("1", positive=True, default=())
     of_fe: int = 0
+    at_step: float = number("s", default=0.0, at_least=0.0)
+    beside: tuple[float, ...] = number("m", default=())
 
     def __post_init__(self) -> None:
         if self.of_fe < 0:
             raise BadStructure(f"of_fe = {self.of_fe} is no number of modes; it must be 0 or more")
+        if self.beside and not self.of_fe:
+            raise BadStructure(
+                "beside tells sensors' places in the FE model's modes; say with of_fe how many these are"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,229 @@
+"""The FE model's first modes in a plant with a coarser mesh: their frequencies as stiffness, their shapes where they are seen.
+
+A coarse mesh has nearly the same modes. It turns those that lie close together into each other, misses frequencies by a part in a
+thousand, and deflections at the places of coils and sensors by some per cent. The first two are mended by a stiffness, the last by
+what a place reads: its deflection is that of the FE model in those modes, and the mesh's own in all others.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
+
+from vlab.errors import BadStructure
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
+from vlab.fe.model import FeModel
+from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap, named_sensors
+from vlab.plants.element_ports import constant_port
+from vlab.plants.tendon_points import fe_element_ports
+from vlab.signals import Array
+from vlab.structure.model import Structure
+
+CLOSE = 1.15
+"""Modes whose frequencies differ by less than this factor may be turned into each other by a coarse mesh."""
+P = TypeVar("P", bound=Plant)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeModes:
+    """The FE model's first modes that the coils drive, in a plant's coordinates.
+
+    Parameters
+    ----------
+    structure : Structure
+    fe : FeModel
+        Of the structure untuned.
+    fe_shapes : (n, count) array
+        Mass-normalised, per FE coordinate.
+    shapes, momenta : (nv, count) array
+        The same per coordinate of the plant, and the plant's mass matrix times them.
+    stiffness : (nv, nv) array
+        What the plant's own lacks of the FE model's frequencies and of the rotation of its modes.
+    """
+
+    structure: Structure
+    fe: FeModel
+    fe_shapes: Array
+    shapes: Array
+    momenta: Array
+    stiffness: Array
+
+    @classmethod
+    def of(cls, plant: Plant, linear: SecondOrderModel, structure: Structure, variant: str) -> "FeModes":
+        """Return the modes that a structure's tuning takes from the FE model.
+
+        Among modes that lie close together the rotation Q that takes the plant's shapes at points and plates nearest to the FE
+        model's (the orthogonal Procrustes problem, Schoenemann, Psychometrika 31, 1966) gives the stiffness Q diag(omega_fe^2)
+        Q^T among the plant's own modes; its own is taken off.
+
+        Raises
+        ------
+        BadStructure
+            There are not so many modes that the coils drive, or none of that frequency in steps of that length.
+        """
+        assert structure.tuning is not None
+        fe = build_fe_model(replace(structure, tuning=None), variant)
+        count = structure.tuning.of_fe
+        named = [*(point.name for point in structure.point), *(plate.name for plate in structure.plate)]
+        places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
+        sets = []
+        for model, at_places, at_coils in (
+            (linear, plant.port_rows(places), plant.port_rows([coil.at for coil in structure.coil])),
+            (fe.linear, fe.deflections(places), fe.coils.T),
+        ):
+            omega, shapes = model.eigen
+            driven = driven_modes(at_coils @ shapes)[:count]
+            if len(driven) < count:
+                raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
+            sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
+        (own, shapes, here), (omega, fe_shapes, there) = sets
+        alike = there / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
+        turned = np.zeros((count, count))
+        for group in _close(omega):
+            left, _, right = np.linalg.svd(here[:, group].T @ alike[:, group])
+            turned[group, group] = left @ right
+        wanted = _shown_in_steps(omega, structure.tuning.at_step)
+        rows = linear.M @ shapes
+        return cls(
+            structure=structure,
+            fe=fe,
+            fe_shapes=fe_shapes,
+            shapes=shapes @ turned,
+            momenta=rows @ turned,
+            stiffness=np.asarray(rows @ (turned * wanted**2 @ turned.T - np.diag(own**2)) @ rows.T),
+        )
+
+    def lacking(self, row: Array, fe_row: Array) -> Array:
+        """Return what a row per coordinate of the plant lacks of the FE model's deflections in these modes, (nv,)."""
+        return np.asarray(self.momenta @ (fe_row @ self.fe_shapes - row @ self.shapes))
+
+    def seen_at_places(self, plant: P) -> P:
+        """Return a plant whose ports, coils and sensors see these modes as the FE model does."""
+        structure = self.structure
+        places = [p.name for p in structure.point if p.name in plant.ports]
+        at_points = {name: self.fe.deflection(name) for name in places}
+        wanted = {name: constant_port(name, row) for name, row in at_points.items()}
+        wanted |= fe_element_ports(self.fe, at_points, lambda row: row)
+        rest, ports = plant.new_data(), dict(plant.ports)
+        for name in ports.keys() & wanted.keys():
+            own, fe = (ports[name], *ports[name].more), (wanted[name], *wanted[name].more)
+            if len(own) == len(fe):
+                lacking = [self.lacking(p.row(rest), q.row(None)) for p, q in zip(own, fe, strict=True)]
+                first, *more = (_with(p, d, rest.qpos) for p, d in zip(own, lacking, strict=True))
+                ports[name] = replace(first, more=tuple(more))
+        of_coils = {f"coil:{c.name}": self._lacking_at(plant, c.at) for c in structure.coil}
+        of_sensors = {
+            name: self._lacking_at(plant, sensor.at, beside)
+            for (name, sensor), beside in zip(named_sensors(structure), _beside(structure), strict=True)
+        }
+        return _with_transducers(replace(plant, ports=ports), of_coils, of_sensors)
+
+    def _lacking_at(self, plant: Plant, place: str, beside: float = 0.0) -> Array:
+        fe_row = self.fe.deflection(place)
+        slope = self.fe.slope(place) if beside else None
+        if beside and slope is None:
+            raise BadStructure(f"tuning.beside: at {place!r} there is no bar for a sensor to stand beside on")
+        return self.lacking(plant.port_rows([place])[0], fe_row if slope is None else fe_row + beside * slope)
+
+
+def _beside(structure: Structure) -> tuple[float, ...]:
+    """Return how far the sensors stand beside their points, in channel order [m]."""
+    stated = () if structure.tuning is None else structure.tuning.beside
+    count = len(structure.sensor) + len(structure.probe)
+    if len(stated) > count:
+        raise BadStructure(f"tuning.beside has {len(stated)} entries; there are {count} sensors and probes")
+    return (*stated, *(0.0 for _ in range(count - len(stated))))
+
+
+def _with(port: Port, more: Array, rest: Array) -> Port:
+    """Return a port that reads something more, linear in the coordinates and zero at rest."""
+    row, position, rest = port.row, port.position, rest.copy()
+    return replace(
+        port,
+        row=lambda data: row(data) + more,
+        position=lambda data: position(data) + float(more @ (data.qpos - rest)),
+    )
+
+
+def _with_transducers(plant: P, of_coils: Mapping[str, Array], of_sensors: Mapping[str, Array]) -> P:
+    """Return a plant whose coils push and whose sensors read something more, each on a fixed tendon of its own.
+
+    Parameters
+    ----------
+    of_coils, of_sensors : mapping of str to (nv,) array
+        By channel, per joint coordinate.
+    """
+    spec = plant.spec.copy()
+    joints = [plant.model.joint(k).name for k in range(plant.model.njnt)]
+    for name, row in {**of_coils, **of_sensors}.items():
+        tendon = spec.add_tendon(name=_tendon(name))
+        for joint, coefficient in zip(joints, row, strict=True):
+            if abs(coefficient) > 1e-12 * np.abs(row).max():
+                tendon.wrap_joint(joint, coefficient)
+    for name in of_coils:
+        spec.add_actuator(name=_tendon(name), target=_tendon(name), trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    kinds = {tap.name: tap.kind for tap in plant.sensors}
+    for name in of_sensors:
+        own = {name: "TENDONVEL"} if kinds[name] == "velocity" else {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}
+        for full, kind in own.items():
+            spec.add_sensor(
+                name=_tendon(full),
+                type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+                objtype=mujoco.mjtObj.mjOBJ_TENDON,
+                objname=_tendon(name),
+            )
+    model = spec.compile()
+    return replace(
+        plant,
+        spec=spec,
+        model=model,
+        actuators=tuple(_pushing(tap, model) for tap in plant.actuators),
+        sensors=tuple(_reading(tap, model) for tap in plant.sensors),
+    )
+
+
+def _tendon(name: str) -> str:
+    """Name of the part that has what the mesh lacks of the FE model's modes at a coil or sensor."""
+    return f"{name}:fe"
+
+
+def _pushing(tap: ActuatorTap, model: Any) -> ActuatorTap:
+    return replace(tap, controls=(*tap.controls, model.actuator(_tendon(tap.name)).id))
+
+
+def _reading(tap: SensorTap, model: Any) -> SensorTap:
+    def address(name: str) -> int:
+        return int(model.sensor(_tendon(name)).adr[0])
+
+    rates = (*tap.rates, address(f"{tap.name}:rate")) if tap.rates else ()
+    return replace(tap, addresses=(*tap.addresses, address(tap.name)), rates=rates)
+
+
+def _shown_in_steps(omega: Array, step: float) -> Array:
+    """Return the frequencies of modes [rad/s] that semi-implicit steps of a length show as these; at 0 they are the same.
+
+    Such a step turns x'' = -a^2 x by the angle 2 arcsin(a h/2) (Hairer, Lubich and Wanner, Acta Numerica 12, 2003).
+
+    Raises
+    ------
+    BadStructure
+        No step of that length shows a frequency so high.
+    """
+    if step == 0.0:
+        return omega
+    if omega.max() * step >= np.pi:
+        raise BadStructure(
+            f"tuning.at_step = {step:g} s: {omega.max() / (2 * np.pi):.4g} Hz cannot be seen in such steps"
+        )
+    return np.asarray(2.0 / step * np.sin(0.5 * omega * step))
+
+
+def _close(omega: Array) -> list[slice]:
+    """Return the groups of ascending frequencies whose neighbours are close."""
+    edges = [0, *(i for i in range(1, len(omega)) if omega[i] > CLOSE * omega[i - 1]), len(omega)]
+    return [slice(a, b) for a, b in pairwise(edges)]
