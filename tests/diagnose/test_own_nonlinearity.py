@@ -6,10 +6,12 @@ from rigs import PENDULUM
 
 from vlab.cases import load_case
 from vlab.cli import main
+from vlab.diagnose.mesh import SOFT, with_modes_of_fe, with_soft_cables
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.refine import Refiner
+from vlab.diagnose.roads import UNSTRETCHED, road_of
 from vlab.diagnose.screen import Screen
 from vlab.plants.mjcf import build_mjcf
 
@@ -61,9 +63,7 @@ def test_slaves_settle_where_their_stiffness_holds_the_force():
 
 @pytest.mark.slow
 def test_the_twin_of_a_loud_beam_follows_mujoco(tmp_path):
-    (tmp_path / "plan.toml").write_text(PLAN)
-    assert main(["experiment", "--plan", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "run")]) == 0
-    case = load_case(tmp_path / "run" / "case.toml")
+    case = run_of(PLAN, tmp_path)
     plain, own = prepare(case), linear_problem(case)
     missed = [_missed(problem) for problem in (plain, own)]
     assert own.twin.loads.shape[1] == own.twin.m
@@ -72,14 +72,53 @@ def test_the_twin_of_a_loud_beam_follows_mujoco(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("plant", ["composite", "modal"])
+def test_cables_stretch_where_recordings_show_it(tmp_path, plant):
+    """The links swing between cables that tighten, modes are coordinates of small motion."""
+    plan = PLAN.replace("[settings]", f'[settings]\nplant = "{plant}"').replace(
+        "[model]", '[model]\nplant = "composite"'
+    )
+    given = with_modes_of_fe(run_of(plan, tmp_path))
+    road = road_of(given)
+    case = road.problem.case
+    assert road.notes == ((UNSTRETCHED,) if plant == "modal" else ())
+    share = case.structure.cable[0].youngs_modulus / given.structure.cable[0].youngs_modulus
+    assert share == (SOFT if plant == "modal" else 1.0)
+
+
+def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
+    given = run_of(PLAN.replace("seconds = 6.0\nperiod_s = 6.0", "seconds = 0.5\nperiod_s = 0.5"), tmp_path)
+    soft = with_soft_cables(given)
+    omega, tightened = [], []
+    for case in (given, soft):
+        linear, row = case.plant.linearise(), case.plant.port_rows(["base"])[0]
+        w, shapes = linear.eigen
+        across = np.abs(row @ shapes) > 1e-6 * np.abs(row @ shapes).max()
+        omega.append(w[across])
+        first = (
+            shapes[:, across][:, :1] * 1e-3 / np.abs(row @ shapes[:, across][:, 0])
+        )  # a millimetre of the first mode
+        own = Inverse(case.plant, first)
+        motion = ModalMotion(np.ones((2, 1)), np.zeros((2, 1)), np.zeros((2, 1)))
+        tightened.append(own.extra(motion, np.zeros((2, own.slaves.shape[1])), 0.01)[0, 0])
+    assert omega[1][:10] == pytest.approx(omega[0][:10], rel=1e-6)
+    assert 0 < tightened[1] < 2 * SOFT * tightened[0]  # what is left is the weight that a swing lifts
+
+
+@pytest.mark.slow
 def test_quiet_motion_gets_no_loads_worth_naming(tmp_path):
     plan = PLAN.replace("level = 0.2", "level = 0.002").replace("noise = 1e-5", "noise = 1e-7")
-    (tmp_path / "plan.toml").write_text(plan)
-    assert main(["experiment", "--plan", str(tmp_path / "plan.toml"), "--out", str(tmp_path / "run")]) == 0
-    problem = prepare(load_case(tmp_path / "run" / "case.toml"))
+    problem = prepare(run_of(plan, tmp_path))
     (run,) = with_own_nonlinearity(problem).signals
     driven = run.u @ problem.twin.forces.T
     assert np.sqrt(np.mean(run.load**2)) < 1e-3 * np.sqrt(np.mean(driven**2))
+
+
+def run_of(plan, folder):
+    """Return the case of a plan's recordings."""
+    (folder / "plan.toml").write_text(plan)
+    assert main(["experiment", "--plan", str(folder / "plan.toml"), "--out", str(folder / "run")]) == 0
+    return load_case(folder / "run" / "case.toml")
 
 
 def _missed(problem):

@@ -7,6 +7,7 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case, simulate
+from vlab.diagnose.linear_view import channel_rows
 from vlab.diagnose.mesh import with_modes_of_fe
 from vlab.diagnose.modes import as_stepped
 from vlab.diagnose.prepare import prepare
@@ -194,6 +195,28 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
         np.testing.assert_allclose(ours.eigen[0][:6], linear.eigen[0][seen][:6], rtol=tolerance)
         # a close pair turns by ten times what its frequencies are off, and its ratios with it
         np.testing.assert_allclose(ours.zeta[:6], linear.zeta[seen][:6], rtol=20 * tolerance)
+
+
+def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_path):
+    experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
+    write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
+    (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
+    problem = prepare(with_modes_of_fe(load_case(tmp_path)))
+    twin, theta = problem.twin, np.zeros(len(problem.parameters))
+    places = [i for i, p in enumerate(problem.parameters) if p.kind == "place"]
+    assert len(places) == len(twin.shifts) > 0
+    theta[places] = 1e-3 * np.resize([1.0, -2.0], len(places))
+    moved = channel_rows(problem.adjusted(theta), problem.channels).onto(twin.shapes)
+    ours, before = twin.rows_at(theta), twin.rows
+    for part in ("at_q", "at_v"):
+        change = getattr(moved, part) - getattr(before, part)
+        in_band = np.abs(twin.omega) < 2 * np.pi * problem.highest_hz  # the FE model's modes, and the mesh's own above
+        np.testing.assert_allclose(
+            (getattr(ours, part) - getattr(before, part))[:, in_band],
+            change[:, in_band],
+            atol=1e-3 * max(np.abs(change).max(), 1e-12),  # their shapes are carried over at the points
+        )
+    assert np.abs(moved.at_v - before.at_v).max() > 1e-3 * np.abs(before.at_v).max()
 
 
 def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short):

@@ -94,6 +94,7 @@ def on_whole_runs(
     hypotheses: Sequence[Hypothesis],
     most: int = WHOLE_FINISHED,
     thetas: Sequence[Array] = (),
+    iterations: int = WHOLE_ITERATIONS,
 ) -> list[Hypothesis]:
     """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
 
@@ -110,7 +111,7 @@ def on_whole_runs(
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, WHOLE_ITERATIONS, thetas), chosen)
+    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, iterations, thetas), chosen)
     fits = _on_from_the_best(whole, fits)
     both = []
     for h, fit in zip(chosen, fits, strict=True):

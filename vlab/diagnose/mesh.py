@@ -1,4 +1,5 @@
-"""The mesh of a structure's physical plant, made as good as the FE model where recordings are, before anything is sought."""
+"""A structure's physical plant made as good as the FE model where recordings are, and as linear as they are, before anything is
+sought."""
 
 from dataclasses import replace
 
@@ -9,12 +10,15 @@ from vlab.diagnose.wired import wired_runs
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.build import build_plant
-from vlab.structure.model import Tuning
+from vlab.structure.model import Structure, Tuning
 
 PHYSICAL = "composite"
 """The plant whose mesh is coarse."""
 WIDER = 2.0
 """Modes up to this multiple of the highest frequency recorded are those of the FE model: pulses and edges go beyond the others."""
+
+SOFT = 0.01
+"""Share of the cables' stiffness along their length that leaves nothing of what their stretching adds: tension and modes stay."""
 
 
 def with_modes_of_fe(case: Case) -> Case:
@@ -36,6 +40,23 @@ def with_modes_of_fe(case: Case) -> Case:
     if count == 0:
         return case
     of_fe = replace(structure.tuning or Tuning(), of_fe=count, at_step=wired.step(case.plant))
-    tuned = replace(structure, tuning=of_fe)
-    plant = build_plant(tuned, table.plant, table.variant)
-    return replace(case, structure=tuned, plant=plant.with_physics_of(case.plant))
+    return _rebuilt(case, replace(structure, tuning=of_fe))
+
+
+def with_soft_cables(case: Case) -> Case | None:
+    """Return a case whose cables do not stiffen its structure as it swings; None where it has none, or another plant.
+
+    A cable that holds a swinging bar is stretched by the square of the swing, which tightens it. The modes know the tension at
+    rest only, so a cable that is soft along its length and pulls as much has the same ones.
+    """
+    structure = case.structure
+    if structure is None or case.table.model.plant != PHYSICAL or not structure.cable:
+        return None
+    soft = tuple(replace(cable, youngs_modulus=SOFT * cable.youngs_modulus) for cable in structure.cable)
+    return _rebuilt(case, replace(structure, cable=soft))
+
+
+def _rebuilt(case: Case, structure: Structure) -> Case:
+    model = case.table.model
+    plant = build_plant(structure, model.plant, model.variant)
+    return replace(case, structure=structure, plant=plant.with_physics_of(case.plant))

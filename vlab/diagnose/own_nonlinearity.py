@@ -56,6 +56,7 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
         twin=replace(twin, loads=np.hstack([twin.loads, np.eye(twin.m)])),
         signals=tuple(signals),
         intensity=intensity,
+        bare=problem,
     )
 
 

@@ -94,7 +94,8 @@ def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, mode
     # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
     in_band = modes.omega[kept] <= 2 * np.pi * BAND * wired.highest_hz
     last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
-    parameters = structure_parameters(structure, case.table.model.uncertain, wired.names, wired.driven, last)
+    given, sensors = case.table.model.uncertain, [channel.sensor for channel in wired.channels]
+    parameters = structure_parameters(structure, given, wired.names, wired.driven, last, sensors)
     points = [p.name for p in structure.point if p.name in plant.ports]
     at_points = plant.port_rows(points) @ basis
     variant = case.table.model.variant

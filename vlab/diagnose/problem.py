@@ -51,6 +51,8 @@ class Problem:
         Frequency below which nearly all power of the recorded velocities lies.
     intensity : mapping of float to float
         Of the forces that the twin lacks, by sample period [s], where a filter was tuned before; see `observer.tune`.
+    bare : Problem or None
+        The same without the loads of the model's own nonlinearity, where there are any.
     timing : str
         When the inputs act, where the recordings had to tell; see `timing.timed`.
     """
@@ -69,6 +71,7 @@ class Problem:
     hums: tuple[Hum, ...] = ()
     highest_hz: float = np.inf
     intensity: Mapping[float, float] = field(default_factory=dict)
+    bare: "Problem | None" = None
     timing: str = ""
 
     @property

@@ -21,7 +21,7 @@ from vlab.diagnose.fits import (
 from vlab.diagnose.hypothesis import Found, Hypothesis, weighed
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.refine import Refiner
+from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
 from vlab.diagnose.second import MUCH, SECOND_PLACES, pairs, wants_a_second
 from vlab.diagnose.shortlist import akin, best_of_effects, best_places, shortlisted
@@ -82,7 +82,8 @@ def search(
     whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
     rough = WindowRefiner(screen, every=2, model_error=narrow.model_error)
     in_windows = before
-    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=[screen.theta, np.zeros_like(screen.theta)])
+    starts = [screen.theta, np.zeros_like(screen.theta)]
+    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=ITERATIONS)
     adds_up = in_windows.level <= ENOUGH < before.level
     shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
     screen.forget()

@@ -27,7 +27,7 @@ up to 0.2 % up to 50 Hz), and with damping ratios of a thousandth that is the wi
 OF_FE_SD = 0.001
 """The same of frequencies that the plant has from the FE model, which misses a hundred-thousandth: what the twin, linear in all that
 is uncertain, misses of a plant that is some per cent off. With more room they take what belongs to stiffness and mass."""
-FREQUENCY = "frequency:mode"
+FREQUENCY, PLACE = "frequency:mode", "place:"
 ALL_DAMPING = "damping"
 """The factor of all modes' damping; one of its own has ``:mode`` and its number behind."""
 
@@ -60,6 +60,7 @@ def structure_parameters(
     channels: Sequence[str],
     actuators: Sequence[int],
     tuned: int = 0,
+    sensors: Sequence[int | None] = (),
 ) -> list[StructureUncertain]:
     """Return what is uncertain of a structure.
 
@@ -73,6 +74,8 @@ def structure_parameters(
         The coils that are driven.
     tuned : int
         How many of the first modes that the coils drive have an uncertain frequency of their own.
+    sensors : sequence of int or None
+        Which of the structure's sensors and probes every channel is, where it is one.
 
     Raises
     ------
@@ -114,24 +117,21 @@ def structure_parameters(
             StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i)
         )
     if structure.tuning is not None and structure.tuning.of_fe:
-        out += _places(structure, channels, sd["place"])
+        out += _places(structure, sensors, sd["place"])
     unknown = [name for name in given if ":" in name and name not in {p.name for p in out}]
     if unknown:
         raise unknown_name("parameter", unknown[0], [p.name for p in out], where="[model.uncertain]")
     return [replace(p, sd=given.get(p.name, p.sd)) for p in out]
 
 
-def _places(structure: Structure, channels: Sequence[str], sd: float) -> list[StructureUncertain]:
+def _places(structure: Structure, sensors: Sequence[int | None], sd: float) -> list[StructureUncertain]:
     """Return the places of the sensors that stand on a bar, along it."""
-    named = [name for name, _ in named_sensors(structure)]
-    at = {name: sensor.at for name, sensor in named_sensors(structure)}
+    named = named_sensors(structure)
     on_bars = {point for bar in structure.bar for point in bar.points}
     return [
-        StructureUncertain(
-            name=f"place:{name.partition(':')[2]}", kind="place", sd=sd, edit=_beside(named.index(name)), beside=i
-        )
-        for i, name in enumerate(channels)
-        if at.get(name) in on_bars
+        StructureUncertain(name=f"{PLACE}{named[k][0]}", kind="place", sd=sd, edit=_beside(k), beside=i)
+        for i, k in enumerate(sensors)
+        if k is not None and named[k][1].at in on_bars
     ]
 
 
@@ -290,11 +290,11 @@ def structure_shifts(
     """Return what sensors beside their places read more in a plant's modes; see `structure_parts`."""
     fe = build_fe_model(structure, variant)
     carry, out = _carry(fe, shapes_at_points, omega, points), []
-    sensors = {f"place:{name.partition(':')[2]}": sensor for name, sensor in named_sensors(structure)}
+    sensors = dict(named_sensors(structure))
     for i, parameter in enumerate(parameters):
         if not isinstance(parameter, StructureUncertain) or parameter.beside is None:
             continue
-        sensor = sensors[parameter.name]
+        sensor = sensors[parameter.name.removeprefix(PLACE)]
         slope, is_rate = fe.slope(sensor.at), sensor.kind == "velocity"
         if slope is not None:
             row, none = slope @ carry, np.zeros(len(omega))

@@ -117,7 +117,7 @@ def _add_piece(spec: Any, piece: Piece, names: tuple[str, ...], scaling: float) 
         rows = (piece.M @ vectors).T
         parts = [(value, 1.0 + scaling * max(value, 0.0), row) for value, row in zip(values, rows, strict=True)]
     else:  # no mass in some coordinate: stiffness and mass by themselves
-        parts = [(value, 0.0, row) for value, row in rank_one(piece.K)] + [
+        parts = [(value, scaling * max(value, 0.0), row) for value, row in rank_one(piece.K)] + [
             (0.0, value, row) for value, row in rank_one(piece.M)
         ]
     for k, (stiffness, inertia, row) in enumerate(parts):

@@ -1,0 +1,122 @@
+"""A plant's first modes as the FE model has them: in steps, at every place, at coils and sensors, and beside these."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from vlab.errors import BadStructure
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
+from vlab.plants import build_plant
+from vlab.plants.tendon_points import fe_element_ports
+from vlab.structure.model import Tuning
+
+COUNT = 7
+SHIFT = (2e-3, 0.0, -1e-3)
+
+
+@pytest.fixture(scope="module")
+def fe(beam):
+    return build_fe_model(beam, "physical")
+
+
+@pytest.fixture(scope="module")
+def like(beam):
+    """The beam's links with the FE model's modes in steps of half a millisecond, and two sensors beside their points."""
+    return build_plant(
+        dataclasses.replace(beam, tuning=Tuning(of_fe=COUNT, at_step=5e-4, beside=SHIFT)), "composite", "physical"
+    )
+
+
+def modes(fe, plant):
+    """Return frequencies and shapes of the modes that the coils drive, of the FE model and of a plant, alike in sign."""
+    linear, at_coils = plant.linearise(), plant.port_rows([coil.at for coil in fe.structure.coil])
+    out = []
+    for model, rows in ((fe.linear, fe.coils.T), (linear, at_coils)):
+        omega, shapes = model.eigen
+        driven = driven_modes(rows @ shapes)[:COUNT]
+        out.append((omega[driven], shapes[:, driven], rows @ shapes[:, driven]))
+    (w, x, at), (w1, x1, at1) = out
+    return w, x, w1, x1 * np.sign(np.sum(at * at1, axis=0))
+
+
+def test_steps_of_that_length_show_the_frequencies(fe, like):
+    w, _, w1, _ = modes(fe, like)
+    h = 5e-4
+    assert np.all(w1 < w)
+    assert w1 == pytest.approx(w * (1 - (w * h) ** 2 / 24), rel=1e-5)
+    # the eigenvalues of velocity and displacement under v += -h w1^2 x, x += h v
+    steps = np.array([[[1.0, -h * a**2], [h, 1.0 - (h * a) ** 2]] for a in w1])
+    shown = np.abs(np.log(np.linalg.eigvals(steps).astype(complex))).max(axis=1) / h
+    assert shown == pytest.approx(w, rel=1e-6)  # to what the driven modes' damping changes of the shapes
+
+
+def test_every_port_sees_them_as_the_fe_model_does(fe, like):
+    _, x, _, x1 = modes(fe, like)
+    points = {p.name: fe.deflection(p.name) for p in fe.structure.point if p.name in like.ports}
+    wanted = {name: [row] for name, row in points.items()}
+    wanted |= {
+        name: [port.row(None), *(more.row(None) for more in port.more)]
+        for name, port in fe_element_ports(fe, points, lambda row: row).items()
+    }
+    data = like.new_data()
+    both = like.ports.keys() & wanted.keys()
+    assert {"beam:30in-40in", "cable-upper", "crosspiece-left", "tension"} <= both
+    for name in both:
+        ours = [like.ports[name], *like.ports[name].more]
+        for port, row in zip(ours, wanted[name], strict=True):
+            np.testing.assert_allclose(port.row(data) @ x1, row @ x, atol=1e-6 * np.abs(row @ x).max())
+            # and its position is the integral of its row
+            data.qpos[:] += 1e-6 * x1[:, 1]
+            mujoco.mj_kinematics(like.model, data)
+            moved = port.position(data)
+            data.qpos[:] -= 1e-6 * x1[:, 1]
+            mujoco.mj_kinematics(like.model, data)
+            assert (moved - port.position(data)) / 1e-6 == pytest.approx((row @ x)[1], abs=1e-4 * np.abs(row @ x).max())
+
+
+def test_coils_push_and_sensors_read_them_so_sensors_beside_their_points(fe, like):
+    _, x, _, x1 = modes(fe, like)
+    data = like.new_data()
+    for j, coil in enumerate(fe.structure.coil):
+        command = np.zeros(len(like.actuators))
+        command[j] = 1.0
+        data.ctrl[:] = like.control_matrix @ command
+        mujoco.mj_forward(like.model, data)
+        np.testing.assert_allclose(x1.T @ data.qfrc_actuator, fe.deflection(coil.at) @ x, atol=1e-8)
+    data.ctrl[:] = 0.0
+    data.qvel[:] = x1[:, 2]
+    mujoco.mj_forward(like.model, data)
+    read = like.read(data)
+    for i, (sensor, beside) in enumerate(zip(fe.structure.sensor, SHIFT, strict=False)):
+        there = fe.deflection(sensor.at) + beside * fe.slope(sensor.at)
+        assert read[i] == pytest.approx(there @ x[:, 2], rel=1e-6)
+
+
+def test_the_slope_is_that_of_the_deflection(fe):
+    low, at, high = (fe.deflection(place) for place in ("19.99in", "20in", "20.01in"))
+    slope = fe.slope("20in")
+    towards = np.sign(fe.structure.position("30in")[1] - fe.structure.position("20in")[1])
+    first = next(bar for bar in fe.structure.bar if "20in" in bar.points)
+    along = towards * np.sign(np.subtract(*[fe.structure.position(first.points[i])[1] for i in (-1, 0)]))
+    shapes = fe.linear.eigen[1][:, :COUNT]
+    np.testing.assert_allclose(
+        along * slope @ shapes, (high - low) @ shapes / (0.02 * 0.0254), atol=1e-5 * np.abs(slope @ shapes).max()
+    )
+    assert not np.allclose(at, high)
+    assert fe.slope("nowhere") is None
+
+
+@pytest.mark.parametrize(
+    ("tuning", "message"),
+    [
+        ({"of_fe": COUNT, "at_step": 0.02}, "cannot be seen in such steps"),
+        ({"of_fe": COUNT, "beside": (0.0,) * 9}, "beside has 9 entries; there are"),
+        ({"beside": (1e-3,)}, "say with of_fe"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(beam, tuning, message):
+    with pytest.raises(BadStructure, match=message):
+        build_plant(dataclasses.replace(beam, tuning=Tuning(**tuning)), "composite", "physical")
