@@ -12,15 +12,15 @@ from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import Uncertain, adjusted, unused
-from vlab.diagnose.uncertain_structure import adjusted_structure
+from vlab.diagnose.uncertain_structure import adjusted_structure, frequencies_of_twin
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
-MODEL_ERROR, MESH_ERROR = 0.002, 0.005
+MODEL_ERROR, MESH_ERROR = 0.002, 0.003
 """Of a user's model that is integrated well; of the two structures, whose meshes and sensors' places are known less well."""
 INTEGRATION_ERROR = 5e-4
 """What integration leaves of a user's model where nothing is missing."""
-MESH_OWN_ERROR = 0.025
+MESH_OWN_ERROR = 0.01
 """What a structure's mesh and the places of its sensors do leave after a refit. It is more than the weights allow for: these say
 what a fit should strive for, this what its success is worth."""
 LONG = 0.9
@@ -101,6 +101,20 @@ class Problem:
         """Return the plant with its uncertain parameters at given log-factors."""
         if self.case.structure is None:
             return adjusted(self.plant, self.parameters, theta)
+        return self._rebuilt(self.for_plant(theta))
+
+    def for_plant(self, theta: Array) -> Array:
+        """Return log-factors with which a rebuilt plant has the twin's frequencies at given ones.
+
+        The twin keeps the modes' coordinates as they are at nominal values, and a rebuilt plant bends into others: some
+        hundred-thousandths of a frequency, which light damping makes a per cent of a response.
+        """
+        if self.case.structure is None or not any(p.kind == "frequency" for p in self.parameters):
+            return theta
+        return frequencies_of_twin(self.twin, self._rebuilt(theta), self.case.structure, self.parameters, theta)
+
+    def _rebuilt(self, theta: Array) -> Plant:
+        assert self.case.structure is not None
         return adjusted_structure(
             self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta
         )

@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 
-from vlab.diagnose.twin import Part, Shift
+from vlab.diagnose.modes import as_stepped
+from vlab.diagnose.twin import Part, Shift, Twin
 from vlab.diagnose.uncertain import COMMON, DEFAULT_SD, OWN, Uncertain
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
@@ -232,6 +234,33 @@ def adjusted_structure(
         if parameter.actuator is not None:
             for control in out.actuators[parameter.actuator].controls:
                 out.model.actuator_gear[control] *= float(np.exp(value))
+    return out
+
+
+def frequencies_of_twin(
+    twin: Twin, plant: Plant, structure: Structure, parameters: Sequence[Uncertain], theta: Array
+) -> Array:
+    """Return log-factors (n_changes,) with those of frequencies changed by what a plant, rebuilt with them, misses of the twin's.
+
+    Parameters
+    ----------
+    plant : Plant
+        Rebuilt with `theta`.
+    """
+    linear = plant.linearise()
+    M, _, K, *_ = (part[0] for part in twin.matrices(theta[None]))
+    squares, modal = linalg.eigh(K, M)
+    shapes = linear.eigen[1]
+    same = np.argmax(np.abs((twin.shapes @ modal).T @ linear.M @ shapes), axis=1)
+    step = structure.tuning.at_step if structure.tuning is not None and structure.tuning.at_step else plant.timestep
+    _, _, added = as_stepped(plant, linear, shapes[:, same], step)
+    shown = linear.eigen[0][same] ** 2 + added
+    driven = list(driven_modes(plant.port_rows([coil.at for coil in structure.coil]) @ shapes))
+    index, out = {p.name: i for i, p in enumerate(parameters)}, theta.copy()
+    for mode, wanted, own in zip(same, squares, shown, strict=True):
+        i = index.get(f"{FREQUENCY}{driven.index(mode) + 1}") if mode in driven else None
+        if i is not None:
+            out[i] += 0.5 * np.log(wanted / own)
     return out
 
 

@@ -78,7 +78,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
             raw["model"]["mjcf"], files = MODEL, [MODEL]
         else:
             left = effects
-            content = structure_toml(edited(case.structure, done.problem.parameters, theta))
+            content = structure_toml(edited(case.structure, done.problem.parameters, _for_plant(done, theta)))
             (folder / STRUCTURE).write_text(content, encoding="utf-8")
             raw["model"]["structure"], files = STRUCTURE, [STRUCTURE]
             if case.table.model.hardware:
@@ -109,6 +109,11 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
         reported=math.nan if reported is None else float(reported),
         note=note,
     )
+
+
+def _for_plant(done: Done, theta: Array) -> Array:
+    """Return log-factors as a structure takes them; see `Problem.for_plant`."""
+    return done.problem.for_plant(theta) if isinstance(done, Diagnosed) else theta
 
 
 def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
