@@ -113,7 +113,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
 
 def _for_plant(done: Done, theta: Array) -> Array:
     """Return log-factors as a structure takes them; see `Problem.for_plant`."""
-    return done.problem.for_plant(theta) if isinstance(done, Diagnosed) else theta
+    return theta if isinstance(done.problem, FrequencyProblem) else done.problem.for_plant(theta)
 
 
 def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
