@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import rig_oscillator
 from rigs import oscillator_case
+from scipy import linalg
 
 from vlab.cases import load_case, simulate
 from vlab.diagnose.linear_view import channel_rows
@@ -13,7 +14,7 @@ from vlab.diagnose.modes import as_stepped
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.twin import discretise
 from vlab.diagnose.uncertain import adjusted
-from vlab.diagnose.uncertain_structure import OF_FE_SD
+from vlab.diagnose.uncertain_structure import OF_FE_SD, adjusted_structure
 from vlab.diagnose.wired import wired_runs
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
@@ -187,7 +188,8 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
     _, c_stepped, k_stepped = as_stepped(problem.plant, problem.plant.linearise(), twin.shapes, problem.plant.timestep)
     row = problem.plant.port_rows(["20in"])
     for set_of, tolerance in ((theta, 5e-4), (0 * theta, 1e-9)):
-        linear = problem.adjusted(set_of).linearise()
+        structure, variant = problem.case.structure, problem.case.table.model.variant
+        linear = adjusted_structure(structure, problem.plant, variant, problem.parameters, set_of).linearise()
         M, C, K = (part[0] for part in twin.matrices(set_of[None])[:3])
         ours = SecondOrderModel(M=M, C=C - np.diag(c_stepped), K=K - np.diag(k_stepped), coordinates=("",) * twin.m)
         seen = np.abs(row @ linear.eigen[1])[0] > 1e-3
@@ -195,6 +197,28 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
         np.testing.assert_allclose(ours.eigen[0][:6], linear.eigen[0][seen][:6], rtol=tolerance)
         # a close pair turns by ten times what its frequencies are off, and its ratios with it
         np.testing.assert_allclose(ours.zeta[:6], linear.zeta[seen][:6], rtol=20 * tolerance)
+
+
+def test_what_is_fitted_on_the_twin_has_its_frequencies_in_the_rebuilt_plant(beam, tmp_path):
+    experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
+    write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
+    (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
+    problem = prepare(with_modes_of_fe(load_case(tmp_path)))
+    twin, step = problem.twin, problem.plant.timestep
+    theta = twin.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(twin.prior))
+    M, _, K = (part[0] for part in twin.matrices(theta[None])[:3])
+    wanted = np.sqrt(linalg.eigh(K, M, eigvals_only=True))
+    off = []
+    for set_of in (theta, problem.for_plant(theta)):
+        plant = adjusted_structure(problem.case.structure, problem.plant, "published", problem.parameters, set_of)
+        linear = plant.linearise()
+        shapes = linear.eigen[1]
+        shown = np.sqrt(linear.eigen[0] ** 2 + as_stepped(plant, linear, shapes, step)[2])
+        off.append([np.abs(shown / w - 1.0).min() for w in wanted[:6]])
+    assert max(off[0]) > 1e-5  # two close modes turn, and the twin's coordinates stay
+    assert max(off[1]) < 1e-7
+    same = problem.adjusted(theta).linearise()
+    np.testing.assert_allclose(same.eigen[0], linear.eigen[0], rtol=1e-9)
 
 
 def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_path):
