@@ -86,11 +86,11 @@ class Inverse:
         self._still = self._forces(*np.zeros((3, nv)))
         units, none = SMALL * np.eye(nv), np.zeros(nv)
         self._linear = [
-            np.array([(self._forces(*parts) - self._still) / SMALL for parts in motions])
+            np.array([(self._forces(*there) - self._forces(*back)) / (2.0 * SMALL) for there, back in motions])
             for motions in (
-                [(u, none, none) for u in units],
-                [(none, u, none) for u in units],
-                [(none, none, u) for u in units],
+                [((u, none, none), (-u, none, none)) for u in units],
+                [((none, u, none), (none, -u, none)) for u in units],
+                [((none, none, u), (none, none, -u)) for u in units],
             )
         ]
 
