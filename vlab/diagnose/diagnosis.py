@@ -59,7 +59,7 @@ class Diagnosis:
         Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
         hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
     calibration : dict
-        Log-factors of the uncertain parameters in the amended model, by name.
+        Log-factors of the uncertain parameters in the amended model, by name; of places the distance [m].
     """
 
     title: str

@@ -79,11 +79,15 @@ def far_off(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
     Physics that only changes a number hides there: a refit that may change the number takes it up.
     """
     return tuple(
-        f"{p.name} was refitted by {100.0 * float(np.expm1(v)):+.2g} %, {abs(v) / p.sd:.1f} of its standard deviations: if it "
+        f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: if it "
         "cannot be off by that, state so in [model.uncertain]"
         for p, v in zip(parameters, theta, strict=True)
         if abs(v) > FAR_OFF * p.sd
     )
+
+
+def _change(parameter: Uncertain, value: float) -> str:
+    return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.2g} %"
 
 
 def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = ()) -> str:

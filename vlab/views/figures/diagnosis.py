@@ -235,7 +235,14 @@ def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     Parameters
     ----------
     rows : sequence of (name, log-factor, prior standard deviation)
+        Of a place, ``place:NAME``, the distance [m] instead of the factor.
     """
+    texts = [
+        f"{1e3 * value:+.3g} mm  (± {1e3 * sd:.3g} mm)"
+        if name.startswith("place:")
+        else f"× {np.exp(value):.4g}  (± {100 * sd:.3g} %)"
+        for name, value, sd in rows
+    ]
     figure = Figure(figsize=(7.2, 1.0 + 0.24 * len(rows)), layout="constrained")
     axes = figure.subplots()
     moved = np.array([value / sd for _, value, sd in rows])
@@ -246,10 +253,8 @@ def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     for group, colour, marker in ((~far, COLOURS[0], "o"), (far, COLOURS[1], "D")):
         axes.plot(moved[group], np.flatnonzero(group), marker, color=colour, ms=6, linestyle="none")
     limit = max(3.6, 1.1 * float(np.abs(moved).max(initial=0.0)))
-    for i, (_, value, sd) in enumerate(rows):
-        axes.text(
-            1.02 * limit, i, f"× {np.exp(value):.4g}  (± {100 * sd:.3g} %)", va="center", fontsize=8, clip_on=False
-        )
+    for i, text in enumerate(texts):
+        axes.text(1.02 * limit, i, text, va="center", fontsize=8, clip_on=False)
     axes.set(xlim=(-limit, limit), yticks=np.arange(len(rows)), yticklabels=[as_text(name) for name, _, _ in rows])
     axes.set_xlabel("deviation from the model as given [prior standard deviations]")
     axes.set_ylim(len(rows) - 0.4, -0.6)
