@@ -22,7 +22,7 @@ from vlab.diagnose.refine import Refiner, carried_on, inward, outward
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
-from vlab.signals import Array
+from vlab.signals import Array, Recording
 
 WORSE = 1.5
 """The fit is done again where MuJoCo leaves this multiple of what the twin left."""
@@ -35,14 +35,17 @@ not worth another one, each takes seconds."""
 DAMPINGS = (1e-3, 0.3, 10.0)
 LONGEST, MOST_WORK = 10_000, 300_000
 """Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
+LEAST_PART = 0.1
+"""Share of a recording that must be simulated: of a large model's first moments, noise is what most is left of."""
 FAR = 1e4
 """Residual of a trial that MuJoCo cannot follow, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Target:
-    """A recording to fit: what was measured, what of it counts, and its weights."""
+    """A recording to fit: all of it and the part that is simulated, what was measured there, what of it counts, and its weights."""
 
+    whole: Recording
     run: Run
     columns: tuple[int, ...]
     measured: Array
@@ -57,7 +60,8 @@ class _Target:
 
 
 def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit | None = None) -> Fit:
-    """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree.
+    """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree, or where MuJoCo takes
+    too long for more than the first moments.
 
     Parameters
     ----------
@@ -67,6 +71,8 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         Of the commands of a law in the loop.
     """
     targets = _targets(problem, limit)
+    if any(len(target.measured) < LEAST_PART * len(target.whole) for target in targets):
+        return fit
     first = _difference(problem, fit, targets[0])
     agreed = max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS)
     if targets[0].left(first) <= agreed:
@@ -136,7 +142,8 @@ def loudest_and_quietest(problem: Problem) -> list[Run]:
 def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
     chosen = loudest_and_quietest(problem)
     most = min(LONGEST, MOST_WORK // problem.plant.model.nv)
-    return [_target(problem, _shortened(run if limit is None else limit.on(run), most)) for run in chosen]
+    wholes = [run if limit is None else limit.on(run) for run in chosen]
+    return [_target(problem, whole.measured, _shortened(whole, most)) for whole in wholes]
 
 
 def _shortened(run: Run, most: int) -> Run:
@@ -146,11 +153,12 @@ def _shortened(run: Run, most: int) -> Run:
     return replace(run, measured=replace(measured, time=measured.time[:most], data=measured.data[:most]))
 
 
-def _target(problem: Problem, run: Run) -> _Target:
+def _target(problem: Problem, whole: Recording, run: Run) -> _Target:
     clean = without_hum(run, problem.hums)
     measured = np.column_stack([clean.measured[name] for name in problem.names])
     noise = noise_levels(clean, problem.names)
     return _Target(
+        whole=whole,
         run=run,
         columns=tuple(run.measured.index(name) for name in problem.names),
         measured=measured,
