@@ -200,7 +200,7 @@ def regenerate_cases(
                 raise BadProof(
                     f"{name}: the recordings come out with other bits than those that were sealed; "
                     + (
-                        "the generator, numpy or scipy is another than that which made them"
+                        "the generator, numpy, scipy or the processor is another than that which made them"
                         if changed
                         else "another processor may round otherwise"
                     )
