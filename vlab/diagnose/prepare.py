@@ -14,9 +14,10 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Feedthrough, signals_of, uniform
 from vlab.diagnose.twin import Part, Shift, Twin
 from vlab.diagnose.uncertain import Uncertain, changes_of, parts_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import structure_parameters, structure_parts, structure_shifts
+from vlab.diagnose.uncertain_structure import carried, structure_parameters, structure_parts, structure_shifts
 from vlab.diagnose.wired import Wired, limited, recorded_commands, wired_runs
 from vlab.errors import BadCase
+from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.signals import Array
 from vlab.structure import Structure
@@ -99,9 +100,10 @@ def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, mode
     points = [p.name for p in structure.point if p.name in plant.ports]
     at_points = plant.port_rows(points) @ basis
     variant = case.table.model.variant
-    parts = structure_parts(structure, variant, parameters, at_points, modes.omega[kept], points, tuned)
-    shifts = structure_shifts(structure, variant, parameters, at_points, modes.omega[kept], points)
-    return tuple(parameters), parts, shifts
+    fe = build_fe_model(structure, variant)
+    carry = carried(fe, at_points, modes.omega[kept], points)
+    parts = structure_parts(fe, carry, parameters, modes.omega[kept], tuned)
+    return tuple(parameters), parts, structure_shifts(fe, carry, parameters)
 
 
 def _twin(

@@ -265,12 +265,10 @@ def frequencies_of_twin(
 
 
 def structure_parts(
-    structure: Structure,
-    variant: str,
+    fe: FeModel,
+    carry: Array,
     parameters: Sequence[Uncertain],
-    shapes_at_points: Array,
     omega: Array,
-    points: Sequence[str],
     driven: Sequence[int] = (),
 ) -> tuple[Part, ...]:
     """Return what the uncertain parameters of a structure multiply in a plant's modes.
@@ -280,16 +278,14 @@ def structure_parts(
 
     Parameters
     ----------
-    shapes_at_points : (n_points, m) array
-        The plant's mass-normalised modes at the structure's points.
+    carry : (n, m) array
+        The FE model's coordinates per modal coordinate of the plant; see `carried`.
     omega : (m,) array
-        Their circular frequencies.
+        Circular frequencies of the plant's modes.
     driven : sequence of int
         Which of these modes the first, second, ... are that the coils drive; -1 for one that is not among them.
     """
-    fe = build_fe_model(structure, variant)
-    carry = _carry(fe, shapes_at_points, omega, points)
-    out = []
+    structure, variant, out = fe.structure, fe.variant, []
     for i, parameter in enumerate(parameters):
         edit = parameter.edit if isinstance(parameter, StructureUncertain) else None
         if edit is None or parameter.kind in ("damping", "place"):
@@ -308,25 +304,16 @@ def structure_parts(
     return (*out, *_damping_parts(fe, [p.name for p in parameters], carry, omega))
 
 
-def structure_shifts(
-    structure: Structure,
-    variant: str,
-    parameters: Sequence[Uncertain],
-    shapes_at_points: Array,
-    omega: Array,
-    points: Sequence[str],
-) -> tuple[Shift, ...]:
+def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain]) -> tuple[Shift, ...]:
     """Return what sensors beside their places read more in a plant's modes; see `structure_parts`."""
-    fe = build_fe_model(structure, variant)
-    carry, out = _carry(fe, shapes_at_points, omega, points), []
-    sensors = dict(named_sensors(structure))
+    sensors, out = dict(named_sensors(fe.structure)), []
     for i, parameter in enumerate(parameters):
         if not isinstance(parameter, StructureUncertain) or parameter.beside is None:
             continue
         sensor = sensors[parameter.name.removeprefix(PLACE)]
         slope, is_rate = fe.slope(sensor.at), sensor.kind == "velocity"
         if slope is not None:
-            row, none = slope @ carry, np.zeros(len(omega))
+            row, none = slope @ carry, np.zeros(carry.shape[1])
             out.append(
                 Shift(by=i, sensor=parameter.beside, at_q=none if is_rate else row, at_v=row if is_rate else none)
             )
@@ -352,8 +339,16 @@ def _damping_parts(fe: FeModel, names: Sequence[str], carry: Array, omega: Array
     return out
 
 
-def _carry(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[str]) -> Array:
-    """Return the FE coordinates per modal coordinate of the plant, (n, m)."""
+def carried(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[str]) -> Array:
+    """Return the FE coordinates per modal coordinate of a plant, (n, m).
+
+    Parameters
+    ----------
+    shapes_at_points : (n_points, m) array
+        The plant's mass-normalised modes at the structure's points.
+    omega : (m,) array
+        Their circular frequencies.
+    """
     all_omega, all_shapes = fe.linear.eigen
     rows = fe.deflections(points) @ all_shapes
     visible = np.flatnonzero(np.abs(rows).max(axis=0) > 1e-6 * np.abs(rows).max())

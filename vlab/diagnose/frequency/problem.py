@@ -12,8 +12,9 @@ from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, changes_of, parts_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import adjusted_structure, structure_parameters, structure_parts
+from vlab.diagnose.uncertain_structure import adjusted_structure, carried, structure_parameters, structure_parts
 from vlab.errors import BadCase
+from vlab.fe import build_fe_model
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -152,7 +153,8 @@ def _uncertain(
     else:
         points = [p.name for p in structure.point if p.name in plant.ports]
         at_points = plant.port_rows(points) @ view.shapes
-        parts = structure_parts(structure, case.table.model.variant, parameters, at_points, view.omega, points)
+        fe = build_fe_model(structure, case.table.model.variant)
+        parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             sd = given.get("gain", DEFAULT_SD["gain"])
