@@ -249,13 +249,13 @@ def test_the_example_is_a_plan():
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_control_c_and_a_kill_leave_whole_records(tmp_path, number):
-    path, out = plan_file(tmp_path, seconds="20.0", plant='"composite"'), tmp_path / "out"
+    path, out = plan_file(tmp_path, seconds="120.0", plant='"composite"'), tmp_path / "out"
     words = [sys.executable, "-m", "vlab", "experiment", "--plan", str(path), "--out", str(out)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env={**os.environ})
     while not (out / "one").is_dir():
         assert process.poll() is None
         time.sleep(0.1)
-    time.sleep(1.0)
+    time.sleep(0.5)  # a tenth of what the second record takes
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
