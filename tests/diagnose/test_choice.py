@@ -32,6 +32,20 @@ def test_noise_averages_out_and_a_models_own_error_does_not():
     assert weighed(noisy, 1.0, 0.0, WORTH)[0].worth == WORTH  # few values: frequency responses
 
 
+def test_to_leave_less_than_integration_does_is_no_merit():
+    alike = weighed([hypothesis(0.1), hypothesis(0.2), hypothesis(0.4)], 0.01, 0.05, 30_000, 0.06)
+    np.testing.assert_allclose([h.misfit for h in alike], np.log([0.07**0.5, 0.07**0.5, 0.4]))
+
+
+def test_a_law_whose_size_may_as_well_be_none_is_nil():
+    place, none = SimpleNamespace(name="joint:a"), np.zeros(0)
+    slip = Term(effect=EFFECTS["jenkins-slip"], place=place, values={"force": 3e-11, "slip": 5e5})
+    offset = Term(effect=EFFECTS["force-offset"], place=place, values={"force": -0.2})
+    sd = {"jenkins-slip@joint:a:force": 30.0, "jenkins-slip@joint:a:slip": 0.1, "force-offset@joint:a:force": 0.05}
+    fit = Fit(terms=(slip, offset), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd=sd)
+    assert fit.nil == ("jenkins-slip@joint:a",)
+
+
 def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
     three = [hypothesis(x, "added-mass") for x in (1.02, 1.0, 1.3)]
     assert (

@@ -34,6 +34,15 @@ def test_samples_at_a_sensors_limit_say_nothing_of_the_structure():
     assert assess([run]).fatal == ()
 
 
+def test_a_coarse_reading_that_stands_still_at_the_top_of_a_small_motion_is_no_other_limit():
+    loud = run_of(TIME, {"a": np.clip(motion(), -1.0, 1.0)}, name="loud")
+    quiet = 0.3 * motion(1)
+    top = int(np.argmax(quiet))
+    quiet[top - 1 : top + 2] = quiet.max()
+    (stop,) = sensor_limits([loud, run_of(TIME, {"a": quiet}, name="quiet")])
+    assert stop.limit == 1.0
+
+
 def test_two_limits_that_differ_are_no_range():
     runs = [run_of(TIME, {"a": np.clip(motion(), -limit, limit)}, name=str(limit)) for limit in (0.8, 1.0)]
     assert sensor_limits(runs) == ()

@@ -37,6 +37,12 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
     assert found.step == pytest.approx(0.2, rel=5e-3)
 
 
+def test_steps_are_found_beneath_hum():
+    y = rounded(motion(), 0.2) + 0.02 * np.sin(2 * np.pi * 50.0 * TIME)
+    (found,) = sensor_steps([run_of(TIME, {"a": y})])
+    assert found.step == pytest.approx(0.2, rel=5e-3)
+
+
 @pytest.mark.parametrize(
     "y",
     [
@@ -50,8 +56,9 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
         np.exp(-0.3 * TIME) * np.sin(2 * np.pi * 3.0 * TIME),
         np.exp(-1.5 * TIME[:250]) * np.sin(2 * np.pi * 7.0 * TIME[:250]),
         np.exp(-3.0 * TIME) * np.sin(2 * np.pi * 7.0 * TIME) + 1e-3 * np.sin(20 * TIME),
+        rounded(6.0 * np.cumsum(np.abs(TIME % 2.0 - 1.0) < 0.05) / 50.0, 3e-4),  # an axis driven from stop to stop
     ],
-    ids=["smooth", "fine", "noisy", "switch", "still", "dead", "sine", "decay", "short decay", "decayed"],
+    ids=["smooth", "fine", "noisy", "switch", "still", "dead", "sine", "decay", "short decay", "decayed", "dwells"],
 )
 def test_readings_without_coarse_steps_have_none(y):
     assert sensor_steps([run_of(TIME[: len(y)], {"a": y})]) == ()

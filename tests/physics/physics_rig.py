@@ -157,6 +157,7 @@ CHANNEL_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "soft-saturation": ("actuator:push", {"limit": 15.0}),
     "actuator-dead-zone": ("actuator:push", {"threshold": 2.0}),
     "slew-limit": ("actuator:push", {"slope": 150.0}),
+    "rate-limit": ("actuator:push", {"slope": 150.0}),
     "actuator-delay": ("actuator:push", {"delay": 2.4e-3}),
     "actuator-lag": ("actuator:push", {"time_constant": 5e-3}),
     "actuator-quantisation": ("actuator:push", {"step": 4.0}),

@@ -71,6 +71,15 @@ def test_coarse_quantisation():
     assert found.severity == "warning"
 
 
+def test_commands_in_steps_are_no_fault():
+    assert kinds(run(np.rint(signal()), is_input=True)) == [("c0", "quantisation", "note")]
+
+
+def test_an_encoder_between_two_of_its_steps_has_lost_nothing():
+    slow = np.rint(8.0 * (np.sin(2 * np.pi * 0.4 * TIME) + 0.2 * np.sin(2 * np.pi * 9.0 * TIME))) / 8.0
+    assert "held" not in [found.kind for found in findings(run(slow))]
+
+
 def test_gaps_and_jitter_of_the_time_stamps():
     keep = np.ones(TIME.size, bool)
     keep[1000:1040] = False

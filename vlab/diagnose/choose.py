@@ -22,6 +22,8 @@ BEYOND_PRIOR, OF_LINEAR = 10.0, 6.0
 every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
 is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
 shapes are looked at at all places, but only a dozen linear ones."""
+OF_PAIRS = 6.0
+"""...and this much more for two of them: of a thousand pairs the best one gains 7 by chance."""
 LAPSE = 0.04
 """Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere.
 Counted on the named effects of an earlier campaign of concealed cases."""
@@ -79,6 +81,7 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     count = sum(len(t.effect.parameters) for t in more.terms) - sum(len(t.effect.parameters) for t in less.terms)
     is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in more.terms)
     enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
+    enough += OF_PAIRS if len(more.terms) > 1 else 0.0
     return more.score - less.score + 0.5 * count * float(np.log(more.worth)) - enough
 
 

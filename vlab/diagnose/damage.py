@@ -20,6 +20,8 @@ MOST_LOST = 0.2
 DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
 """Kinds of warnings that may be why a recording is not explained. Samples at a limit are left out and said; uneven samples are
 compared at their own times; a sensor that stands still in one recording may be right."""
+MOST_AT_LIMIT = 0.9
+"""Share of the samples at flat tops that must stand at one limit for it to be one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +88,12 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         if not tops:
             continue
         sizes = np.array([abs(float(run.measured[channel][at][0])) for run, at in tops])
-        limit = float(np.median(sizes))
+        counts = np.array([np.count_nonzero(at) for _, at in tops])
+        limit = float(sizes.max())
+        at_limit = counts[sizes >= 0.99 * limit].sum()
         largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
-        if np.ptp(sizes) <= 0.01 * limit and largest <= 1.01 * limit:  # nothing ever goes beyond the end of a range
+        # nothing ever goes beyond the end of a range; a coarse reading may stand still at the top of a small motion as well
+        if at_limit >= MOST_AT_LIMIT * counts.sum() and largest <= 1.01 * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             out.append(SensorLimit(channel=channel, limit=limit, share=float(np.mean(np.concatenate(reached)))))
     return tuple(out)

@@ -22,7 +22,7 @@ from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.mesh import with_modes_of_fe
 from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR, Problem
-from vlab.diagnose.refine import EXACT, Refiner
+from vlab.diagnose.refine import EXACT, ITERATIONS, Refiner
 from vlab.diagnose.resolution import SensorStep, sensor_steps
 from vlab.diagnose.roads import road_of
 from vlab.diagnose.search import TimeFound
@@ -53,6 +53,8 @@ NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
 LOST = 1.0
 """An error as large as the recording itself: a model that leaves it there explains nothing, however far off another one is."""
+STEPS_ALONG_MOTION = 6
+"""Steps of the last fit along a motion, before those that MuJoCo's own run corrects."""
 MOST_TRIED = 3
 """Hypotheses that are tried in MuJoCo until it confirms one."""
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
@@ -192,12 +194,11 @@ def diagnose(
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
-    rejected = [f"{name}: its law fits on the linear twin, but not in MuJoCo; dropped" for name in settled.rejected]
     notes = (
         *(s.line for s in standoffs),
         *unseen.notes,
         *problem.notes,
-        *rejected,
+        *settled.rejected,
         *road.notes,
     )
     diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
@@ -209,7 +210,7 @@ def diagnose(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Settled:
-    """A choice with the last fits of the refitted and the amended model, and what MuJoCo did not confirm on the way."""
+    """A choice with the last fits of the refitted and the amended model, and what was dropped on the way, in words."""
 
     choice: Choice
     before: Fit
@@ -227,12 +228,17 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
     plain = whole.fit((), found.before.long_fit)
     rejected: list[str] = []
     plain_in_mujoco = cache(lambda: final_fit(problem, whole, plain, seen.limit))
-    for _ in range(MOST_TRIED):
+    unconfirmed = 0
+    while unconfirmed < MOST_TRIED:
         choice, before, after = choose(found), plain, plain
         if choice.best.terms:
-            on_twin = (
-                _exactly(whole, choice.best) if is_linear else whole.fit(choice.best.terms, choice.best.long_fit, 6)
-            )
+            on_twin = _exactly(whole, choice.best, ITERATIONS if is_linear else STEPS_ALONG_MOTION)
+            if on_twin.nil:
+                rejected.append(
+                    f"{choice.best.label}: of {', '.join(on_twin.nil)} the last fit leaves nothing; dropped"
+                )
+                found = _without(found, choice.best, on_twin.nil)
+                continue
             after = final_fit(problem, whole, on_twin, seen.limit) if is_linear else on_twin
             if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
                 before = plain_in_mujoco()
@@ -243,16 +249,52 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
         if not choice.best.terms:
             break
         if not is_linear or _is_confirmed(problem, settled, seen):
-            return settled
-        rejected.append(choice.best.label)
-        found = replace(found, hypotheses=tuple(h for h in found.hypotheses if h is not choice.best))
+            return _with_fewer(problem, found, seen, settled, is_linear=is_linear)
+        rejected.append(f"{choice.best.label}: its law fits on the linear twin, but not in MuJoCo; dropped")
+        found = _without(found, choice.best)
+        unconfirmed += 1
     assert first is not None
-    return replace(first, rejected=tuple(name for name in rejected if name != first.choice.best.label))
+    # the first one is what is reported where none is confirmed: it was not dropped
+    return replace(
+        first, rejected=tuple(line for line in rejected if not line.startswith(f"{first.choice.best.label}:"))
+    )
 
 
-def _exactly(whole: Refiner, best: Hypothesis) -> Fit:
+def _with_fewer(problem: Problem, found: TimeFound, seen: Seen, settled: _Settled, *, is_linear: bool) -> _Settled:
+    """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the second
+    one then makes up for what the twin does not do as MuJoCo does."""
+    both = settled.choice.best
+    if len(both.terms) < 2:
+        return settled
+    parts = {t.label for t in both.terms}
+    alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
+    if not choose(alone).best.terms:
+        return settled
+    one = _settled(problem, alone, seen, is_linear=is_linear)
+    left = []
+    for which in (settled, one):
+        before, after = (seen.on(amended(problem, fit)) for fit in (which.before, which.after))
+        left.append(total(check(problem.runs, before, after), "after"))
+    if not left[1] <= NO_WORSE * left[0]:
+        return settled
+    line = f"{both.label}: MuJoCo leaves as little with {one.choice.best.label} alone; dropped"
+    return replace(one, rejected=(*settled.rejected, line))
+
+
+def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:
+    """Return what was found without a hypothesis; where a part of it is nothing, without any that adds to the rest of it."""
+    rest = {t.label for t in hypothesis.terms} - set(nil)
+
+    def stays(h: Hypothesis) -> bool:
+        labels = {t.label for t in h.terms}
+        return h is not hypothesis and not (nil and rest and rest < labels)
+
+    return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
+
+
+def _exactly(whole: Refiner, best: Hypothesis, iterations: int) -> Fit:
     """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
-    return whole.fit(best.terms, best.long_fit, settled=EXACT)
+    return whole.fit(best.terms, best.long_fit, iterations, settled=EXACT)
 
 
 def _is_confirmed(problem: Problem, settled: _Settled, seen: Seen) -> bool:
@@ -302,7 +344,8 @@ def _verdict(choice: Choice, checked: Sequence[Checked], seen: Seen, is_structur
     least = NO_WORSE if choice.is_of_priors else BETTER
     is_needed = choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
     # there is no gap to close where coarse steps count as noise, or a refit follows with parameters that nobody believes
-    if is_followed and (seen.steps or is_needed):
+    has_steps = bool(seen.steps) and errors["after"] <= NO_WORSE * errors["before"]
+    if is_followed and (has_steps or is_needed):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"

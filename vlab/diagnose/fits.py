@@ -117,8 +117,8 @@ def on_whole_runs(
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)
         level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
-        misfit, price = 0.5 * (h.misfit + other.misfit), 0.5 * (h.price + other.price)
-        both.append(replace(h, misfit=misfit, price=price, level=level, whole=fit))
+        # windows start from states smoothed without the law, for which the uncertain parameters make up
+        both.append(replace(h, misfit=0.5 * (h.misfit + other.misfit), price=other.price, level=level, whole=fit))
     misfit = max((b.misfit - h.misfit for b, h in zip(both, chosen, strict=True)), default=0.0)
     price = max((b.price - h.price for b, h in zip(both, chosen, strict=True)), default=0.0)
     more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)

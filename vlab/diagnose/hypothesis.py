@@ -111,7 +111,9 @@ def _needs_rest(effect: Effect) -> bool:
     return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
 
 
-def weighed(hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float) -> list[Hypothesis]:
+def weighed(
+    hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float, least_error: float = 0.0
+) -> list[Hypothesis]:
     """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
 
     With noise of variance f and an error of the model of variance m spread over `WORTH` directions, the log-likelihood that a
@@ -126,13 +128,16 @@ def weighed(hypotheses: Sequence[Hypothesis], noise: float, error: float, sample
         The same of the model's own error, at least.
     samples : float
         Independent values that the recordings hold.
+    least_error : float
+        Variance of what integration alone leaves: to leave less than noise and that is no merit.
     """
     if not hypotheses or samples <= WORTH:
         return list(hypotheses)
     least = min(h.level for h in hypotheses)
     error = max(error, least**2 - (1.0 + NOISE_KNOWN) * noise)
     worth = (noise + error) / (noise / samples + error / WORTH)
-    return [replace(h, worth=float(worth)) for h in hypotheses]
+    floor = 0.5 * float(np.log(max(noise + least_error, 1e-300))) if least_error else -np.inf
+    return [replace(h, worth=float(worth), misfit=max(h.misfit, floor)) for h in hypotheses]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

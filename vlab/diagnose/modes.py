@@ -1,9 +1,11 @@
 """Which modes of a model the search follows, and what MuJoCo's step makes of them."""
 
+import warnings
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.linalg import logm
 
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose.places import FREE
@@ -14,10 +16,14 @@ from vlab.plants.base import Plant
 from vlab.signals import Array
 
 MOST_MODES = 24
+FEW = 8
+"""So many modes are all followed, as far as samples tell: a gap or a slip feels how a place yields beside it."""
 BAND_MARGIN = 2.0
 """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
 SEEN = 0.45
 """Share of the sample rate beyond which no mode is followed."""
+NO_PHASE = 1e-12
+"""A step whose eigenvalues are real and negative turns a motion round at once, as no continuous one does."""
 LAGGING = 30.0
 """A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
 
@@ -70,7 +76,10 @@ def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, r
     """
     omega, shapes = linear.eigen
     kept = observable(rows.onto(np.eye(len(omega))), shapes, omega)
-    band = 2 * np.pi * min(max(BAND_MARGIN * highest_hz, 1.5 * _lowest(omega, kept)), SEEN * rate_hz)
+    widest = 2 * np.pi * SEEN * rate_hz
+    band = min(2 * np.pi * max(BAND_MARGIN * highest_hz, 1.5 * _lowest(omega, kept)), widest)
+    if np.sum(kept & (np.abs(omega) < widest)) <= FEW:
+        band = widest
     kept &= np.abs(omega) < band
     damping = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes)
     kept |= lags(omega, damping, band)  # damping couples them to what is seen
@@ -102,24 +111,68 @@ def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -
 
     A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
     end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
-    the twin has it as well: each mode gets the damping and stiffness of the eigenvalues of its own step. One beyond its critical
-    damping, a servo's, gets them with its own stiffness, for it goes where it is told to, and so another mass.
+    the twin has it as well: the modes get the damping and stiffness of the logarithm of their step, together, for dampers couple
+    them, and the mass with which forces that are held over steps move them as far: a servo goes where it is told to.
+
+    Returns
+    -------
+    mass, damping, stiffness : (m, m) array
     """
     model = plant.model
-    c, k = (np.einsum("ij,ik,kj->j", basis, part, basis) for part in (linear.C, linear.K))
+    C, K = (basis.T @ part @ basis for part in (linear.C, linear.K))
+    mass, damping, stiffness = (np.zeros_like(C) for _ in range(3))
     if model.opt.integrator not in STAGGERED:
-        return np.zeros_like(c), np.zeros_like(c), np.zeros_like(k)
+        return mass, damping, stiffness
     at_end = np.zeros_like(linear.C)
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP):
         at_end[np.diag_indices(model.nv)] = model.dof_damping
     if model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER:
         at_end = linear.C if plant.dissipation is None else linear.C - plant.dissipation
-    grown = 1.0 + h * np.einsum("ij,ik,kj->j", basis, at_end, basis)
+        is_same_tree = model.dof_treeid[:, None] == model.dof_treeid  # MuJoCo couples no other bodies there
+        at_end = np.where(is_same_tree, at_end, 0.0)
+    return tuple(
+        there - here
+        for there, here in zip(_of_step(C, K, basis.T @ at_end @ basis, h), (np.eye(len(C)), C, K), strict=True)
+    )
+
+
+def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array, Array]:
+    """Return the mass, the damping and the stiffness that a semi-implicit step of modes of unit mass shows under forces that are held
+    over steps, (m, m) each.
+
+    Parameters
+    ----------
+    at_end : (m, m) array
+        Of the damping, what is taken at the end of a step.
+    """
+    m = len(C)
+    yields = h * np.linalg.inv(np.eye(m) + h * at_end)
+    step = np.eye(3 * m)  # of displacement, velocity, and the force
+    step[m : 2 * m] += yields @ np.hstack([-K, -C, np.eye(m)])
+    step[:m] += h * step[m : 2 * m]
+    poles = np.linalg.eigvals(step)
+    if np.any((poles.real <= 0.0) & (np.abs(poles.imag) < NO_PHASE)):
+        own = _one_by_one(np.diag(C), np.diag(K), np.diag(at_end), h)
+        return own[0], own[1] + C - np.diag(np.diag(C)), own[2]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # it warns of errors of 1e-12
+        rate = np.real(logm(step)) / h
+    # velocities stand half a step behind: what counts is the rate of the displacements, not what the step calls velocity
+    first, second = rate[:m], rate[:m] @ rate
+    damping = -np.linalg.solve(first[:, m : 2 * m].T, second[:, m : 2 * m].T).T
+    stiffness = -second[:, :m] - damping @ first[:, :m]
+    mass = np.linalg.inv(second[:, 2 * m :] + damping @ first[:, 2 * m :])
+    return mass, mass @ damping, mass @ stiffness
+
+
+def _one_by_one(c: Array, k: Array, at_end: Array, h: float) -> tuple[Array, Array, Array]:
+    """Return what `_of_step` does of modes whose damping (m,) does not couple them, where a step turns a servo's motion round: such a
+    mode has its own stiffness, and a mass that goes with what its step shows."""
+    grown = 1.0 + h * at_end
     step = np.zeros((len(c), 2, 2))  # of velocity and displacement
     step[:, 0, 0], step[:, 0, 1] = 1.0 - h * c / grown, -h * k / grown
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h
     damping, stiffness = -s.sum(axis=1).real, s.prod(axis=1).real
-    lagging = (0.25 * c**2 > k) & (k > FREE**2)
-    mass = np.divide(k, stiffness, out=np.ones_like(k), where=lagging)
-    return mass - 1.0, mass * damping - c, mass * stiffness - k
+    mass = np.divide(k, stiffness, out=np.ones_like(k), where=(0.25 * c**2 > k) & (k > FREE**2))
+    return np.diag(mass), np.diag(mass * damping), np.diag(mass * stiffness)

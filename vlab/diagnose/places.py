@@ -40,6 +40,8 @@ class Place:
         The port is a rotation.
     stiffness : float
         Of the elastic element at the port; 0 without one.
+    stiffened_by : tuple of int
+        Uncertain parameters that multiply it.
     index : int
         Of an actuator or a channel.
     also : tuple of int
@@ -61,6 +63,7 @@ class Place:
     rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
     angular: bool = False
     stiffness: float = 0.0
+    stiffened_by: tuple[int, ...] = ()
     index: int = -1
     also: tuple[int, ...] = ()
     other: int = -1
@@ -68,6 +71,10 @@ class Place:
     aliases: tuple[str, ...] = ()
     tag: str = ""
     is_held: bool = True
+
+    def stiffness_at(self, theta: Array) -> Array:
+        """Return the element's stiffness at log-factors of what is uncertain (n_sets, n_changes), (n_sets,)."""
+        return np.asarray(self.stiffness * np.exp(theta[:, list(self.stiffened_by)].sum(axis=1)))
 
     @property
     def indices(self) -> tuple[int, ...]:

@@ -9,11 +9,11 @@ from vlab.cases.case import Case
 from vlab.diagnose.hum import find_hum, without_hum
 from vlab.diagnose.linear_view import actuator_forces, channel_rows, command_readings
 from vlab.diagnose.modes import SEEN, KeptModes, as_stepped, kept_modes
-from vlab.diagnose.places import places_of
+from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Feedthrough, signals_of, uniform
 from vlab.diagnose.twin import Part, Shift, Twin
-from vlab.diagnose.uncertain import Uncertain, changes_of, parts_of, uncertain_parameters
+from vlab.diagnose.uncertain import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.uncertain_structure import carried, structure_parameters, structure_parts, structure_shifts
 from vlab.diagnose.wired import Wired, limited, recorded_commands, wired_runs
 from vlab.errors import BadCase
@@ -44,7 +44,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     pushes = np.hstack([actuator_forces(plant), plant.port_rows(wired.load_ports).T.reshape(plant.model.nv, -1)])
     twin = replace(_twin(case, wired, modes, pushes, parameters, parts), shifts=shifts)
     feedthrough = _feedthrough(case, wired, modes, pushes, twin)
-    hums = find_hum(wired.runs)
+    hums, found = find_hum(wired.runs), places_of(plant, twin, wired.names, wired.driven)
     signals = tuple(
         signals_of(
             limited(plant, without_hum(run, hums)),
@@ -70,7 +70,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         orders=wired.orders,
         about=np.where([c.from_rest for c in wired.channels], 0.0, rows.rest),
         signals=signals,
-        places=tuple(places_of(plant, twin, wired.names, wired.driven)),
+        places=tuple(_with_factors(case, place, parameters) for place in found),
         hums=hums,
         highest_hz=wired.highest_hz,
     )
@@ -118,18 +118,27 @@ def _twin(
     plant, basis, linear = case.plant, modes.basis, modes.linear
     mass, damping, stiffness = as_stepped(plant, linear, basis, wired.step(plant))
     count = len(plant.actuators)
+    M, rows = basis.T @ linear.M @ basis + mass, modes.rows.onto(basis)
     return Twin(
         omega=modes.omega[modes.kept],
         shapes=basis,
-        M=basis.T @ linear.M @ basis + np.diag(mass),
-        C=basis.T @ linear.C @ basis + np.diag(damping),
-        K=basis.T @ linear.K @ basis + np.diag(stiffness),
+        M=M,
+        C=basis.T @ linear.C @ basis + damping,
+        K=basis.T @ linear.K @ basis + stiffness,
         forces=basis.T @ pushes[:, :count],
         loads=basis.T @ pushes[:, count:],
-        rows=modes.rows.onto(basis),
+        rows=replace(rows, at_a=rows.at_a @ M),  # accelerations are what MuJoCo says that forces make of its own masses
         changes=changes_of(parameters),
         parts=parts,
     )
+
+
+def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> Place:
+    """Return a place with what multiplies its element's stiffness: a share of that which is lost is one of what is there."""
+    if case.structure is not None or not place.stiffness > 0.0:
+        return place
+    own = set(stiffness_of(case.plant.model, (place.name, *place.aliases)))
+    return replace(place, stiffened_by=tuple(i for i, p in enumerate(parameters) if own & set(p.fields)))
 
 
 def _feedthrough(case: Case, wired: Wired, modes: KeptModes, pushes: Array, twin: Twin) -> Feedthrough:

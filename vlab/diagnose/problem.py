@@ -11,7 +11,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import Uncertain, adjusted, unused
+from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, unused
 from vlab.diagnose.uncertain_structure import adjusted_structure, frequencies_of_twin
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -96,6 +96,12 @@ class Problem:
                 )
         out += unused(self.case.table.model.uncertain, self.parameters)
         return (*out, *getattr(self.plant, "notes", ()))
+
+    @property
+    def common_scale(self) -> Array | None:
+        """See `vlab.diagnose.uncertain.common_scale`."""
+        loaded = any(drive.port for run in self.runs for drive in run.drives)
+        return common_scale(self.plant, self.parameters, loaded=loaded)
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import channels, mix
 from vlab.diagnose.terms import Candidate, Fit, Term
-from vlab.physics.effect import Parameter, PickUp, SensorEffect
+from vlab.physics.effect import Parameter, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
 ITERATIONS = 12
@@ -27,8 +28,20 @@ from their priors' means over what is usual, above which it has one all the same
 NEAR_ENOUGH, EXACT = 1.0, 0.02
 """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
 and for the values of parameters."""
+CHEAPER = 0.5
+"""Decrease of the cost above which a descent goes on although what is left is noise."""
+MORE = 12
+"""Steps that such a descent may take beyond those it was given."""
 NOISE = 0.95
 """Mean square of what is left below which it is noise, in its squared standard deviations."""
+UNDAMPED, PARTS = 1e-10, (1.0, 0.3, 0.1)
+"""Damping of a step that goes all the way, and the parts of it that are tried: where parameters make up for each other, damped
+ones leave them as far from their priors' means as the first steps took them; and such valleys bend."""
+PASSES = 2
+"""The last slopes are taken anew so often, along directions that the ones before show."""
+MOVED, WIDEST = 0.25, (100.0, 5.0)
+"""Root mean square of the weighted difference by which their steps move it, and how much wider than usual they may be: of uncertain
+parameters up to a standard deviation, of a law's to a twentieth."""
 LEAD = 512
 """Samples before a window in which a sensor's dynamics settle."""
 REUSED = 3
@@ -57,7 +70,7 @@ class _Layout:
     runs: list[Signals]
     free: list[int]  # runs that do not start at rest
     effects: list[tuple[int, Parameter]] = field(default_factory=list)
-    centre: list[float] = field(default_factory=list)  # the effects' starting entries
+    limits: list[tuple[float, float]] = field(default_factory=list)  # of the effects' entries
 
     @property
     def r(self) -> int:
@@ -82,6 +95,10 @@ class Refiner:
     """
 
     is_rough = False
+    directions: Array
+    """Of the uncertain parameters, that the runs inform, (n_changes, r), in their prior's standard deviations."""
+    silent: Array
+    """The other ones, (n_changes, n_changes - r)."""
 
     def __init__(
         self,
@@ -102,6 +119,7 @@ class Refiner:
         scale = np.array([run.scale for run in self.runs])
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
+        self.integration_share = float(np.mean((INTEGRATION_ERROR * scale / self.sigma) ** 2))
         self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
         self.active = self._active()
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
@@ -130,10 +148,20 @@ class Refiner:
                 columns = ((part[:, 1:] - part[:, :1]) / PROBE).transpose(0, 2, 1).reshape(-1, n)
                 gram += columns.T @ columns
                 samples += run.y.size
+        scale = self._common_scale()
+        if scale is not None:  # what seems to be known of it is an error of the derivatives
+            off = np.eye(n) - np.outer(scale, scale) / float(np.sum(scale**2))
+            gram = off @ gram @ off
         size, vectors = np.linalg.eigh(gram / samples)
         order = np.argsort(-size)[:MOST_DIRECTIONS]
         keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
+        self.silent = sd[:, None] * np.delete(vectors, keep, axis=1)
         return np.asarray(sd[:, None] * vectors[:, keep])
+
+    def _common_scale(self) -> Array | None:
+        """Return the common scale of impedances and gains in standard deviations of its priors, (n_changes,); None without one."""
+        scale = self.problem.common_scale
+        return None if scale is None else np.asarray(scale / self.twin.prior)
 
     def along(self, theta: Array) -> Array:
         """Return log-factors along the informed directions, in standard deviations of their prior; the rest is left out."""
@@ -302,8 +330,8 @@ class Refiner:
         damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         jacobian = slopes
-        small = 0
-        for done in range(iterations):
+        small, done, last = 0, -1, iterations
+        while (done := done + 1) < last:
             shapes_too = done >= FROZEN or iterations <= FROZEN
             weight = self._weight(layout, raw)
             best = raw * weight
@@ -316,7 +344,8 @@ class Refiner:
             normal, gradient = jacobian.T @ jacobian, jacobian.T @ best
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
-            trials = np.array([x - np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in lams])
+            steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
+            trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
             trials = self._bounded(layout, trials)
             residuals = self._residual(layout, terms, trials)
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
@@ -335,12 +364,32 @@ class Refiner:
             slopes = carried_on(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
-            damping = max(lams[pick] * 0.1, 1e-8)
-            if (small >= 2 and shapes_too) or (settled > EXACT and self._is_noise(layout, raw)):
+            damping = max(0.1 * (damping if pick < len(PARTS) else lams[pick - len(PARTS)]), 1e-8)
+            is_cheap = cost - costs[pick] < CHEAPER  # no longer do the uncertain parameters come nearer to their priors
+            if small >= 2 and shapes_too:
                 break
-        if settled <= EXACT:
-            slopes = self._jacobian(layout, terms, x, raw)  # what is carried on is good for steps, not for intervals
+            if settled <= EXACT:
+                continue
+            if is_cheap and self._is_noise(layout, raw):
+                break
+            if not is_cheap and not self.is_rough and np.mean(raw[layout.r + layout.n_channels :] ** 2) < EXPLAINED:
+                last = min(max(last, done + 2), iterations + MORE)
+        if settled <= EXACT:  # what is carried on is good for steps, not for intervals
+            layout, x, raw = self._with_silent(layout, x, raw)
+            slopes = self._jacobian(layout, terms, x, raw)
+            for _ in range(PASSES):
+                slopes = self._jacobian_by_strength(layout, terms, x, raw, slopes)
+            slopes = self._with_scale(layout, terms, x, slopes)
         return self._result(layout, terms, x, raw, slopes * self._weight(layout, raw)[:, None])
+
+    def _with_silent(self, layout: _Layout, x: Array, raw: Array) -> tuple[_Layout, Array, Array]:
+        """Return a layout, an entry and its residual with the directions that the runs say nothing of beside the informed ones.
+
+        All gains and impedances a hundredth larger change no channel, but every force that a law is found to have.
+        """
+        wide = replace(layout, directions=np.hstack([layout.directions, self.silent]))
+        none = np.zeros(wide.r - layout.r)
+        return wide, np.insert(x, layout.r, none), np.insert(raw, layout.r, none)
 
     def _is_noise(self, layout: _Layout, raw: Array) -> bool:
         """Return whether what remains of every run is as small as the noise: a better fit means nothing.
@@ -385,6 +434,47 @@ class Refiner:
                     at += run.y.size
         return out
 
+    def _jacobian_by_strength(
+        self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array, slopes: Array
+    ) -> Array:
+        """Return the derivatives of the residual by differences along the directions that move it as much as each other.
+
+        Dry friction and stops chatter by more than small steps do. What is strong in every single parameter and cancels in a sum of
+        them, as larger forces do with larger gains and impedances, would drown in that, and is what is least known; so the steps
+        go along the singular vectors of what is known of the slopes, wide where these are weak.
+
+        Parameters
+        ----------
+        slopes : (rows, n) array
+            Derivatives to begin with.
+        """
+        steps = self._steps(layout, x)
+        _, _, across = np.linalg.svd(np.linalg.qr(slopes * steps, mode="r"))
+        data = (slopes * steps)[layout.r + layout.n_channels :] @ across.T
+        widest = np.full(x.size, WIDEST[1])
+        widest[: layout.r] = WIDEST[0]
+        most = np.min(widest / np.maximum(np.abs(across), 1e-300), axis=1)
+        size = np.clip(MOVED / np.maximum(np.sqrt(np.mean(data**2, axis=0)), 1e-300), 1.0, most)
+        moved = self._residual(layout, terms, x + size[:, None] * across * steps)
+        return np.asarray(((moved - raw) / size[:, None]).T @ across / steps)
+
+    def _with_scale(self, layout: _Layout, terms: Sequence[Term], x: Array, slopes: Array) -> Array:
+        """Return derivatives whose part along the common scale of impedances and gains is exact: what changes with it is only how large
+        the laws' forces, masses and stiffnesses are beside all others."""
+        scale = self._common_scale()
+        if scale is None:
+            return slopes
+        size = float(np.linalg.norm(scale))
+        along = np.zeros(x.size)
+        along[: layout.r] = (layout.directions / self.twin.prior[:, None]).T @ scale / size
+        first, exact = x.size - len(layout.effects), np.zeros(len(slopes))
+        for k, (i, parameter) in enumerate(layout.effects, start=first):
+            if terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
+                exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
+        priors = layout.r + layout.n_channels
+        exact[:priors] = along[:priors]
+        return np.asarray(slopes + np.outer(exact - slopes @ along, along))
+
     def _weight(self, layout: _Layout, raw: Array) -> Array:
         """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
 
@@ -420,6 +510,9 @@ class Refiner:
                 amplitudes = {p.name: term.values[p.name] * size for p in term.effect.amplitudes}
                 own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
             options.append(self._initial(layout, own, theta, start))
+        natural = [known.get(term.label, _of_element(term)) for term in terms]
+        if any(there is not here for there, here in zip(natural, terms, strict=True)):
+            options.append(self._initial(layout, natural, theta, start))
         X = np.array([*out, *options])
         costs = self._costs(layout, terms, X)
         together, small = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
@@ -446,8 +539,22 @@ class Refiner:
             free=free,
         )
         layout.effects = [(i, p) for i, term in enumerate(terms) for p in term.effect.parameters]
-        layout.centre = [inward(p, terms[i].values[p.name]) for i, p in layout.effects]
+        layout.limits = [self._limits(terms[i], p) for i, p in layout.effects]
         return layout
+
+    def _limits(self, term: Term, parameter: Parameter) -> tuple[float, float]:
+        """Return the least and the largest entry of a parameter: within a factor of e^9 of where it starts, and a shape within its range,
+        which says what it is: a damping ratio; a slip or a gap that is a share of the motion, for others are other laws."""
+        if parameter.signed:
+            return -np.inf, np.inf
+        centre = inward(parameter, term.values[parameter.name])
+        low, high = centre - 9.0, centre + 9.0
+        if parameter.reference in ("displacement", "velocity"):
+            of = self.screen.reference(parameter.reference, term.place)
+            low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))
+        elif parameter.role == "shape" and not parameter.reference:
+            low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
+        return min(low, centre), max(high, centre)
 
     def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
         xi = self.along(theta)
@@ -508,15 +615,8 @@ class Refiner:
     def _bounded(self, layout: _Layout, X: Array) -> Array:
         out = X.copy()
         first = X.shape[1] - len(layout.effects)
-        for k, (_, parameter) in enumerate(layout.effects):
-            if parameter.signed:
-                continue
-            low, high = layout.centre[k] - 9.0, layout.centre[k] + 9.0  # a factor of e^9 from the screening's value
-            if (
-                parameter.role == "shape" and not parameter.reference
-            ):  # its range says what it is: a damping ratio, a frequency
-                low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
-            out[:, first + k] = np.clip(out[:, first + k], low, high)
+        for k, (low, high) in enumerate(layout.limits, start=first):
+            out[:, k] = np.clip(out[:, k], low, high)
         out[:, : layout.r] = np.clip(out[:, : layout.r], -PRIOR_BOUND, PRIOR_BOUND)
         return out
 
@@ -586,6 +686,14 @@ class Refiner:
             cost=data,
             sd=sd,
         )
+
+
+def _of_element(term: Term) -> Term:
+    """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
+    if not isinstance(term.effect, PortEffect):
+        return term
+    values = term.effect.of_element(term.values, term.place.stiffness)
+    return term if values is None else replace(term, values=values)
 
 
 def carried_on(slopes: Array, step: Array, change: Array) -> Array:

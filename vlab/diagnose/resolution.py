@@ -27,6 +27,11 @@ the step that comes after it leaves .49. A steady sine has |J0|, which is less t
 exact."""
 CLEAR = 4.0
 """...and by this factor over what it has fallen to before."""
+BETWEEN, SMOOTH = 0.25, 0.5
+"""Values further off their steps than this share of one say how they got there: smoothly where the mean cosine of the turn from the value
+before them, a step being a whole one, is above this."""
+MOST_PEAKS = 8
+"""Steps that are looked at, the largest first."""
 FINE = 16
 """Bins of the histogram for the smallest step looked for."""
 
@@ -93,9 +98,22 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         # values crowd about rest after a decay: then the function is as large all the way
         and seen[i] > CLEAR * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
     ]
-    if not peaks:
-        return None
-    fine = np.linspace(cycles[peaks[0]] - cycles[1], cycles[peaks[0]] + cycles[1], 81)
+    steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[:MOST_PEAKS])
+    return next((step for step in steps if not _passes_between(values, step[0])), None)
+
+
+def _passes_between(values: Array, step: float) -> bool:
+    """Return whether a series goes from one multiple of a step to the next through what lies between, as an axis does that is driven
+    from stop to stop: noise that comes after a rounding jumps there, and back."""
+    turns = np.exp(2j * np.pi * values / step)
+    turns *= np.conj(turns.mean()) / np.abs(turns.mean())
+    between = np.abs(np.angle(turns[1:])) > 2 * np.pi * BETWEEN  # hum and drift on top of the steps stay near them
+    return bool(between.any()) and float(np.mean(np.real(turns[1:] * np.conj(turns[:-1]))[between])) > SMOOTH
+
+
+def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
+    """Return the step near a peak of the characteristic function, and its standard deviation."""
+    fine = np.linspace(cycle - width, cycle + width, 81)
     sharp = np.abs(np.exp(2j * np.pi * np.outer(fine, values)).mean(axis=1))
     k = int(np.argmax(sharp))
     step = float(1.0 / fine[k])

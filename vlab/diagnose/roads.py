@@ -20,11 +20,14 @@ from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.timing import timed
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
+from vlab.signals import Array
 
 Report = Callable[[float, str], None]
 LESS = 0.95
 """A structure's own nonlinearity is taken off where a refit leaves this share of the mean square without it, or less."""
-UNSTRETCHED = "the recordings do not show that swinging tightens the cables, as the model has it: they are taken for softer along their length"
+UNSTRETCHED = (
+    "the recordings do not show that swinging tightens the cables: they are taken for softer along their length"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,18 +99,19 @@ def _as_nonlinear_as_recorded(problem: Problem) -> NearRest:
     """
     if problem.case.structure is None or problem.bare is None:
         return NearRest(screen=Screen(problem))
-    with_cables, without = side_by_side(_left_by_a_refit, (problem, problem.bare))
+    (with_cables, theta), (without, theta_without) = side_by_side(_left_by_a_refit, (problem, problem.bare))
     if without > LESS * with_cables:
-        return NearRest(screen=Screen(problem))
+        return NearRest(screen=Screen(problem, theta=theta))
     soft = with_soft_cables(problem.case)
     if soft is None:
-        return NearRest(screen=Screen(problem.bare))
-    return NearRest(screen=Screen(prepare(soft)), notes=(UNSTRETCHED,))
+        return NearRest(screen=Screen(problem.bare, theta=theta_without))
+    return NearRest(screen=Screen(prepare(soft), theta=theta_without), notes=(UNSTRETCHED,))
 
 
-def _left_by_a_refit(problem: Problem) -> float:
-    refiner = Refiner(Screen(problem), problem.in_role("fit"))
-    return refiner.fit((), None, WHOLE_ITERATIONS).cost
+def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
+    """Return the cost of a refit over whole runs, and the uncertain parameters of the screening that it began with, (n_changes,)."""
+    screen = Screen(problem)
+    return Refiner(screen, problem.in_role("fit")).fit((), None, WHOLE_ITERATIONS).cost, screen.theta
 
 
 def _near_rest(case: Case, timing: str) -> Screen | None:

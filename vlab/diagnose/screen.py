@@ -582,6 +582,9 @@ class Screen:
             return max(max(sizes), 1e-300)
         if name == "input":
             return max(max(float(np.abs(g.u[..., list(place.indices)]).max()) for g in self.groups), 1e-300)
+        if name == "input-slope":
+            own = list(place.indices)
+            return max(max(float(np.abs(np.diff(g.u[..., own], axis=0)).max() / g.h) for g in self.groups), 1e-300)
         if name == "output":
             return max(max(float(np.abs(g.y[..., place.index]).max()) for g in self.groups), 1e-300)
         if name == "duration":
@@ -637,7 +640,7 @@ class Screen:
 
     def _grid(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
         """Return the values of a shape that are tried; frequencies of forces are read off the recordings besides."""
-        values = [g * self._reference_of(effect, parameter.name, place) for g in parameter.grid]
+        values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
         if isinstance(effect, PortEffect) and parameter.name == "frequency":
             values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
         return values
@@ -647,13 +650,6 @@ class Screen:
             return [{}]
         grids = [self._grid(effect, p, place) for p in effect.shapes]
         return [dict(zip((p.name for p in effect.shapes), values, strict=True)) for values in product(*grids)]
-
-    def _reference_of(self, effect: Effect, name: str, place: Place) -> float:
-        value = self.reference(effect.parameter(name).reference, place)
-        if effect.name == "slew-limit":
-            own = list(place.indices)
-            value = max(float(np.abs(np.diff(g.u[..., own], axis=0)).max() / g.h) for g in self.groups)
-        return value
 
     def _causes(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> list[Cause]:
         """Return what units of an effect's amplitudes do, (n, n_runs, k) signals and the ways they enter."""

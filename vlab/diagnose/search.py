@@ -99,7 +99,8 @@ def search(
         report(0.85, "fitting whole recordings")
         hypotheses = by_score(singles, on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain))
     meant = [h for h in hypotheses if _is_meant(h)]
-    before, *hypotheses = weighed([before, *meant], whole.noise_share, whole.error_share, whole.worth)
+    shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)
+    before, *hypotheses = weighed([before, *meant], *shares)
     hypotheses = by_score(hypotheses)
     places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
     places = {name: replace(h, worth=before.worth) for name, h in places.items()}

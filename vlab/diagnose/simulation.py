@@ -46,7 +46,7 @@ def channels(
     M, C, K, actuator_gain, _ = twin.matrices(theta)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, LinearPortEffect):
-            mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness)
+            mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
             for row in term.place.rows:
                 outer = np.outer(row, row)
                 M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer

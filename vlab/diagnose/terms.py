@@ -1,11 +1,14 @@
 """Candidates of a screening, terms of a hypothesis, and a fit of them: plain data that every search hands on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vlab.diagnose.places import Place
-from vlab.physics.effect import Effect
+from vlab.physics.effect import Effect, Parameter
 from vlab.signals import Array
+
+UNTOLD = 1.0
+"""Standard deviation of a size's logarithm beyond which it may as well be none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,3 +70,17 @@ class Fit:
     chi2: float
     cost: float
     sd: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def nil(self) -> tuple[str, ...]:
+        """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
+        return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
+
+    def _may_be_none(self, term: Term, parameter: Parameter) -> bool:
+        sd = self.sd.get(f"{term.label}:{parameter.name}", 0.0)
+        return sd > (abs(term.values[parameter.name]) if parameter.signed else UNTOLD)
+
+
+def _sizes(effect: Effect) -> Sequence[Parameter]:
+    """Return what is nothing where an effect is: its amplitudes, or what there is."""
+    return effect.amplitudes or effect.parameters

@@ -10,6 +10,8 @@ from vlab.signals import Array
 
 MOST = 3.0
 """Log-factors beyond this size are taken for it."""
+LEAST_SEEN = 3e-4
+"""Share of the fastest mode's motion that a channel must see of another one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,9 +232,10 @@ def discretise(M: Array, C: Array, K: Array, inputs: Array, rows: ChannelRows, h
 
 
 def observable(rows: ChannelRows, shapes: Array, omega: Array) -> Array:
-    """Return which modes some channel sees: above one part in ten thousand of what it sees of its largest mode."""
+    """Return which modes some channel sees: above three parts in ten thousand of what it sees of its largest mode, where all move as
+    fast. A mode that is free to move is no measure of how far the others do."""
     size = np.abs(rows.at_q @ shapes) + np.abs(rows.at_v @ shapes) * np.maximum(np.abs(omega), 1.0)
     size = size + np.abs(rows.at_a @ shapes) * np.maximum(omega**2, 1.0)
-    compliance = size / np.maximum(np.abs(omega), 1.0) ** 2
-    largest = compliance.max(axis=1, keepdims=True)
-    return np.asarray((compliance > 1e-4 * np.maximum(largest, 1e-300)).any(axis=0))
+    moved = size / np.maximum(np.abs(omega), 1.0)
+    largest = moved.max(axis=1, keepdims=True)
+    return np.asarray((moved > LEAST_SEEN * np.maximum(largest, 1e-300)).any(axis=0))

@@ -20,8 +20,16 @@ known to a third, sensors are calibrated."""
 COMMON, OWN = 0.25**0.5, 0.75**0.5
 """Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
 drawing have some error in common, and every element deviates by just what is stated."""
+IMPEDANCE = ("stiffness", "damping", "mass", "inertia")
+"""Kinds of what a force is needed for..."""
+CERTAIN = ("dof_armature", "tendon_armature", "dof_frictionloss", "tendon_frictionloss")
+"""...and what else needs one, of which nothing is taken for uncertain."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
+
+
+Number = tuple[str, int | tuple[int, int]]
+"""A number of a model: the name of its array, and its index there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +45,13 @@ class Uncertain:
     fields : tuple
         (name of the model's array, index) of the numbers that are multiplied.
     actuator, sensor : int or None
-        The actuator's or channel's gain that is multiplied instead.
+        The actuator's or channel's gain that is multiplied, too.
     """
 
     name: str
     kind: str
     sd: float
-    fields: tuple[tuple[str, int], ...] = ()
+    fields: tuple[Number, ...] = ()
     actuator: int | None = None
     sensor: int | None = None
 
@@ -71,15 +79,68 @@ def uncertain_parameters(
     for i in actuators:
         name = plant.actuators[i].name
         sd = given.get(f"actuator:{name}:gain", given.get("gain", DEFAULT_SD["gain"]))
-        out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, actuator=i))
+        out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, fields=_returned(plant, i), actuator=i))
     for i, name in enumerate(channels):
         sd = given.get(f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
         out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
     return out
 
 
+def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
+    """Return what an actuator's gain multiplies besides its command: a servo's reading of the position or the velocity that it
+    holds against the command."""
+    model, out = plant.model, []
+    for control in plant.actuators[actuator].controls:
+        if model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_AFFINE:
+            gain, bias = float(model.actuator_gainprm[control, 0]), model.actuator_biasprm[control]
+            out += [("actuator_biasprm", (int(control), k)) for k in (1, 2) if gain != 0.0 and bias[k] == -gain]
+    return tuple(out)
+
+
+def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool) -> Array | None:
+    """Return the likeliest log-factors that make all impedances and all gains larger by the same factor, (n_parameters,); None
+    where something else in the model stays.
+
+    No recording of motions says anything of that factor: only what is known of the model does.
+
+    Parameters
+    ----------
+    loaded : bool
+        Whether forces act that were measured, and not commanded.
+    """
+    model = plant.model
+    if loaded or model.opt.density or model.opt.viscosity or any(np.any(getattr(model, name)) for name in CERTAIN):
+        return None
+    numbers = sorted({number for p in parameters if p.kind in IMPEDANCE for number in p.fields}, key=str)
+    actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
+    known = {name for name, _ in numbers}
+    if "body_mass" not in known or not actuators or not _all_known(plant, numbers, actuators, parameters):
+        return None
+    rows = [[float(number in p.fields) for p in parameters] for number in numbers]
+    rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
+    spread = np.array(rows) * [p.sd for p in parameters]
+    found = np.linalg.lstsq(spread, np.ones(len(rows)), rcond=1e-9)[0]
+    if not np.allclose(spread @ found, 1.0, atol=1e-6):
+        return None
+    return np.asarray(found * [p.sd for p in parameters])
+
+
+def _all_known(
+    plant: Plant, numbers: Sequence[Number], actuators: Sequence[int], parameters: Sequence[Uncertain]
+) -> bool:
+    """Return whether every spring, damper, mass and servo of a model has an uncertain factor."""
+    model, have = plant.model, set(numbers)
+    for kind in ("stiffness", "damping", "mass"):
+        if any(not set(fields) <= have for fields in _elements(model, kind).values()):
+            return False
+    controls = {int(c) for i in actuators for c in plant.actuators[i].controls}
+    servos = {number for p in parameters if p.actuator is not None for number in p.fields}
+    biased = {("actuator_biasprm", (int(i), int(k))) for i, k in zip(*np.nonzero(model.actuator_biasprm), strict=True)}
+    return biased <= servos and controls >= {index[0] for _, index in biased}
+
+
 def of_kind(
-    kind: str, elements: Mapping[str, tuple[tuple[str, int], ...]], sd: float, given: Mapping[str, float], also: str
+    kind: str, elements: Mapping[str, tuple[Number, ...]], sd: float, given: Mapping[str, float], also: str
 ) -> list[Uncertain]:
     """Return what is uncertain of one kind: a factor that all elements have in common, and one of every element's own.
 
@@ -148,9 +209,9 @@ def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
     return out
 
 
-def _elements(model: Any, kind: str) -> dict[str, tuple[tuple[str, int], ...]]:
+def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
     """Return the elements of a model that have a stiffness, damping or mass, with their fields."""
-    out: dict[str, tuple[tuple[str, int], ...]] = {}
+    out: dict[str, tuple[Number, ...]] = {}
     if kind == "mass":
         for i in range(1, model.nbody):
             if model.body_mass[i] > 0 and model.body_weldid[i] != 0:
@@ -174,11 +235,16 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[tuple[str, int], ...]]:
     return out
 
 
+def stiffness_of(model: Any, names: Sequence[str]) -> list[Number]:
+    """Return the numbers of a model that are the stiffness of the first of some joints and tendons that has one."""
+    elements = _elements(model, "stiffness")
+    return next((list(elements[name]) for name in names if name in elements), [])
+
+
 def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
     """Return the plant with its uncertain parameters at given log-factors; channel gains are not the plant's.
 
-    The equilibrium is found again. Actuator gains multiply what a command is worth, and leave alone what a servo makes of the
-    motion it measures.
+    The equilibrium is found again. The gain of a servo multiplies what it makes of the motion that it holds against its command, too.
     """
     model = copy.copy(plant.model)
     for parameter, value in zip(parameters, theta, strict=True):
@@ -217,17 +283,17 @@ def parts_of(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tup
     A spring's stiffness is one part, although a factor of its own and one of all springs multiply it: were both derivatives
     simply added, two factors of 7 % would leave the frequency of a light structure off by a tenth of its width.
     """
-    by: dict[tuple[str, int], tuple[int, ...]] = {}
+    by: dict[Number, tuple[int, ...]] = {}
     for i, parameter in enumerate(parameters):
         for number in parameter.fields:
             by[number] = (*by.get(number, ()), i)
-    together: dict[tuple[int, ...], list[tuple[str, int]]] = {}
+    together: dict[tuple[int, ...], list[Number]] = {}
     for number, multiplied in by.items():
         together.setdefault(multiplied, []).append(number)
     return tuple(_part(plant, tuple(fields), multiplied, basis) for multiplied, fields in together.items())
 
 
-def _part(plant: Plant, fields: tuple[tuple[str, int], ...], by: tuple[int, ...], basis: Array) -> Part:
+def _part(plant: Plant, fields: tuple[Number, ...], by: tuple[int, ...], basis: Array) -> Part:
     one = Uncertain(name="", kind="", sd=1.0, fields=fields)
 
     def matrices(theta: float) -> tuple[Array, Array, Array]:

@@ -253,8 +253,8 @@ def frequencies_of_twin(
     shapes = linear.eigen[1]
     same = np.argmax(np.abs((twin.shapes @ modal).T @ linear.M @ shapes), axis=1)
     step = structure.tuning.at_step if structure.tuning is not None and structure.tuning.at_step else plant.timestep
-    _, _, added = as_stepped(plant, linear, shapes[:, same], step)
-    shown = linear.eigen[0][same] ** 2 + added
+    mass, _, stiffness = (np.diag(added) for added in as_stepped(plant, linear, shapes[:, same], step))
+    shown = (linear.eigen[0][same] ** 2 + stiffness) / (1.0 + mass)
     driven = list(driven_modes(plant.port_rows([coil.at for coil in structure.coil]) @ shapes))
     index, out = {p.name: i for i, p in enumerate(parameters)}, theta.copy()
     for mode, wanted, own in zip(same, squares, shown, strict=True):

@@ -79,8 +79,8 @@ def far_off(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
     Physics that only changes a number hides there: a refit that may change the number takes it up.
     """
     return tuple(
-        f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: if it "
-        "cannot be off by that, state so in [model.uncertain]"
+        f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: either it is "
+        "known less well than [model.uncertain] or its default says, or physics is missing there"
         for p, v in zip(parameters, theta, strict=True)
         if abs(v) > FAR_OFF * p.sd
     )

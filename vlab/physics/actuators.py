@@ -161,17 +161,21 @@ class SlewLimit(ActuatorEffect):
             low=0.02,
             high=0.95,
             role="shape",
-            reference="input",
+            reference="input-slope",
             grid=(0.1, 0.3, 0.6),
             words="in multiples of the largest slope of the command",
         ),
     )
 
+    def acted(self, now: Any, command: Any, most: float) -> tuple[Any, Any]:
+        """Return the mean over an interval and the end of it, from the last end on; `most` is as far as it may go."""
+        return _ramped(now, command, most)
+
     def actuate(self, u: Array, p: Values, h: float) -> Array:
-        """See `ActuatorEffect`: the means of the ramps over the intervals."""
+        """See `ActuatorEffect`: the means over the intervals."""
         out, now = np.array(u, dtype=float), np.array(u[0], dtype=float)
         for k in range(1, len(out)):
-            out[k], now = _ramped(now, out[k], p["slope"] * h)
+            out[k], now = self.acted(now, out[k], p["slope"] * h)
         return out
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
@@ -180,10 +184,24 @@ class SlewLimit(ActuatorEffect):
 
         def step(u: float) -> float:
             nonlocal last
-            mean, last = (u, u) if last is None else _ramped(last, u, most)
+            mean, last = (u, u) if last is None else self.acted(last, u, most)
             return float(mean)
 
         return step
+
+
+class RateLimit(SlewLimit):
+    """A program or converter that limits how far a command moves from sample to sample: stairs where an amplifier makes ramps."""
+
+    name = "rate-limit"
+    is_clocked = True
+    law = "|u(k) - u(k-1)| <= R h"
+    words = "commands move no further from one sample to the next than a limited slope allows"
+
+    def acted(self, now: Any, command: Any, most: float) -> tuple[Any, Any]:
+        """See `SlewLimit`: where it goes it is at once."""
+        end = now + limited(command - now, most)
+        return end, end
 
 
 def _ramped(start: Any, target: Any, most: float) -> tuple[Any, Any]:
@@ -305,6 +323,7 @@ class Jitter(ActuatorEffect):
     """A clock or a computer that is not always on time."""
 
     name = "actuator-jitter"
+    is_clocked = True
     family = "timing"
     law = "force(t) = u(t - J r_k), r_k evenly distributed over 0 to 1, new at every sample"
     words = (

@@ -41,6 +41,7 @@ EFFECTS: dict[str, Effect] = {
         actuators.SoftSaturation(),
         actuators.DeadZone(),
         actuators.SlewLimit(),
+        actuators.RateLimit(),
         actuators.ActuatorDelay(),
         actuators.ActuatorLag(),
         actuators.Quantisation(),

@@ -24,7 +24,7 @@ ActuatorStep = Callable[[float], float]
 SensorStep = Callable[[float, float, float], float]
 """One true sample, its time and the signal that is picked up besides, to the recorded sample."""
 
-Reference = Literal["", "displacement", "velocity", "input", "output", "duration", "step"]
+Reference = Literal["", "displacement", "velocity", "input", "input-slope", "output", "duration", "step"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Parameter:
         the values of `grid`.
     reference : str
         What the values of `grid`, `low` and `high` are multiples of: the largest displacement or velocity recorded at
-        the place, the largest input or output, the duration, or the sample period; "" for none.
+        the place, the largest input, slope of the input or output, the duration, or the sample period; "" for none.
     grid : tuple of float
         Values that the screening tries.
     signed : bool
@@ -142,6 +142,16 @@ class PortEffect(Effect):
         """Return the law's memory before anything happened, a state of this shape each; None for a law without memory."""
         return None
 
+    def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
+        """Return values with which a law that takes an elastic element's own stiffness does the same in large motion; None for others.
+
+        Parameters
+        ----------
+        stiffness : float
+            Of the element.
+        """
+        return None
+
     def is_meant(self, p: Values, stiffness: float) -> bool:
         """Return whether fitted values are what the effect's words say, at a place whose own element has a stiffness, 0 without one."""
         return True
@@ -167,7 +177,7 @@ class LinearPortEffect(Effect):
     kind: ClassVar[Kind] = "port"
 
     @abstractmethod
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """Return the mass, the damping and the stiffness that it adds.
 
         Parameters
@@ -185,6 +195,8 @@ class ActuatorEffect(Effect):
     """
 
     kind: ClassVar[Kind] = "actuator"
+    is_clocked: ClassVar[bool] = False
+    """Whether it happens where commands are computed, once a sample, and not on their way from there."""
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """Return the law for one sample after the other, every `h` seconds, as `actuate` has it for all of them."""

@@ -15,7 +15,7 @@ class AddedMass(LinearPortEffect):
     parameters: ClassVar = (Parameter(name="mass", unit="kg", low=1e-5, high=1e3, words="mass added"),)
     needs = ("translation",)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return p["mass"], 0.0, 0.0
 
@@ -30,7 +30,7 @@ class RotaryInertia(LinearPortEffect):
     parameters: ClassVar = (Parameter(name="inertia", unit="kg m^2", low=1e-9, high=1e3, words="inertia added"),)
     needs = ("rotation",)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return p["inertia"], 0.0, 0.0
 
@@ -47,7 +47,7 @@ class TensionError(LinearPortEffect):
     )
     needs = ("tension",)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`; on every row of the place."""
         return 0.0, 0.0, p["tension"]
 
@@ -64,7 +64,7 @@ class LostStiffness(LinearPortEffect):
     )
     needs = ("stiffness",)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return 0.0, 0.0, -p["share"] * own_stiffness
 
@@ -78,7 +78,7 @@ class StiffnessToGround(LinearPortEffect):
     words = "something holds the structure there: a lead, a wire, a pendulum stiffness that was left out"
     parameters: ClassVar = (Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e7, words="stiffness added"),)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return 0.0, 0.0, p["stiffness"]
 
@@ -93,7 +93,7 @@ class NegativeStiffness(LinearPortEffect):
     parameters: ClassVar = (Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e7, words="stiffness taken away"),)
     needs = ("magnet",)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return 0.0, 0.0, -p["stiffness"]
 
@@ -107,6 +107,6 @@ class ViscousDamping(LinearPortEffect):
     words = "energy is lost in proportion to the velocity there: eddy currents, back-EMF of a coil, a lubricated guide"
     parameters: ClassVar = (Parameter(name="damping", unit="N s/m", low=1e-6, high=1e6, words="damping added"),)
 
-    def impedance(self, p: Values, own_stiffness: float) -> tuple[Any, Any, Any]:
+    def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
         """See `LinearPortEffect`."""
         return 0.0, p["damping"], 0.0

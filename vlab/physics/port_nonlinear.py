@@ -157,6 +157,10 @@ class DeadBand(PortEffect):
         """See `PortEffect`."""
         return p["stiffness"] * limited(z, p["gap"]), memory
 
+    def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
+        """See `PortEffect`: all of the stiffness is missing, and as much force beyond the gap."""
+        return {"stiffness": stiffness, "gap": p["stiffness"] * p["gap"] / stiffness} if stiffness > 0 else None
+
     def is_meant(self, p: Values, stiffness: float) -> bool:
         """See `PortEffect`: a small part of the element that does not act within a gap is a stop beside it."""
         return p["stiffness"] >= OWN_SHARE * stiffness

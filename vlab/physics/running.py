@@ -223,6 +223,23 @@ def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array
     return out
 
 
+def _stepper(a: AtActuator, timestep: float, sample: float) -> ActuatorStep:
+    """Return what an effect makes of a command from integration step to integration step."""
+    if not a.effect.is_clocked:
+        return a.effect.stepper(a.values, timestep)
+    once, every = a.effect.stepper(a.values, sample), max(1, round(sample / timestep))
+    k, held = 0, 0.0
+
+    def step(u: float) -> float:
+        nonlocal k, held
+        if k % every == 0:
+            held = once(u)
+        k += 1
+        return held
+
+    return step
+
+
 class Running:
     """All physics of one run of a plant that MuJoCo has no element for.
 
@@ -240,7 +257,7 @@ class Running:
         self.force = np.zeros(len(plant.actuators))
         """Forces of the actuators in the present step, as they act."""
         self._actuators: list[tuple[int, ActuatorStep]] = [
-            (a.index, a.effect.stepper(a.values, plant.timestep)) for a in plant.physics if isinstance(a, AtActuator)
+            (a.index, _stepper(a, plant.timestep, sample)) for a in plant.physics if isinstance(a, AtActuator)
         ]
         self.is_due = False
         """Whether a step begins whose forces at ports are still to be found, see `callback`."""

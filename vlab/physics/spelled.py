@@ -50,7 +50,7 @@ def _factor(unit: str, parameter: Parameter) -> float:
     try:
         return units.factor(unit, parameter.unit)
     except BadUnit:
-        if parameter.reference in ("input", "output"):
+        if parameter.reference in ("input", "input-slope", "output"):
             return units.factor(unit, own_si(unit))
         if parameter.unit in units.ANGULAR and units.same_dimension(unit, units.ANGULAR[parameter.unit]):
             return units.factor(unit, units.ANGULAR[parameter.unit])

@@ -167,7 +167,8 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
     if levels.size > 2 and np.abs(levels - np.rint(levels)).max() < 0.01:
         share = f"{100 * step / size:.2g} % of its standard deviation"
         text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
-        yield Finding(channel.name, "quantisation", text, "warning" if step > 0.3 * size else "note")
+        is_coarse = step > 0.3 * size and not _drives(channel)  # a command in steps is a command
+        yield Finding(channel.name, "quantisation", text, "warning" if is_coarse else "note")
 
 
 def held_samples(recording: Recording) -> NDArray[np.bool_]:
@@ -192,8 +193,10 @@ def _held_blocks(recording: Recording, moving: list[int]) -> tuple[NDArray[Any],
     inside = (last - first >= HELD_RUN) & (first > 0) & (last < len(moves))
     first, last = first[inside], last[inside]
     usual = np.median(moves, axis=0)
+    # an encoder between two of its steps stands still, too
+    least = np.maximum(usual, [_step(recording.data[:, i]) for i in sensors])
     held = (
-        (moves[first - 1] > usual).any(axis=1) & (moves[last % len(moves)] > 3 * usual).any(axis=1) & (usual > 0).any()
+        (moves[first - 1] > least).any(axis=1) & (moves[last % len(moves)] > 3 * least).any(axis=1) & (usual > 0).any()
     )
     data = recording.data[:, sensors]
     is_clipped = (data[first] == data.min(axis=0)) | (data[first] == data.max(axis=0))

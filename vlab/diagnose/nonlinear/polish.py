@@ -53,7 +53,7 @@ class SimulatedRefiner(MovingRefiner):
             if bias is None:
                 break
             self._compare_with([y - b for y, b in zip(self.recorded, bias, strict=True)])
-            tried = super().fit(best.terms, best, STEPS)
+            tried = super().fit(best.terms, best, STEPS, settled=settled)
             missed, more = self._missed(tried)
             if not missed < left:
                 break

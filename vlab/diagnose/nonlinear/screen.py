@@ -198,7 +198,7 @@ class MovingScreen(Screen):
         out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
         for i, change in enumerate(self.twin.changes):
             if change.actuator is not None:
-                out[..., i] = self.driven_force(change.actuator) * self.commands(change.actuator)[..., None]
+                out[..., i] += self.driven_force(change.actuator) * self.commands(change.actuator)[..., None]
         return out
 
     def _stride(self) -> int:

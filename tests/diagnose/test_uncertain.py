@@ -1,0 +1,74 @@
+"""What is uncertain: the scale that no motion shows, servos' gains, and how strongly modes must be seen."""
+
+import numpy as np
+import pytest
+
+from vlab.diagnose.linear_view import ChannelRows
+from vlab.diagnose.twin import observable
+from vlab.diagnose.uncertain import adjusted, common_scale, stiffness_of, uncertain_parameters
+from vlab.plants.mjcf import build_mjcf
+
+RIG = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body name="a"><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="3" {more}/><geom size="0.1" mass="1"/></body>
+<body name="b" pos="1 0 0"><joint name="b" type="slide" axis="1 0 0" stiffness="400" damping="2"/><geom size="0.1" mass="0.5"/></body>
+</worldbody>
+<tendon><fixed name="spring" stiffness="300" damping="0.2"><joint joint="a" coef="-1"/><joint joint="b" coef="1"/></fixed></tendon>
+<actuator>{actuator}</actuator><sensor><jointpos name="x" joint="b"/></sensor></mujoco>"""
+MOTOR, SERVO = '<motor name="drive" joint="a"/>', '<position name="drive" joint="a" kp="50"/>'
+
+
+def rig(folder, actuator=MOTOR, more=""):
+    (folder / "rig.xml").write_text(RIG.format(actuator=actuator, more=more))
+    plant = build_mjcf("rig.xml", folder=folder)
+    return plant, uncertain_parameters(plant, {"gain": 0.05, "stiffness": 0.04}, ["x"], [0])
+
+
+@pytest.mark.parametrize("actuator", [MOTOR, SERVO], ids=["motor", "servo"])
+def test_a_common_scale_of_gains_and_impedances_leaves_every_motion(tmp_path, actuator):
+    plant, parameters = rig(tmp_path, actuator)
+    scale = common_scale(plant, parameters, loaded=False)
+    assert scale is not None
+    other = adjusted(plant, parameters, 0.1 * scale)
+    factor = np.exp(0.1)
+    for now, then in zip(
+        (other.linearise().M, other.linearise().C, other.linearise().K),
+        (plant.linearise().M, plant.linearise().C, plant.linearise().K),
+        strict=True,
+    ):
+        np.testing.assert_allclose(now, factor * then, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(other.model.actuator_gainprm[0, 0], factor * plant.model.actuator_gainprm[0, 0])
+    # the likeliest of all that do so: what two parameters share falls to each by its variance
+    by = {p.name: (p.sd, value) for p, value in zip(parameters, scale, strict=True)}
+    (sd, common), (own_sd, own) = by["stiffness"], by["joint:a:stiffness"]
+    assert common / own > sd**2 / own_sd**2  # the common one serves three springs
+    assert by["sensor:x"][1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_measured_load_or_a_known_mass_shows_the_scale(tmp_path):
+    plant, parameters = rig(tmp_path)
+    assert common_scale(plant, parameters, loaded=True) is None
+    assert common_scale(*rig(tmp_path, more='armature="0.1"'), loaded=False) is None
+    assert common_scale(*rig(tmp_path, more='frictionloss="0.1"'), loaded=False) is None
+    assert common_scale(*rig(tmp_path, '<position name="drive" joint="a" kp="50" kv="2"/>'), loaded=False) is None
+
+
+def test_a_servos_gain_multiplies_what_it_makes_of_the_motion(tmp_path):
+    plant, parameters = rig(tmp_path, SERVO)
+    theta = np.array([0.1 if p.name == "gain:drive" else 0.0 for p in parameters])
+    softer = adjusted(plant, parameters, theta).linearise().K - plant.linearise().K
+    np.testing.assert_allclose(softer, [[50.0 * (np.exp(0.1) - 1.0), 0.0], [0.0, 0.0]], atol=1e-9)
+
+
+def test_the_stiffness_of_an_element_is_found_by_any_of_its_names(tmp_path):
+    plant, _ = rig(tmp_path)
+    assert stiffness_of(plant.model, ("site:none", "tendon:spring"))[0] == ("tendon_stiffness", 0)
+    assert stiffness_of(plant.model, ("body:a",)) == []
+
+
+def test_a_mode_is_seen_however_far_a_free_one_goes():
+    """A shaft that turns freely beside a mode of 19 Hz: per unit of force it goes ten thousand times as far."""
+    omega, shapes = np.array([0.0, 38.0, 121.0]), np.array([[0.5, 0.5, 0.3], [0.5, -0.5, 1e-9]])
+    rows = ChannelRows(at_q=np.eye(2)[:1], at_v=np.zeros((1, 2)), at_a=np.zeros((1, 2)), rest=np.zeros(1))
+    assert observable(rows, shapes, omega).all()
+    blind = ChannelRows(at_q=np.eye(2)[1:], at_v=np.zeros((1, 2)), at_a=np.zeros((1, 2)), rest=np.zeros(1))
+    assert observable(blind, shapes, omega).tolist() == [True, True, False]
