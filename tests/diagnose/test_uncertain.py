@@ -1,12 +1,17 @@
 """What is uncertain: the scale that no motion shows, servos' gains, and how strongly modes must be seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose.twin import observable
 from vlab.diagnose.uncertain import adjusted, common_scale, stiffness_of, uncertain_parameters
+from vlab.diagnose.uncertain_structure import common_scale_of_structure, edited, structure_parameters
+from vlab.fe import build_fe_model
 from vlab.plants.mjcf import build_mjcf
+from vlab.structure import load_structure
 
 RIG = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
 <body name="a"><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="3" {more}/><geom size="0.1" mass="1"/></body>
@@ -50,6 +55,24 @@ def test_a_measured_load_or_a_known_mass_shows_the_scale(tmp_path):
     assert common_scale(*rig(tmp_path, more='armature="0.1"'), loaded=False) is None
     assert common_scale(*rig(tmp_path, more='frictionloss="0.1"'), loaded=False) is None
     assert common_scale(*rig(tmp_path, '<position name="drive" joint="a" kp="50" kv="2"/>'), loaded=False) is None
+
+
+@pytest.mark.parametrize("name", ["beam", "grid"])
+def test_structures_have_a_common_scale_too(name):
+    structure = load_structure(name)
+    parameters = structure_parameters(structure, {}, ["sensor:a"], [0])
+    scale = common_scale_of_structure(structure, "published", parameters, loaded=False)
+    assert scale is not None
+    scaled = edited(structure, parameters, np.log(2.0) * scale)
+    now, then = build_fe_model(scaled).linear, build_fe_model(structure).linear
+    np.testing.assert_allclose(now.M, 2.0 * then.M, rtol=0, atol=1e-9 * np.abs(then.M).max())
+    np.testing.assert_allclose(now.eigen[0], then.eigen[0], rtol=1e-6)
+    np.testing.assert_allclose(np.abs(now.eigen[1][:, 0]), np.abs(then.eigen[1][:, 0]) / np.sqrt(2.0), atol=1e-6)
+    assert {p.kind: value for p, value in zip(parameters, scale, strict=True)}["gain"] == 1.0
+    assert common_scale_of_structure(structure, "published", parameters, loaded=True) is None
+    certain = [replace(p, sd=0.0) if p.name == "fittings:mass" else p for p in parameters]
+    assert common_scale_of_structure(structure, "published", certain, loaded=False) is None
+    assert common_scale_of_structure(structure, "published", [p for p in parameters if p.kind != "tension"], loaded=False) is None
 
 
 def test_a_servos_gain_multiplies_what_it_makes_of_the_motion(tmp_path):

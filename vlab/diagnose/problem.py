@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, unused
-from vlab.diagnose.uncertain_structure import adjusted_structure, frequencies_of_twin
+from vlab.diagnose.uncertain_structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -97,11 +98,15 @@ class Problem:
         out += unused(self.case.table.model.uncertain, self.parameters)
         return (*out, *getattr(self.plant, "notes", ()))
 
-    @property
+    @cached_property
     def common_scale(self) -> Array | None:
         """See `vlab.diagnose.uncertain.common_scale`."""
         loaded = any(drive.port for run in self.runs for drive in run.drives)
-        return common_scale(self.plant, self.parameters, loaded=loaded)
+        if self.case.structure is None:
+            return common_scale(self.plant, self.parameters, loaded=loaded)
+        return common_scale_of_structure(
+            self.case.structure, self.case.table.model.variant, self.parameters, loaded=loaded
+        )
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""

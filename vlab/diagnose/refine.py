@@ -258,7 +258,8 @@ class Refiner:
         values: Sequence[Mapping[str, Array]],
     ) -> Array:
         """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
-        y *= self.twin.gains(theta)[1][:, None, :]
+        with np.errstate(over="ignore"):  # of a trial that ran away
+            y *= self.twin.gains(theta)[1][:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
                 mix(y, term, own, runs)

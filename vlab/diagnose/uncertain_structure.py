@@ -29,6 +29,8 @@ up to 0.2 % up to 50 Hz), and with damping ratios of a thousandth that is the wi
 OF_FE_SD = 0.001
 """The same of frequencies that the plant has from the FE model, which misses a hundred-thousandth: what the twin, linear in all that
 is uncertain, misses of a plant that is some per cent off. With more room they take what belongs to stiffness and mass."""
+SCALED = ("stiffness", "mass", "tension", "gain")
+"""Kinds of what is larger in a structure that moves just as much under forces as much larger."""
 FREQUENCY, PLACE = "frequency:mode", "place:"
 ALL_DAMPING = "damping"
 """The factor of all modes' damping; one of its own has ``:mode`` and its number behind."""
@@ -170,6 +172,15 @@ def _fittings(structure: Structure, factor: float) -> Structure:
         mass=tuple(replace(m, mass=m.mass * factor, rotary_inertia=m.rotary_inertia * factor) for m in structure.mass),
         clamp=tuple(replace(c, mass=c.mass * factor) for c in structure.clamp),
         coil=tuple(replace(c, mass=c.mass * factor) for c in structure.coil),
+        cable=tuple(replace(c, density=c.density * factor) for c in structure.cable),
+        plate=tuple(
+            replace(
+                p,
+                inertia_about_beam=p.inertia_about_beam * factor,
+                inertia_about_vertical=p.inertia_about_vertical * factor,
+            )
+            for p in structure.plate
+        ),
     )
 
 
@@ -235,6 +246,23 @@ def adjusted_structure(
             for control in out.actuators[parameter.actuator].controls:
                 out.model.actuator_gear[control] *= float(np.exp(value))
     return out
+
+
+def common_scale_of_structure(
+    structure: Structure, variant: str, parameters: Sequence[Uncertain], *, loaded: bool
+) -> Array | None:
+    """Return the log-factors that make all impedances and all gains of a structure larger by the same factor, (n_parameters,);
+    None where forces act that were measured or something is certain. See `vlab.diagnose.uncertain.common_scale`.
+
+    Damping is stated in ratios, which stay.
+    """
+    if loaded or any(p.sd <= 0 for p in parameters if p.kind in SCALED):
+        return None
+    scale = np.array([float(p.kind in SCALED) for p in parameters])
+    alike = edited(structure, parameters, STEP * scale)
+    larger, own = (build_fe_model(s, variant).linear for s in (alike, structure))
+    heavier = np.allclose(larger.M, np.exp(STEP) * own.M, rtol=0, atol=1e-9 * np.abs(own.M).max())
+    return scale if heavier and np.allclose(larger.eigen[0], own.eigen[0], rtol=1e-3 * STEP) else None
 
 
 def frequencies_of_twin(

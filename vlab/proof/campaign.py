@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -51,7 +52,9 @@ def run_all(
     if count == 1:
         yield from map(work, items)
         return
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=1), warnings.catch_warnings():
+        # loky replaces a worker that has grown, between two cases: nothing is lost
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
         parallel = joblib.Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)
         yield from parallel(joblib.delayed(_alone)(work, item) for item in items)
 
