@@ -8,6 +8,7 @@ import pytest
 from vlab.diagnose.choose import LAPSE, choose
 from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, scored, weighed
 from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.words import next_measurement
 from vlab.physics.catalogue import EFFECTS
 
 
@@ -52,6 +53,17 @@ def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
         np.argsort([h.score for h in three]).tolist()
         == np.argsort([h.score for h in weighed(three, 1, 0, 1e4)]).tolist()
     )
+
+
+def test_a_single_finding_comes_with_a_test_that_could_refute_it():
+    """Every family of effects has one of its own."""
+    said = {}
+    for name, effect in EFFECTS.items():
+        found = Found(before=hypothesis(900.0), hypotheses=(hypothesis(1.0, name, frequency=3.0),))
+        assert chosen(found.before, *found.hypotheses) == [name]
+        said.setdefault(effect.family, set()).add(next_measurement(choose(found), "missing-physics"))
+    assert all(len(words) == 1 for words in said.values())
+    assert len(set.union(*said.values())) == len(said)
 
 
 @pytest.mark.parametrize(("saved", "is_found"), [(5.5, False), (6.5, True)])

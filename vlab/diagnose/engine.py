@@ -226,7 +226,7 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
     """
     whole, first = found.whole, None
     plain = whole.fit((), found.before.long_fit)
-    rejected: list[str] = []
+    rejected: list[tuple[str, str]] = []
     plain_in_mujoco = cache(lambda: final_fit(problem, whole, plain, seen.limit))
     unconfirmed = 0
     while unconfirmed < MOST_TRIED:
@@ -234,9 +234,7 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
         if choice.best.terms:
             on_twin = _exactly(whole, choice.best, ITERATIONS if is_linear else STEPS_ALONG_MOTION)
             if on_twin.nil:
-                rejected.append(
-                    f"{choice.best.label}: of {', '.join(on_twin.nil)} the last fit leaves nothing; dropped"
-                )
+                rejected.append((choice.best.label, f"of {', '.join(on_twin.nil)} the last fit leaves nothing"))
                 found = _without(found, choice.best, on_twin.nil)
                 continue
             after = final_fit(problem, whole, on_twin, seen.limit) if is_linear else on_twin
@@ -244,20 +242,24 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
                 before = plain_in_mujoco()
         elif is_linear:
             before = after = plain_in_mujoco()
-        settled = _Settled(choice=choice, before=before, after=after, rejected=tuple(rejected))
+        settled = _Settled(choice=choice, before=before, after=after, rejected=_dropped(rejected))
         first = first or settled
         if not choice.best.terms:
             break
         if not is_linear or _is_confirmed(problem, settled, seen):
             return _with_fewer(problem, found, seen, settled, is_linear=is_linear)
-        rejected.append(f"{choice.best.label}: its law fits on the linear twin, but not in MuJoCo; dropped")
+        rejected.append((choice.best.label, "its law fits on the linear twin, but not in MuJoCo"))
         found = _without(found, choice.best)
         unconfirmed += 1
     assert first is not None
     # the first one is what is reported where none is confirmed: it was not dropped
-    return replace(
-        first, rejected=tuple(line for line in rejected if not line.startswith(f"{first.choice.best.label}:"))
-    )
+    label = first.choice.best.label
+    return replace(first, rejected=_dropped([(name, why) for name, why in rejected if name != label]))
+
+
+def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Return in words which hypotheses were dropped, and why."""
+    return tuple(f"{label}: {why}; dropped" for label, why in rejected)
 
 
 def _with_fewer(problem: Problem, found: TimeFound, seen: Seen, settled: _Settled, *, is_linear: bool) -> _Settled:
@@ -277,8 +279,8 @@ def _with_fewer(problem: Problem, found: TimeFound, seen: Seen, settled: _Settle
         left.append(total(check(problem.runs, before, after), "after"))
     if not left[1] <= NO_WORSE * left[0]:
         return settled
-    line = f"{both.label}: MuJoCo leaves as little with {one.choice.best.label} alone; dropped"
-    return replace(one, rejected=(*settled.rejected, line))
+    why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
+    return replace(one, rejected=(*settled.rejected, *_dropped([(both.label, why)])))
 
 
 def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:

@@ -30,7 +30,6 @@ _SEPARATES = {
         {"gain", "mass"}
     ): "a calibration of one actuator against a known force, or of one sensor against a known motion",
     frozenset({"gain", "stiffness"}): "a static test: a known force and the deflection it gives",
-    frozenset({"gain"}): "a calibration of one actuator against a known force, or of one sensor against a known motion",
     frozenset(
         {"timing"}
     ): "excitation up to frequencies where a delay turns the phase by much more than a first-order lag",
@@ -42,8 +41,28 @@ _SEPARATES = {
         {"stiffness"}
     ): "mode shapes at more points: a local loss of stiffness shows as a kink where its curvature is large",
 }
-
-
+_TESTS = {
+    "mass": "the same test with a known mass added at the place: the frequencies must fall as with both",
+    "stiffness": "a known force at the place, and the deflection that it gives",
+    "damping": "releases from two heights: they tell how the decay changes with amplitude",
+    "nonlinear-stiffness": "sine dwells near the resonance at two levels: its frequency must move as the law says",
+    "friction": "the same excitation at a third of the level: dry friction must take three times its share",
+    "clearance": "sine dwells with less and with more motion than the gap: the response must change its kind there",
+    "contact": "the same excitation at a level that does not reach the contact: what was found must be gone",
+    "bias": "readings at rest with the drive switched off and on",
+    "disturbance": "a recording with the drive switched off: what was found must still be there",
+    "hysteresis": "slow cycles to and fro at two amplitudes, force and motion recorded: their loops must open as the law says",
+    "time-variation": "the same recording again, an hour later",
+    "substructure": "a sensor on what swings along, or the same test with it held",
+    "gain": "a calibration of one actuator against a known force, or of one sensor against a known motion",
+    "saturation": "the same excitation at half the level, which stays clear of the limit: what was found must be gone",
+    "timing": "a step of the command and its answer, sampled ten times as fast",
+    "resolution": "the same excitation at ten times the level, where steps no longer matter",
+    "actuator-position": "a known current in the coil at three positions of its travel, and the force that it gives",
+    "sensor-dynamics": "a second sensor of another make beside it, over the whole band",
+    "pick-up": "the same commands with the structure held: what the sensor still reads is not motion",
+}
+"""What a single finding of a family foretells, and can be refuted by."""
 _AGAIN = "a repetition on another day, with the same excitation at a third of the level"
 _CONFIRMS = {
     "actuator-clipping": "the same loop at half the level, where no command reaches the limit: the model must then do without it",
@@ -116,4 +135,4 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = ()) ->
             return words
     if len([p for p in choice.places.values() if p > 0.1]) > 1:
         return "a sensor between the places that are left, " + " and ".join(list(choice.places)[:2])
-    return _AGAIN
+    return _TESTS.get(choice.best.terms[0].effect.family, _AGAIN)  # an effect of one's own may have a family of its own
