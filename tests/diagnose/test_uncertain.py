@@ -72,7 +72,10 @@ def test_structures_have_a_common_scale_too(name):
     assert common_scale_of_structure(structure, "published", parameters, loaded=True) is None
     certain = [replace(p, sd=0.0) if p.name == "fittings:mass" else p for p in parameters]
     assert common_scale_of_structure(structure, "published", certain, loaded=False) is None
-    assert common_scale_of_structure(structure, "published", [p for p in parameters if p.kind != "tension"], loaded=False) is None
+    assert (
+        common_scale_of_structure(structure, "published", [p for p in parameters if p.kind != "tension"], loaded=False)
+        is None
+    )
 
 
 def test_a_servos_gain_multiplies_what_it_makes_of_the_motion(tmp_path):
