@@ -52,6 +52,24 @@ def test_step_by_step_is_the_same_as_all_at_once(name):
     assert np.allclose(both[:, 0], whole)
 
 
+def test_what_a_correction_does_to_noise_is_told_and_has_an_end():
+    """A resonance at 40 Hz, sampled at 1 kHz: its plain inverse would magnify the noise 80 times, and the band holds none of that."""
+    t = np.arange(4000) * H
+    noise = np.random.default_rng(3).standard_normal(t.size)
+    for name, values in (
+        ("sensor-gain", {"gain": 0.25}),
+        ("sensor-delay", {"delay": 2.3e-3}),
+        ("sensor-lag", {"time_constant": 2e-3}),
+        ("sensor-resonance", {"frequency": 40.0, "damping_ratio": 0.1}),
+    ):
+        effect = EFFECTS[name]
+        assert np.std(effect.correct(noise, values, H, t)) == pytest.approx(effect.growth(values, H), rel=0.05)
+        below = np.sin(2 * np.pi * 25 * t) * np.sin(np.pi * t / t[-1])
+        back = effect.correct(effect.sense(below, values, H, t), values, H, t)
+        assert np.abs(back - below).max() < 0.02
+    assert effect.growth(values, H) < 3.0
+
+
 def work(name, values, z, v, h):
     """Return the energy that a law takes out of a motion, sample by sample."""
     effect, out = EFFECTS[name], []

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.hypothesis import Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.refine import ITERATIONS, Refiner
-from vlab.diagnose.terms import Candidate, Fit, Term
+from vlab.diagnose.terms import Candidate, Fit, Term, is_meant, of_element
 from vlab.signals import Array
 
 QUICK, FINISHED = 5, 4
@@ -147,6 +147,34 @@ def _on_from_the_best(whole: Refiner, fits: Sequence[Fit]) -> list[Fit]:
 
     better = dict(zip(near, side_by_side(on, near), strict=True))
     return [better.get(i, fit) for i, fit in enumerate(fits)]
+
+
+def as_meant(whole: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the hypotheses whose laws have values that their words fit; those that do not are fitted on from values that the
+    elastic elements at their places suggest, where these have any.
+
+    Of a gap that is small beside the motion a recording knows the force alone: with a tenth of the stiffness and ten times the gap it
+    is a stop beside the element.
+    """
+    found = side_by_side(lambda h: h if is_meant(h.long_fit.terms) else _from_elements(whole, h), list(hypotheses))
+    return [h for h in found if is_meant(h.long_fit.terms)]
+
+
+def _from_elements(whole: Refiner, hypothesis: Hypothesis) -> Hypothesis:
+    """Return a hypothesis fitted to whole runs from what the elements at its places suggest."""
+    old = hypothesis.long_fit
+    terms = tuple(of_element(t) for t in old.terms)
+    if not is_meant(terms):
+        return hypothesis
+    fit = whole.fit(terms, replace(old, terms=terms), WHOLE_ITERATIONS)
+    was, now = scored_by(whole, old), scored_by(whole, fit)
+    return replace(
+        hypothesis,
+        whole=fit,
+        misfit=hypothesis.misfit + now.misfit - was.misfit,
+        price=now.price,
+        level=hypothesis.level * now.level / was.level,
+    )
 
 
 def _as_in(best: Fit, fit: Fit) -> Fit:

@@ -14,8 +14,8 @@ from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import channels, mix
-from vlab.diagnose.terms import Candidate, Fit, Term
-from vlab.physics.effect import Parameter, PickUp, PortEffect, SensorEffect
+from vlab.diagnose.terms import Candidate, Fit, Term, of_element
+from vlab.physics.effect import Parameter, PickUp, SensorEffect
 from vlab.signals import Array
 
 ITERATIONS = 12
@@ -511,7 +511,7 @@ class Refiner:
                 amplitudes = {p.name: term.values[p.name] * size for p in term.effect.amplitudes}
                 own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
             options.append(self._initial(layout, own, theta, start))
-        natural = [known.get(term.label, _of_element(term)) for term in terms]
+        natural = [known.get(term.label, of_element(term)) for term in terms]
         if any(there is not here for there, here in zip(natural, terms, strict=True)):
             options.append(self._initial(layout, natural, theta, start))
         X = np.array([*out, *options])
@@ -687,14 +687,6 @@ class Refiner:
             cost=data,
             sd=sd,
         )
-
-
-def _of_element(term: Term) -> Term:
-    """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
-    if not isinstance(term.effect, PortEffect):
-        return term
-    values = term.effect.of_element(term.values, term.place.stiffness)
-    return term if values is None else replace(term, values=values)
 
 
 def carried_on(slopes: Array, step: Array, change: Array) -> Array:

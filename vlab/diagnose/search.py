@@ -9,6 +9,7 @@ from vlab.diagnose.fits import (
     ENOUGH,
     PLACES,
     WHOLE_FINISHED,
+    as_meant,
     by_score,
     each_fitted,
     finished,
@@ -27,7 +28,7 @@ from vlab.diagnose.second import MUCH, SECOND_PLACES, pairs, wants_a_second
 from vlab.diagnose.shortlist import akin, best_of_effects, best_places, shortlisted
 from vlab.diagnose.terms import Candidate
 from vlab.diagnose.window_refiner import WindowRefiner
-from vlab.physics.effect import Effect, PortEffect, SensorEffect
+from vlab.physics.effect import Effect, SensorEffect
 
 SLOWEST, SLOW_SHORTLIST = 1e-6, 5
 """The slowest observer, see `vlab.diagnose.screen.SLOW`, sees stiffness and damping of a ring-down change with its size; and effects
@@ -98,9 +99,8 @@ def search(
         doubles = finished(narrow, pairs(screen, rough, singles, shortlist, effects, among, report))
         report(0.85, "fitting whole recordings")
         hypotheses = by_score(singles, on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain))
-    meant = [h for h in hypotheses if _is_meant(h)]
     shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)
-    before, *hypotheses = weighed([before, *meant], *shares)
+    before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
     hypotheses = by_score(hypotheses)
     places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
     places = {name: replace(h, worth=before.worth) for name, h in places.items()}
@@ -204,12 +204,3 @@ def _sharpened(screen: Screen, candidates: Sequence[Candidate]) -> list[Candidat
     all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.gain > 0]
     sharp = {c.label: c for c in side_by_side(screen.zoomed, best_of_effects(all_shape))}
     return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.gain, c.label))
-
-
-def _is_meant(hypothesis: Hypothesis) -> bool:
-    """Return whether the laws of a hypothesis have values that their words fit."""
-    return all(
-        t.effect.is_meant(t.values, t.place.stiffness)
-        for t in hypothesis.long_fit.terms
-        if isinstance(t.effect, PortEffect)
-    )

@@ -180,12 +180,14 @@ def _actuated(run: Signals, term: Term) -> Signals:
 def _corrected(run: Signals, term: Term) -> Signals:
     assert isinstance(term.effect, SensorEffect)
     y, i, k = run.y.copy(), term.place.index, term.place.other
+    noise = run.noise.copy()
     if isinstance(term.effect, PickUp):
         other = before(run.u[:, k]) if term.place.tag == "command" else run.y[:, k]
         y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # small: taken off once
     else:
         y[:, i] = term.effect.correct(y[:, i], dict(term.values), run.h, run.t)
-    return replace(run, y=y)
+        noise[i] *= term.effect.growth(dict(term.values), run.h)
+    return replace(run, y=y, noise=noise)
 
 
 def _forces(screen: Screen, group: Group, term: Term) -> list[tuple[Signals, Array]]:

@@ -1,10 +1,10 @@
 """Candidates of a screening, terms of a hypothesis, and a fit of them: plain data that every search hands on."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from vlab.diagnose.places import Place
-from vlab.physics.effect import Effect, Parameter
+from vlab.physics.effect import Effect, Parameter, PortEffect
 from vlab.signals import Array
 
 UNTOLD = 1.0
@@ -23,6 +23,19 @@ class Term:
     def label(self) -> str:
         """Effect and place in one string."""
         return f"{self.effect.name}@{self.place.name}"
+
+
+def of_element(term: Term) -> Term:
+    """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
+    if not isinstance(term.effect, PortEffect):
+        return term
+    values = term.effect.of_element(term.values, term.place.stiffness)
+    return term if values is None else replace(term, values=values)
+
+
+def is_meant(terms: Sequence[Term]) -> bool:
+    """Return whether laws have values that their words fit."""
+    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms if isinstance(t.effect, PortEffect))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

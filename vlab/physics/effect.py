@@ -243,11 +243,19 @@ class SensorEffect(Effect):
 
         For a linear correction it is the mean over all frequencies of the log of its magnitude (Szego's theorem).
         """
+        return float(np.mean(np.log(self._response(p, h))))
+
+    def growth(self, p: Values, h: float) -> float:
+        """Return how much `correct` magnifies the rms of white noise."""
+        return float(np.sqrt(np.mean(self._response(p, h) ** 2)))
+
+    def _response(self, p: Values, h: float) -> Array:
+        """Return the magnitude of `correct` over frequency, as an impulse shows it."""
         impulse = np.zeros(IMPULSE)
         impulse[IMPULSE // 2] = 1.0
         with np.errstate(all="ignore"):
             response = np.abs(np.fft.rfft(self.correct(impulse, p, h, np.arange(IMPULSE) * h)))
-        return float(np.mean(np.log(np.clip(response, 1e-6, 1e6))))
+        return np.asarray(np.clip(response, 1e-6, 1e6))
 
 
 class PickUp(SensorEffect):

@@ -11,6 +11,9 @@ from vlab.physics.actuators import lag_weights, lagged, recursion
 from vlab.physics.effect import ActuatorStep, Parameter, PickUp, SensorEffect, SensorStep, Values, limited
 from vlab.signals import Array
 
+MOST_MAGNIFIED = 3.0
+"""What a correction of a resonance magnifies at most: at twice the frequency."""
+
 
 def _alone(step: ActuatorStep) -> SensorStep:
     """Return a filter of samples as the step of a sensor that looks at nothing else."""
@@ -302,9 +305,14 @@ class SensorResonance(SensorEffect):
         return np.asarray(signal.lfilter(*self._filter(p, h), y, axis=0))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: below the resonance; nothing brings back what lies above it."""
+        """See `SensorEffect`: below the resonance; what lies far above it is noise, and is not magnified without end."""
         w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
-        return _times(y, h, lambda s: 1.0 + 2 * damping * s / w + (s / w) ** 2)
+
+        def factor(s: Array) -> Array:
+            whole = 1.0 + 2 * damping * s / w + (s / w) ** 2
+            return np.asarray(whole / np.maximum(np.abs(whole) / MOST_MAGNIFIED, 1.0))
+
+        return _times(y, h, factor)
 
     def stepper(self, p: Values, h: float) -> SensorStep:
         """See `SensorEffect`."""
