@@ -41,6 +41,17 @@ def test_hum_is_found_at_its_frequency_and_size_whatever_its_phase():
         assert left.std() < 0.1 * found.rms  # what the response itself has in the bins of the window
 
 
+def test_hum_far_below_slow_motion_is_found():
+    """A closed loop at 2.8 Hz moves five hundred times as far: 50 Hz less that is near three times the rate that the band is thinned to."""
+    for jitter in (0.0, 2e-4):
+        time = TIME + jitter * np.random.default_rng(4).uniform(-1.0, 1.0, TIME.size)
+        time -= time[0]
+        slow = np.sin(2 * np.pi * 2.8 * time) + 0.3 * np.sin(2 * np.pi * 18.2 * time + 1.0)
+        (found,) = find_hum([run_of(time, {"a": slow + 0.002 * np.sin(2 * np.pi * 50.02 * time + 0.3)})])
+        assert found.frequency == pytest.approx(50.02, abs=0.01)
+        assert found.rms == pytest.approx(0.002 / np.sqrt(2), rel=0.03)
+
+
 def test_the_hum_expected_elsewhere_has_the_size_found_and_the_phase_that_is_there():
     rng = np.random.default_rng(2)
     (found,) = find_hum([run_of(TIME, {"a": response(rng) + hum(0.1, 60.0, 1.0)})])

@@ -7,7 +7,7 @@ import pytest
 
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose.twin import observable
-from vlab.diagnose.uncertain import adjusted, common_scale, stiffness_of, uncertain_parameters
+from vlab.diagnose.uncertain import adjusted, common_scale, redundant, stiffness_of, uncertain_parameters
 from vlab.diagnose.uncertain_structure import common_scale_of_structure, edited, structure_parameters
 from vlab.fe import build_fe_model
 from vlab.plants.mjcf import build_mjcf
@@ -28,9 +28,11 @@ def rig(folder, actuator=MOTOR, more=""):
     return plant, uncertain_parameters(plant, {"gain": 0.05, "stiffness": 0.04}, ["x"], [0])
 
 
-@pytest.mark.parametrize("actuator", [MOTOR, SERVO], ids=["motor", "servo"])
-def test_a_common_scale_of_gains_and_impedances_leaves_every_motion(tmp_path, actuator):
-    plant, parameters = rig(tmp_path, actuator)
+@pytest.mark.parametrize(
+    ("actuator", "more"), [(MOTOR, ""), (SERVO, ""), (MOTOR, 'armature="0.1"')], ids=["motor", "servo", "rotor"]
+)
+def test_a_common_scale_of_gains_and_impedances_leaves_every_motion(tmp_path, actuator, more):
+    plant, parameters = rig(tmp_path, actuator, more)
     scale = common_scale(plant, parameters, loaded=False)
     assert scale is not None
     other = adjusted(plant, parameters, 0.1 * scale)
@@ -52,9 +54,28 @@ def test_a_common_scale_of_gains_and_impedances_leaves_every_motion(tmp_path, ac
 def test_a_measured_load_or_a_known_mass_shows_the_scale(tmp_path):
     plant, parameters = rig(tmp_path)
     assert common_scale(plant, parameters, loaded=True) is None
-    assert common_scale(*rig(tmp_path, more='armature="0.1"'), loaded=False) is None
     assert common_scale(*rig(tmp_path, more='frictionloss="0.1"'), loaded=False) is None
     assert common_scale(*rig(tmp_path, '<position name="drive" joint="a" kp="50" kv="2"/>'), loaded=False) is None
+
+
+def test_what_all_have_in_common_against_what_each_has_is_no_direction_of_the_recordings(tmp_path):
+    plant, parameters = rig(tmp_path)
+    directions = redundant(parameters)
+    assert len(directions) == 3  # of stiffness, damping and mass one each
+    sd = np.array([p.sd for p in parameters])
+    for direction in directions:
+        other = adjusted(plant, parameters, 0.7 * sd * direction)
+        for array in (
+            "jnt_stiffness",
+            "tendon_stiffness",
+            "dof_damping",
+            "tendon_damping",
+            "body_mass",
+            "body_inertia",
+        ):
+            np.testing.assert_allclose(getattr(other.model, array), getattr(plant.model, array), rtol=1e-9)
+        np.testing.assert_allclose(other.model.actuator_gainprm, plant.model.actuator_gainprm, rtol=1e-9)
+    assert redundant(structure_parameters(load_structure("beam"), {}, ["sensor:a"], [0])).size == 0
 
 
 @pytest.mark.parametrize("name", ["beam", "grid"])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
@@ -139,6 +140,37 @@ def test_what_has_no_element_is_left_for_the_case_file():
     assert float(spec.compile().body("c").mass[0]) == pytest.approx(1.25)
     assert 'name = "bouc-wen"' in effect_tables(left)
     assert "yield = 0.004" in effect_tables(left)
+
+
+ARM = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="arm" euler="0 20 0">
+<joint name="hinge" type="hinge" axis="0 1 0"/><joint name="roll" type="hinge" axis="1 0 0"/>
+<geom type="box" size="0.2 0.03 0.02" pos="0.2 0 0" mass="1.5" euler="10 0 30"/><site name="tip" pos="0.4 0.02 -0.01"/>{more}
+</body></worldbody><sensor><jointpos name="angle" joint="hinge"/></sensor></mujoco>"""
+
+
+def test_a_mass_at_a_site_is_the_model_with_a_small_ball_there():
+    """Masses, inertias, gravity's moments and the forces of turning, wherever the arm is and however it moves."""
+    ball = '<geom type="sphere" size="1e-3" pos="0.4 0.02 -0.01" mass="0.35"/>'
+    plant, other = (build_mjcf(ARM.format(more=more)) for more in ("", ball))
+    effects = [Attached(effect_named("added-mass"), "site:tip", {"mass": 0.35})]
+    loaded = attach(plant, effects)
+    assert not loaded.physics  # its weight comes with it
+    spec, left = written(plant, effects)
+    assert not left
+    for model in (loaded.model, build_mjcf(spec.to_xml()).model):
+        found = []
+        for m in (model, other.model):
+            data = mujoco.MjData(m)
+            data.qpos[:], data.qvel[:] = (0.7, -0.4), (2.0, -1.0)
+            mujoco.mj_forward(m, data)
+            mass = np.zeros((2, 2))
+            mujoco.mj_fullM(m, data, mass)
+            found.append(np.vstack([mass, data.qfrc_bias]))
+        np.testing.assert_allclose(*found, rtol=1e-4)  # the ball is a millimetre large
+    with pytest.raises(BadExperiment, match="site:tip.x"):
+        attach(plant, [Attached(effect_named("coulomb-friction"), "site:tip", {"force": 1.0})])
+    with pytest.raises(UnknownName, match="tip"):
+        attach(plant, [Attached(effect_named("added-mass"), "site:tap", {"mass": 1.0})])
 
 
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])

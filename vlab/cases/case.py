@@ -27,8 +27,8 @@ from vlab.structure.reader import BUILT_IN, load_structure
 _NAMED = {
     "body": ("mass", "inertia", "length"),
     "geom": ("mass",),
-    "joint": ("stiffness", "damping"),
-    "tendon": ("stiffness", "damping"),
+    "joint": ("stiffness", "damping", "armature"),
+    "tendon": ("stiffness", "damping", "armature"),
     "actuator": ("gain",),
     "sensor": ("gain",),
 }

@@ -17,6 +17,7 @@ UNCERTAIN_KINDS = (
     "stiffness",
     "damping",
     "mass",
+    "armature",
     "inertia",
     "length",
     "tension",

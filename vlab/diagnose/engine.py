@@ -15,7 +15,8 @@ from vlab.diagnose.commands import CommandLimit, find_limit
 from vlab.diagnose.damage import Damage, SensorLimit, assess, sensor_limits
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.final_fit import final_fit, loudest_and_quietest
-from vlab.diagnose.findings import of_hum, of_limit, of_step, of_stop, of_terms, of_zero, place_of
+from vlab.diagnose.findings import alternatives, of_hum, of_limit, of_step, of_stop, of_terms, of_zero
+from vlab.diagnose.fits import by_score, scored_by
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import Hypothesis
@@ -27,7 +28,7 @@ from vlab.diagnose.resolution import SensorStep, sensor_steps
 from vlab.diagnose.roads import road_of
 from vlab.diagnose.search import TimeFound
 from vlab.diagnose.standoff import without_standoffs
-from vlab.diagnose.terms import Fit
+from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
@@ -235,7 +236,8 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
             on_twin = _exactly(whole, choice.best, ITERATIONS if is_linear else STEPS_ALONG_MOTION)
             if on_twin.nil:
                 rejected.append((choice.best.label, f"of {', '.join(on_twin.nil)} the last fit leaves nothing"))
-                found = _without(found, choice.best, on_twin.nil)
+                rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
+                found = _with(_without(found, choice.best, on_twin.nil), whole, rest, on_twin)
                 continue
             after = final_fit(problem, whole, on_twin, seen.limit) if is_linear else on_twin
             if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
@@ -292,6 +294,18 @@ def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) 
         return h is not hypothesis and not (nil and rest and rest < labels)
 
     return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
+
+
+def _with(found: TimeFound, whole: Refiner, terms: Sequence[Term], start: Fit) -> TimeFound:
+    """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
+    if not terms:
+        return found
+    fit = whole.fit(terms, start, ITERATIONS)
+    own = replace(scored_by(whole, fit), whole=fit, worth=found.before.worth)
+    worse = [h for h in found.hypotheses if h.label == own.label]
+    if any(h.score >= own.score for h in worse):
+        return found
+    return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in worse])))
 
 
 def _exactly(whole: Refiner, best: Hypothesis, iterations: int) -> Fit:
@@ -370,7 +384,7 @@ def _say(
         title=case.table.title,
         verdict=verdict,
         findings=findings if verdict == "missing-physics" else (),
-        alternatives=tuple(_alternatives(choice, problem)),
+        alternatives=alternatives(choice, problem, is_reported=verdict == "missing-physics"),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=(*not_excluded(choice, verdict), *far_off(problem.parameters, fit.theta)),
@@ -385,18 +399,6 @@ def _say(
 def _hum_line(hum: Hum) -> str:
     lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
     return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
-
-
-def _alternatives(choice: Choice, problem: Problem) -> list[dict[str, Any]]:
-    return [
-        {
-            "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
-            "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
-            "probability": p,
-            "remaining": h.level,
-        }
-        for h, p in choice.ranking[:8]
-    ]
 
 
 def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:

@@ -21,6 +21,8 @@ from vlab.units import ANGULAR
 
 SEEN = 0.99
 """Probability of what recordings show without any model."""
+MOST_ALTERNATIVES = 8
+"""Hypotheses that are listed beside what is reported."""
 
 
 def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
@@ -79,6 +81,22 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
             )
         )
     return out
+
+
+def alternatives(choice: Choice, problem: Problem, *, is_reported: bool) -> tuple[dict[str, Any], ...]:
+    """Return what was tried besides what is reported, best first; the chosen hypothesis among it where it is not."""
+    tried = list(choice.ranking)
+    if choice.best.terms and not is_reported:
+        tried.insert(0, (choice.best, choice.probability))
+    return tuple(
+        {
+            "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
+            "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
+            "probability": p,
+            "remaining": h.level,
+        }
+        for h, p in tried[:MOST_ALTERNATIVES]
+    )
 
 
 def place_of(name: str, effect: Effect, problem: Problem) -> str:

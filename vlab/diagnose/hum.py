@@ -34,8 +34,9 @@ LEAST_CYCLES = 40
 """Cycles of the mains that a recording must hold for its lines to be told from motion."""
 HIGHEST = 0.45
 """Lines are looked for below this share of the sample rate."""
-BLOCKS_HZ = 16.0
-"""Rate to which a band around a line is thinned: the looking costs nothing then."""
+BLOCKS_HZ, OVERLAP = 16.0, 4
+"""Rate to which a band around a line is thinned, so that the looking costs nothing, and how many blocks a window of the low-pass before
+it spans: motion a hundred times as large as the hum must not fold onto its line."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +93,15 @@ class _Band:
     def of(cls, time: Array, values: Array, centre: float) -> "_Band":
         window = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * time / time[-1]) * np.gradient(time)
         x = (values - values.mean()) * window / window.sum() * np.exp(-2j * np.pi * centre * time)
-        edges = np.unique(np.searchsorted(time, np.arange(0.0, time[-1], 1.0 / BLOCKS_HZ)))
-        middle = np.add.reduceat(time, edges) / np.diff(np.append(edges, len(time)))
-        return cls(centre=centre, time=middle, values=np.add.reduceat(x, edges), seconds=float(time[-1]))
+        block = np.floor(time * BLOCKS_HZ).astype(int)
+        inside, thinned = time * BLOCKS_HZ - block, np.zeros(block[-1] + OVERLAP, dtype=complex)
+        for k in range(OVERLAP):  # windows that overlap add up to one everywhere
+            share = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * (inside + k) / OVERLAP)
+            part = x * share / (OVERLAP * BLACKMAN_HARRIS[0])
+            sums = np.bincount(block, part.real) + 1j * np.bincount(block, part.imag)
+            thinned[OVERLAP - 1 - k : OVERLAP - 1 - k + len(sums)] += sums
+        middles = (np.arange(len(thinned)) + 1.0 - OVERLAP / 2) / BLOCKS_HZ
+        return cls(centre=centre, time=middles, values=thinned, seconds=float(time[-1]))
 
     def amplitudes(self, frequencies: Array) -> Array:
         """Return complex amplitudes at frequencies near the centre."""

@@ -20,8 +20,9 @@ MOST_PICKED_UP = 4
 """Beyond this many sensors none is taken to see what another one sees."""
 FREE = 0.1
 """Angular frequency [rad/s] below which a mode is free motion."""
-SHARED = ("timing", "resolution", "gain")
-"""Families of effects that all actuators can have together: they share delay, filter and converters."""
+SHARED = ("timing", "resolution", "gain", "clearance", "saturation")
+"""Families of effects that all actuators can have together: they share delay, filter and converters, and drives of one make have one
+limit and one dead zone."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +36,7 @@ class Place:
     kind : str
         ``"port"``, ``"body"``, ``"actuator"``, ``"sensor"``, or ``"pick-up"``: a sensor and a second signal.
     rows : (k, m) array
-        Of a port its row per modal coordinate; of a body the three rows of its centre.
+        Of a port its row per modal coordinate; of a body the three rows of its centre, or of a site.
     angular : bool
         The port is a rotation.
     stiffness : float
@@ -165,7 +166,7 @@ def places_of(
             )
         )
     ports = ports[:MOST_PORTS]
-    out = [*ports, *_bodies(plant, twin, ports)]
+    out = [*ports, *_points(plant, twin, ports)]
     out += [
         Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
         for i in driven
@@ -205,26 +206,29 @@ def _coil(twin: Twin, row: Array, driven: Sequence[int]) -> int | None:
     return None
 
 
-def _bodies(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
-    """Return the bodies that move with no single port: added mass there has three rows."""
+def _points(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
+    """Return the bodies and sites that move with no single port: added mass there has three rows."""
     if not isinstance(plant, MjcfPlant):
         return []
-    data = plant.new_data()
-    out = []
-    for i in range(1, plant.model.nbody):
-        name = plant.model.body(i).name
-        jacobian = np.zeros((3, plant.model.nv))
-        mujoco.mj_jacBodyCom(plant.model, data, jacobian, None, i)
+    model, data = plant.model, plant.new_data()
+    bodies = [("body", i, model.body(i).name) for i in range(1, model.nbody) if model.body_mass[i] > 0]
+    sites = [("site", i, model.site(i).name) for i in range(model.nsite)]
+    out: list[Place] = []
+    for kind, i, name in (*bodies, *sites):
+        jacobian = np.zeros((3, model.nv))
+        (mujoco.mj_jacBodyCom if kind == "body" else mujoco.mj_jacSite)(model, data, jacobian, None, i)
         rows = jacobian @ twin.shapes
-        if not name or plant.model.body_mass[i] <= 0 or np.abs(rows).max(initial=0.0) == 0.0:
+        if not name or np.abs(rows).max(initial=0.0) == 0.0:
             continue
         moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
-        single = len(moving) == 1
-        if single and any(
-            np.abs(np.abs(p.rows[0]) - np.abs(moving[0])).max() <= SAME * np.abs(moving).max()
-            for p in ports
-            if not p.angular
-        ):
+        if len(moving) == 1 and any(_is_along(p.rows[0], moving[0]) for p in ports if not p.angular):
             continue
-        out.append(Place(name=f"body:{name}", kind="body", rows=moving))
+        if any(p.rows.shape == moving.shape and _is_along(p.rows, moving) for p in out):
+            continue  # a site at a body's centre
+        out.append(Place(name=f"{kind}:{name}", kind="body", rows=moving))
     return out
+
+
+def _is_along(a: Array, b: Array) -> bool:
+    """Return whether rows are the same but for their sense."""
+    return bool(np.abs(np.abs(a) - np.abs(b)).max() <= SAME * np.abs(b).max())

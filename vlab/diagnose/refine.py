@@ -9,12 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import linalg
 
 from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import channels, mix
 from vlab.diagnose.terms import Candidate, Fit, Term, of_element
+from vlab.diagnose.uncertain import redundant
 from vlab.physics.effect import Parameter, PickUp, SensorEffect
 from vlab.signals import Array
 
@@ -149,9 +151,10 @@ class Refiner:
                 gram += columns.T @ columns
                 samples += run.y.size
         scale = self._common_scale()
-        if scale is not None:  # what seems to be known of it is an error of the derivatives
-            off = np.eye(n) - np.outer(scale, scale) / float(np.sum(scale**2))
-            gram = off @ gram @ off
+        unknown = np.vstack([redundant(self.problem.parameters), *([] if scale is None else [scale])])
+        if len(unknown):  # what seems to be known of these is an error of the derivatives
+            known = linalg.null_space(unknown)
+            gram = known @ (known.T @ gram @ known) @ known.T
         size, vectors = np.linalg.eigh(gram / samples)
         order = np.argsort(-size)[:MOST_DIRECTIONS]
         keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
@@ -517,7 +520,12 @@ class Refiner:
         X = np.array([*out, *options])
         costs = self._costs(layout, terms, X)
         together, small = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
-        return [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
+        first = [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
+        if start is None or start.chi2 - start.cost < FAR_OFF * layout.r:
+            return first
+        # far from its priors the other fit has made up for what is missing
+        own = [known.get(term.label, term) for term in terms]
+        return [*first, self._initial(layout, own, np.zeros_like(theta), start)]
 
     def _ordered(self, layout: _Layout, terms: Sequence[Term], starts: list[Array]) -> list[Array]:
         """Return starts by what they leave, the least first; with a law that alone."""

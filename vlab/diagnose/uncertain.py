@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy import linalg
 
 from vlab.diagnose.twin import Change, Part
 from vlab.plants.base import Plant
@@ -14,15 +15,17 @@ from vlab.plants.equilibrium import settle
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.05, "sensor": 0.01}
+DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "armature": 0.05, "gain": 0.05, "sensor": 0.01}
 """Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
 known to a third, sensors are calibrated."""
+ELEMENTS = ("stiffness", "damping", "mass", "armature")
+"""Kinds that elements of a model have."""
 COMMON, OWN = 0.25**0.5, 0.75**0.5
 """Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
 drawing have some error in common, and every element deviates by just what is stated."""
-IMPEDANCE = ("stiffness", "damping", "mass", "inertia")
+IMPEDANCE = (*ELEMENTS, "inertia")
 """Kinds of what a force is needed for..."""
-CERTAIN = ("dof_armature", "tendon_armature", "dof_frictionloss", "tendon_frictionloss")
+CERTAIN = ("dof_frictionloss", "tendon_frictionloss")
 """...and what else needs one, of which nothing is taken for uncertain."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
@@ -72,7 +75,7 @@ def uncertain_parameters(
     """
     given = _of_bodies(plant.model, given)
     out: list[Uncertain] = []
-    for kind in ("stiffness", "damping", "mass"):
+    for kind in ELEMENTS:
         elements = _elements(plant.model, kind)
         also = "inertia" if kind == "mass" else kind
         out += of_kind(kind, elements, given.get(kind, DEFAULT_SD[kind]), given, also)
@@ -116,13 +119,31 @@ def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool)
     known = {name for name, _ in numbers}
     if "body_mass" not in known or not actuators or not _all_known(plant, numbers, actuators, parameters):
         return None
-    rows = [[float(number in p.fields) for p in parameters] for number in numbers]
-    rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
-    spread = np.array(rows) * [p.sd for p in parameters]
-    found = np.linalg.lstsq(spread, np.ones(len(rows)), rcond=1e-9)[0]
+    spread = _spread(parameters, numbers, actuators)
+    found = np.linalg.lstsq(spread, np.ones(len(spread)), rcond=1e-9)[0]
     if not np.allclose(spread @ found, 1.0, atol=1e-6):
         return None
     return np.asarray(found * [p.sd for p in parameters])
+
+
+def redundant(parameters: Sequence[Uncertain]) -> Array:
+    """Return the directions of the uncertain parameters, in standard deviations, along which no number of a model changes, (k, n):
+    what all elements have in common against what each has of its own. Only the priors say where along them they are."""
+    if any(p.actuator is None and p.sensor is None and not p.fields for p in parameters):
+        return np.zeros((0, len(parameters)))  # of a structure: what they multiply overlaps nowhere
+    numbers = sorted({number for p in parameters for number in p.fields}, key=str)
+    actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
+    spread = _spread(parameters, numbers, actuators)
+    sensors = [[float(p.sensor == i) for p in parameters] for i in {p.sensor for p in parameters} - {None}]
+    return np.asarray(linalg.null_space(np.vstack([spread, *sensors])).T)
+
+
+def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuators: Sequence[int]) -> Array:
+    """Return by how much the logarithms of numbers of a model, and of gains of actuators, change where every parameter changes by its
+    standard deviation, (n_numbers + n_actuators, n_parameters)."""
+    rows = [[float(number in p.fields) for p in parameters] for number in numbers]
+    rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
+    return np.reshape(rows, (len(rows), len(parameters))) * [p.sd for p in parameters]
 
 
 def _all_known(
@@ -130,7 +151,7 @@ def _all_known(
 ) -> bool:
     """Return whether every spring, damper, mass and servo of a model has an uncertain factor."""
     model, have = plant.model, set(numbers)
-    for kind in ("stiffness", "damping", "mass"):
+    for kind in ELEMENTS:
         if any(not set(fields) <= have for fields in _elements(model, kind).values()):
             return False
     controls = {int(c) for i in actuators for c in plant.actuators[i].controls}
@@ -210,7 +231,7 @@ def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
 
 
 def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
-    """Return the elements of a model that have a stiffness, damping or mass, with their fields."""
+    """Return the elements of a model that have a stiffness, damping, mass or armature, with their fields."""
     out: dict[str, tuple[Number, ...]] = {}
     if kind == "mass":
         for i in range(1, model.nbody):
@@ -220,19 +241,27 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
         return out
     for i in range(model.njnt):
         name = f"joint:{model.joint(i).name or i}"
+        dofs = _dofs(model, i)
+        if kind == "armature" and any(model.dof_armature[d] for d in dofs):
+            out[name] = tuple(("dof_armature", d) for d in dofs)
         if kind == "stiffness" and (model.jnt_stiffness[i] or np.any(model.jnt_stiffnesspoly[i])):
             out[name] = (("jnt_stiffness", i), ("jnt_stiffnesspoly", i))
-        if kind == "damping":
-            count = {0: 6, 1: 3}.get(int(model.jnt_type[i]), 1)
-            dofs = range(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + count)
-            if any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
-                out[name] = tuple((field, d) for d in dofs for field in ("dof_damping", "dof_dampingpoly"))
+        if kind == "damping" and any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
+            out[name] = tuple((field, d) for d in dofs for field in ("dof_damping", "dof_dampingpoly"))
     for i in range(model.ntendon):
         name = f"tendon:{model.tendon(i).name or i}"
         array, poly = f"tendon_{kind}", f"tendon_{kind}poly"
-        if getattr(model, array)[i] or np.any(getattr(model, poly)[i]):
+        if kind == "armature" and model.tendon_armature[i]:
+            out[name] = ((array, i),)
+        if kind != "armature" and (getattr(model, array)[i] or np.any(getattr(model, poly)[i])):
             out[name] = ((array, i), (poly, i))
     return out
+
+
+def _dofs(model: Any, joint: int) -> range:
+    """Return the degrees of freedom of a joint."""
+    first = int(model.jnt_dofadr[joint])
+    return range(first, first + {0: 6, 1: 3}.get(int(model.jnt_type[joint]), 1))
 
 
 def stiffness_of(model: Any, names: Sequence[str]) -> list[Number]:

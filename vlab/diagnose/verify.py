@@ -1,6 +1,6 @@
 """The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,14 +63,10 @@ class Amended:
         BadCase
             No initial state was found.
         """
-        recording = simulate(self.plant, run if self.limit is None else self.limit.on(run)).recording
+        recording = simulate(self.plant, self._moved(run if self.limit is None else self.limit.on(run))).recording
         data = recording.data.copy()
-        if self.sensor_gain is not None and self.offset is not None:
-            abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
-            for name, gain, offset, about in zip(self.names, self.sensor_gain, self.offset, abouts, strict=True):
-                if name in recording.names:
-                    column = recording.index(name)
-                    data[:, column] = about + gain * (data[:, column] - about) + offset
+        for column, gain, offset, about in self._calibration(recording):
+            data[:, column] = about + gain * (data[:, column] - about) + offset
         for hum in self.hums:
             if hum.channel in recording.names:
                 data[:, recording.index(hum.channel)] += hum.expected(run)
@@ -83,6 +79,23 @@ class Amended:
                 column = recording.index(stop.channel)
                 data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
         return replace(recording, data=data)
+
+    def _moved(self, run: Run) -> Run:
+        """Return a run with its channels as the thing moved: where its first state is read off them, gains and zeros must not be."""
+        data = run.measured.data.copy()
+        for column, gain, offset, about in self._calibration(run.measured):
+            data[:, column] = about + (data[:, column] - about - offset) / gain
+        return replace(run, measured=replace(run.measured, data=data))
+
+    def _calibration(self, recording: Recording) -> Iterator[tuple[int, float, float, float]]:
+        """Yield the column, gain, zero and what the gain counts from of every channel of a recording that is corrected."""
+        if self.sensor_gain is None or self.offset is None:
+            return
+        abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
+        for name, *values in zip(self.names, self.sensor_gain, self.offset, abouts, strict=True):
+            if name in recording.names:
+                gain, offset, about = (float(value) for value in values)
+                yield recording.index(name), gain, offset, about
 
 
 def amended(problem: Problem, fit: Fit, zeros: Sequence[Zero] = ()) -> Amended:

@@ -171,7 +171,8 @@ def actuators_at(plant: Plant, place: str) -> list[int]:
 
 
 def port_at(plant: Plant, place: str) -> Port:
-    """Return the port that a place means: by name, ``coil:NAME`` for where a coil stands, ``body:NAME``, or ``floor``."""
+    """Return the port that a place means: by name, ``coil:NAME`` for where a coil stands, ``body:NAME``,
+    ``site:NAME``, or ``floor``."""
     if place in plant.ports:
         return plant.ports[place]
     kind, _, name = place.partition(":")
@@ -180,8 +181,8 @@ def port_at(plant: Plant, place: str) -> Port:
         taps = [tap for tap in every if name in (tap.at, tap.name)]
         if taps and taps[0].at in plant.ports:
             return plant.ports[taps[0].at]
-    if kind == "body" and isinstance(plant, MjcfPlant):
-        return _body_port(plant, name)
+    if kind in ("body", "site") and isinstance(plant, MjcfPlant):
+        return _point_port(plant, kind, name)
     if kind.split(".")[0] == "floor":
         return _floor_port(plant, kind.partition(".")[2])
     bodies = (
@@ -205,7 +206,7 @@ def _port(plant: Plant, one: Attached) -> Port:
     elif ("tension" in needs) != (port.tag == "tension"):
         wrong = "tension-error goes with the place of a stretched bar's tension, and nothing else does"
     elif port.tag == "body" and one.effect.name != "added-mass":
-        wrong = "a body takes added-mass only"
+        wrong = "a body or a site takes added-mass only; a site along one axis, such as site:tip.x, takes forces"
     elif port.tag == "floor" and one.effect.name not in ("sinusoidal-force", "force-offset"):
         wrong = "the floor takes sinusoidal-force and force-offset only"
     elif "coil" in needs and coil_at(plant, port) is None:
@@ -256,30 +257,29 @@ def coil_at(plant: Plant, port: Port) -> int | None:
     return None
 
 
-def _body_port(plant: MjcfPlant, name: str) -> Port:
-    """Return the three coordinates of a body's centre as one place."""
+def _point_port(plant: MjcfPlant, kind: str, name: str) -> Port:
+    """Return the three coordinates of a body's centre or a site as one place."""
     model = plant.model
-    known = [model.body(i).name for i in range(1, model.nbody)]
+    count = {"body": model.nbody, "site": model.nsite}[kind]
+    known = [n for n in (getattr(model, kind)(i).name for i in range(1 if kind == "body" else 0, count)) if n]
     if name not in known:
-        raise unknown_name("body", name, known)
-    i = model.body(name).id
+        raise unknown_name(kind, name, known)
+    i = getattr(model, kind)(name).id
+    find = {"body": mujoco.mj_jacBodyCom, "site": mujoco.mj_jacSite}[kind]
 
     def part(axis: int) -> Port:
         def row(data: Any) -> Array:
             jacobian = np.zeros((3, model.nv))
-            mujoco.mj_jacBodyCom(model, data, jacobian, None, i)
+            find(model, data, jacobian, None, i)
             return jacobian[axis]
 
-        return Port(
-            name=f"body:{name}.{AXES[axis]}",
-            unit="m",
-            row=row,
-            position=lambda data: float(data.xipos[i, axis]),
-            tag="body",
-        )
+        def position(data: Any) -> float:
+            return float((data.xipos if kind == "body" else data.site_xpos)[i, axis])
+
+        return Port(name=f"{kind}:{name}.{AXES[axis]}", unit="m", row=row, position=position, tag="body")
 
     first, *others = (part(axis) for axis in range(3))
-    return replace(first, name=f"body:{name}", more=tuple(others))
+    return replace(first, name=f"{kind}:{name}", more=tuple(others))
 
 
 def _floor_port(plant: Plant, axis: str) -> Port:

@@ -14,6 +14,7 @@ import numpy as np
 
 from vlab.physics.effect import Effect, LinearPortEffect, Values
 from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
 
 Numbers = tuple[tuple[str, int, float], ...]
 """What is added: quantity, power of the displacement or velocity it goes with beyond the first, and how much."""
@@ -73,7 +74,7 @@ _TENDON = {
 def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Numbers | None:
     """Return what an effect adds to the numbers of a joint, tendon or body; None where it has no such form there."""
     kind, _, name = place.partition(":")
-    if kind == "body":
+    if kind in ("body", "site") and place not in plant.ports:  # a point, not one of its coordinates
         return (("mass", 0, values["mass"]),) if effect.name == "added-mass" else None
     if kind not in ("joint", "tendon") or place not in plant.ports:
         return None
@@ -115,8 +116,12 @@ def add_numbers(model: Any, place: str, what: Numbers) -> None:
     """Add to the numbers of a compiled model, in place."""
     kind, _, name = place.partition(":")
     i = getattr(model, kind)(name).id
+    mass = sum(value for _, _, value in what)
     if kind == "body":
-        model.body_mass[i] += sum(value for _, _, value in what)
+        model.body_mass[i] += mass
+        return
+    if kind == "site":
+        _add_point_mass(model, int(model.site_bodyid[i]), model.site_pos[i], mass)
         return
     fields = _JOINT if kind == "joint" else _TENDON
     for quantity, power, value in what:
@@ -132,6 +137,23 @@ def add_numbers(model: Any, place: str, what: Numbers) -> None:
             )
             getattr(model, solref)[row] = 2 * model.opt.timestep, 1.0
             getattr(model, solimp)[row] = HARD
+
+
+def _add_point_mass(model: Any, body: int, at: Array, mass: float) -> None:
+    """Add a point mass to a body, at a place in its frame: its centre and its moments of inertia move with it."""
+    own, centre, axes = float(model.body_mass[body]), model.body_ipos[body].copy(), np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    turned = axes.reshape(3, 3)
+    inertia = turned @ np.diag(model.body_inertia[body]) @ turned.T
+    together = (own * centre + mass * at) / (own + mass)
+    for m, arm in ((own, centre - together), (mass, at - together)):
+        inertia += m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    moments, vectors = np.linalg.eigh(inertia)
+    vectors[:, 2] = np.cross(vectors[:, 0], vectors[:, 1])  # right-handed
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, vectors.ravel())
+    model.body_mass[body], model.body_ipos[body] = own + mass, together
+    model.body_inertia[body], model.body_iquat[body] = moments, quaternion
 
 
 def springs(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> tuple[Spring, ...] | None:

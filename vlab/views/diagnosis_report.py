@@ -302,8 +302,10 @@ def _alternatives(done: Done) -> Section:
         for a in diagnosis.alternatives
     ]
     best = choice.best
+    is_listed = bool(best.terms) and diagnosis.verdict != "missing-physics"
     own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
-    options.insert(0, (best.label if best.terms else NOTHING, own, best.level))
+    if not is_listed:
+        options.insert(0, (best.label if best.terms else NOTHING, own, best.level))
     text = (
         "Probabilities of the effects that were fitted, from the fit recordings alone, and what each leaves over in multiples of the noise. "
         f"The refitted model without any effect leaves {done.found.before.level:.3g}.",

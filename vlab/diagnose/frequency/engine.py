@@ -11,7 +11,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
-from vlab.diagnose.findings import of_terms, place_of
+from vlab.diagnose.findings import alternatives, of_terms
 from vlab.diagnose.frequency.levels import level_notes
 from vlab.diagnose.frequency.measured import MODEL_ERROR, Modes, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem, prepare_frequency
@@ -176,15 +176,7 @@ def _say(
         title=problem.case.table.title,
         verdict=verdict,
         findings=findings,
-        alternatives=tuple(
-            {
-                "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
-                "place": " + ".join(place_of(t.place.name, t.effect, cast(Any, problem)) for t in h.terms),
-                "probability": p,
-                "remaining": h.level,
-            }
-            for h, p in choice.ranking[:8]
-        ),
+        alternatives=alternatives(choice, cast(Any, problem), is_reported=verdict == "missing-physics"),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),

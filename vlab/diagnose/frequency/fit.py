@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.frequency.evaluate import Shared
-from vlab.diagnose.frequency.measured import Measured, Response
+from vlab.diagnose.frequency.measured import MODEL_ERROR, Measured, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import Residual, residual
 from vlab.diagnose.terms import Fit, Term
@@ -52,6 +52,21 @@ class Fitter:
         self.problem = problem
         self.measured = list(problem.measured if measured is None else measured)
         self.sd = problem.prior
+
+    @property
+    def floor(self) -> float:
+        """Level that the noise alone leaves: data better than the model's error that is allowed for may tell more than that."""
+        shares, counts = [], []
+        for data in self.measured:
+            if isinstance(data, Response):
+                seen = np.isfinite(data.H)
+                size = data.spread**2 + MODEL_ERROR**2 * np.abs(data.H) ** 2
+                shares.append(float(np.mean(data.noise[seen] ** 2 / np.maximum(size[seen], 1e-300))))
+                counts.append(int(seen.sum()))
+            else:
+                shares.append(1.0)
+                counts.append(data.freq.size)
+        return float(np.sqrt(min(np.average(shares, weights=counts), 1.0)))
 
     def differences(self, point: Point, *, bands: float = 0.0, with_derivatives: bool = False) -> list[Residual]:
         """Return the difference to every set of data."""

@@ -62,12 +62,12 @@ def search_frequency(
     """
     fitter = Fitter(problem)
     zero = np.zeros(len(fitter.sd))
-    worth = fitter.worth
+    worth, floor = fitter.worth, fitter.floor
     before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
     pairs = candidates(problem, effects)
 
     def priced(fit: Fit, gain: float = 0.0) -> Hypothesis:
-        return scored(fit, worth, worth, gain, tried=len(pairs))
+        return scored(fit, worth, worth, gain, tried=len(pairs), floor=floor)
 
     before = priced(before_fit)
     progress(0.1, "screening")
