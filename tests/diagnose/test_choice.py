@@ -47,6 +47,25 @@ def test_a_law_whose_size_may_as_well_be_none_is_nil():
     assert fit.nil == ("jenkins-slip@joint:a",)
 
 
+def test_a_law_of_which_a_part_is_nothing_is_the_plainer_one():
+    place, none = SimpleNamespace(name="joint:a"), np.zeros(0)
+
+    def fit(values, sd, name="stribeck-friction"):
+        term = Term(effect=EFFECTS[name], place=place, values=values)
+        spread = {f"{term.label}:{p}": s for p, s in sd.items()}
+        return Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd=spread)
+
+    (plain,) = fit({"force": 0.6, "excess": 1e-20, "speed": 0.02}, {}).plainer(list(EFFECTS.values()))
+    assert plain.label == "coulomb-friction@joint:a"
+    assert plain.values == {"force": 0.6}
+    both = fit({"force": 0.6, "excess": 0.1, "speed": 0.02}, {"force": 0.1, "excess": 0.3})
+    assert both.plainer(list(EFFECTS.values())) == both.terms
+    (cubic,) = fit({"k2": 3.0, "k3": 50.0}, {"k2": 5.0, "k3": 2.0}, "quadratic-cubic-stiffness").plainer(
+        list(EFFECTS.values())
+    )
+    assert cubic.label == "cubic-stiffness@joint:a"
+
+
 def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
     three = [hypothesis(x, "added-mass") for x in (1.02, 1.0, 1.3)]
     assert (

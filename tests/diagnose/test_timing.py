@@ -163,14 +163,14 @@ ARM = """<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody
   <sensor><jointpos name="angle" joint="pivot"/></sensor></mujoco>"""
 
 
-def arm(folder, step, every, *, integrator="Euler", hold="", friction=0.0):
+def arm(folder, step, every, *, integrator="Euler", hold="", friction=0.0, highest=6.0):
     """A case of an arm that swings far, in rows of `every` steps of MuJoCo in which its torque stands still."""
     true = ARM.format(step=step, integrator=integrator, damping=0.022, mass=0.507, friction=friction)
     rng, records, rate = np.random.default_rng(6), [], 1.0 / (step * every)
     for i, (level, role) in enumerate([(0.6, "fit"), (0.9, "fit"), (0.75, "holdout")]):
         model = mujoco.MjModel.from_xml_string(true)
         data, time = mujoco.MjData(model), np.arange(0.0, 8.0, 1.0 / rate)
-        u, y = multisine(rng, 0.3, 6.0, 8.0, level)(time), np.zeros(len(time))
+        u, y = multisine(rng, 0.3, highest, 8.0, level)(time), np.zeros(len(time))
         for k in range(len(time)):
             data.ctrl[0], y[k] = u[k], data.qpos[0]
             mujoco.mj_step(model, data, every)
@@ -203,5 +203,12 @@ def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
 @pytest.mark.parametrize("friction", [0.0, 0.06])
 def test_inputs_stand_far_from_rest_too(tmp_path, friction):
     road = road_of(arm(tmp_path, 0.0005, 20, integrator="RK4", friction=friction))
+    assert not road.is_linear
+    assert road.problem.case.table.recording[0].channel[0].hold == "zero"
+
+
+def test_a_refit_to_whole_recordings_tells_when_slow_inputs_act(tmp_path):
+    """Up to 1.2 Hz the filter takes half of 5 ms for a force that it does not know."""
+    road = road_of(arm(tmp_path, 0.0005, 10, integrator="RK4", highest=1.2))
     assert not road.is_linear
     assert road.problem.case.table.recording[0].channel[0].hold == "zero"

@@ -179,7 +179,7 @@ def diagnose(
     seen = look(problem, assess([*problem.runs, *unseen.runs]))
     found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
-    settled = _settled(problem, found, seen, is_linear=road.is_linear)
+    settled = _settled(problem, found, seen, effects, is_linear=road.is_linear)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after
     seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
     before, after = amended(problem, fit_before, seen.zeros), seen.on(amended(problem, fit_after))
@@ -219,7 +219,7 @@ class _Settled:
     rejected: tuple[str, ...] = ()
 
 
-def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool) -> _Settled:
+def _settled(problem: Problem, found: TimeFound, seen: Seen, effects: Sequence[Effect], *, is_linear: bool) -> _Settled:
     """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
 
     The search has a linear twin for MuJoCo. A law that is good there may run away here, or bend the model in ways that the
@@ -228,6 +228,7 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
     whole, first = found.whole, None
     plain = whole.fit((), found.before.long_fit)
     rejected: list[tuple[str, str]] = []
+    simplified: set[str] = set()
     plain_in_mujoco = cache(lambda: final_fit(problem, whole, plain, seen.limit))
     unconfirmed = 0
     while unconfirmed < MOST_TRIED:
@@ -239,6 +240,11 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
                 rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
                 found = _with(_without(found, choice.best, on_twin.nil), whole, rest, on_twin)
                 continue
+            lesser = on_twin.plainer(effects)
+            if choice.best.label not in simplified and lesser != on_twin.terms:
+                simplified.add(choice.best.label)  # that it scores less for what it has in vain is left to the choice
+                found = _with(found, whole, lesser, on_twin)
+                continue
             after = final_fit(problem, whole, on_twin, seen.limit) if is_linear else on_twin
             if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
                 before = plain_in_mujoco()
@@ -249,7 +255,7 @@ def _settled(problem: Problem, found: TimeFound, seen: Seen, *, is_linear: bool)
         if not choice.best.terms:
             break
         if not is_linear or _is_confirmed(problem, settled, seen):
-            return _with_fewer(problem, found, seen, settled, is_linear=is_linear)
+            return _with_fewer(problem, found, seen, effects, settled, is_linear=is_linear)
         rejected.append((choice.best.label, "its law fits on the linear twin, but not in MuJoCo"))
         found = _without(found, choice.best)
         unconfirmed += 1
@@ -264,7 +270,15 @@ def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     return tuple(f"{label}: {why}; dropped" for label, why in rejected)
 
 
-def _with_fewer(problem: Problem, found: TimeFound, seen: Seen, settled: _Settled, *, is_linear: bool) -> _Settled:
+def _with_fewer(
+    problem: Problem,
+    found: TimeFound,
+    seen: Seen,
+    effects: Sequence[Effect],
+    settled: _Settled,
+    *,
+    is_linear: bool,
+) -> _Settled:
     """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the second
     one then makes up for what the twin does not do as MuJoCo does."""
     both = settled.choice.best
@@ -274,7 +288,7 @@ def _with_fewer(problem: Problem, found: TimeFound, seen: Seen, settled: _Settle
     alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
     if not choose(alone).best.terms:
         return settled
-    one = _settled(problem, alone, seen, is_linear=is_linear)
+    one = _settled(problem, alone, seen, effects, is_linear=is_linear)
     left = []
     for which in (settled, one):
         before, after = (seen.on(amended(problem, fit)) for fit in (which.before, which.after))

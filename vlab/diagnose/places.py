@@ -124,7 +124,13 @@ def reported_name(name: str, effect: Effect, driven: int) -> str:
 
 
 def places_of(
-    plant: Plant, twin: Twin, channels: Sequence[str], driven: Sequence[int], free: Array | None = None
+    plant: Plant,
+    twin: Twin,
+    channels: Sequence[str],
+    driven: Sequence[int],
+    free: Array | None = None,
+    *,
+    is_near_rest: bool = True,
 ) -> list[Place]:
     """Return the places of a plant.
 
@@ -136,6 +142,8 @@ def places_of(
         The actuators that recordings or laws drive.
     free : (m, k) array or None
         Directions in which nothing brings the plant back to rest; the twin's modes without a frequency by default.
+    is_near_rest : bool
+        The plant stays where a point that moves along one port at rest is no place of its own.
     """
     ports: list[Place] = []
     names, data = list(plant.ports), plant.new_data()
@@ -166,7 +174,8 @@ def places_of(
             )
         )
     ports = ports[:MOST_PORTS]
-    out = [*ports, *_points(plant, twin, ports)]
+    straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
+    out = [*ports, *_points(plant, twin, straight)]
     out += [
         Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
         for i in driven

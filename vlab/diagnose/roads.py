@@ -8,6 +8,7 @@ from vlab.cases.case import Case
 from vlab.diagnose.fits import WHOLE_ITERATIONS
 from vlab.diagnose.mesh import with_soft_cables
 from vlab.diagnose.nonlinear.prepare import moving_signals, prepare_moving
+from vlab.diagnose.nonlinear.refine import MovingRefiner
 from vlab.diagnose.nonlinear.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.nonlinear.search import search_moving
@@ -84,11 +85,12 @@ def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> 
     problem = linear_problem(case)
     if problem is not None:
         road = _as_nonlinear_as_recorded(problem)
-        return replace(road, screen=timed(road.screen, lambda other: prepare(other).signals, _near_rest, effects))
+        signals = lambda other: prepare(other).signals  # noqa: E731 - of a case with another convention
+        return replace(road, screen=timed(road.screen, signals, _near_rest, _left_near_rest, effects))
     check_scope(case)
     screen = _along_motion(case)
     check_contacts(case, screen.moving.motions)
-    return AlongMotion(screen=timed(screen, moving_signals, _along_motion, effects))
+    return AlongMotion(screen=timed(screen, moving_signals, _along_motion, _left_along_motion, effects))
 
 
 def _as_nonlinear_as_recorded(problem: Problem) -> NearRest:
@@ -117,6 +119,19 @@ def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
 def _near_rest(case: Case, timing: str) -> Screen | None:
     problem = linear_problem(case)
     return None if problem is None else Screen(replace(problem, timing=timing))
+
+
+def _left_near_rest(screen: Screen) -> float:
+    return _left(Refiner(screen, screen.problem.in_role("fit")))
+
+
+def _left_along_motion(screen: MovingScreen) -> float:
+    return _left(MovingRefiner(screen, whole=True))
+
+
+def _left(refiner: Refiner) -> float:
+    """Return the mean square that a refit to whole recordings leaves, over that of noise and model error."""
+    return refiner.fit((), None, WHOLE_ITERATIONS).cost / sum(run.y.size for run in refiner.runs)
 
 
 def _along_motion(case: Case, timing: str = "") -> MovingScreen:

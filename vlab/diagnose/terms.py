@@ -11,6 +11,10 @@ UNTOLD = 1.0
 """Standard deviation of a size's logarithm beyond which it may as well be none."""
 
 
+NOTHING = 1e-3
+"""A part of a law is nothing where it is this share of another one in its unit."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Term:
     """One effect at one place with starting values."""
@@ -88,6 +92,29 @@ class Fit:
     def nil(self) -> tuple[str, ...]:
         """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
         return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
+
+    def plainer(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
+        """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
+        return tuple(self._plainer(term, effects) for term in self.terms)
+
+    def _plainer(self, term: Term, effects: Sequence[Effect]) -> Term:
+        nothing = {p.name for p in term.effect.amplitudes if self._is_nothing(term, p)}
+        if not nothing or len(nothing) == len(term.effect.amplitudes):
+            return term
+        left = {p.name for p in term.effect.parameters} - nothing
+        lesser = [
+            e
+            for e in effects
+            if e.family == term.effect.family and e.kind == term.effect.kind and {p.name for p in e.parameters} <= left
+        ]
+        if not lesser:
+            return term
+        effect = max(lesser, key=lambda e: len(e.parameters))
+        return replace(term, effect=effect, values={p.name: term.values[p.name] for p in effect.parameters})
+
+    def _is_nothing(self, term: Term, parameter: Parameter) -> bool:
+        alike = [abs(term.values[p.name]) for p in term.effect.amplitudes if p.unit == parameter.unit]
+        return self._may_be_none(term, parameter) or abs(term.values[parameter.name]) < NOTHING * max(alike)
 
     def _may_be_none(self, term: Term, parameter: Parameter) -> bool:
         sd = self.sd.get(f"{term.label}:{parameter.name}", 0.0)

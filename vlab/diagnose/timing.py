@@ -34,8 +34,11 @@ LEAST_SKEW, MOST_SKEW = 0.2, 1.2
 GAIN, GAIN_EACH = 30.0, 10.0
 """A convention must gain this much in log-likelihood: as much as the refitted parameters' directions could together by chance, and
 more; and this much more beside another one."""
-EXPLAINED = 0.01
+EXPLAINED = 0.003
 """It must explain this share of what the refitted model leaves."""
+HINT, MUCH_LESS = 0.5, 0.7
+"""Where the innovations gain but so much from another hold, a refit to whole recordings has the word: where it leaves this share of the
+mean square with it."""
 MOST_PASSES = 2
 """What is wrong with the readings hides what is wrong with the inputs: the filter takes it for unknown forces."""
 BESIDE = 12
@@ -58,6 +61,8 @@ class _Convention:
         By which positions, accelerations and forces are ahead of velocities and inputs.
     gain : float
         In log-likelihood, less its price.
+    is_near : bool
+        Whether they ask for it once, not for more or less of it.
     is_believed : bool
         Whether they ask for it and for nothing else.
     """
@@ -66,6 +71,7 @@ class _Convention:
     hold: Hold
     skew_s: float
     gain: float
+    is_near: bool
     is_believed: bool
 
     @property
@@ -86,6 +92,7 @@ def timed(
     screen: S,
     signals: Callable[[Case], Sequence[Signals]],
     again: Callable[[Case, str], S | None],
+    leaves: Callable[[S], float],
     effects: Sequence[Effect],
 ) -> S:
     """Return a screening whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
@@ -100,6 +107,8 @@ def timed(
         Puts the runs to fit of a case with another convention on the search's clock.
     again : callable
         Screens a case with another convention, which is to be said of it in these words; None where it cannot.
+    leaves : callable
+        Mean square, over that of noise and model error, that a refit to whole recordings leaves of a screening.
     effects : sequence of Effect
         What may be missing besides.
     """
@@ -108,13 +117,13 @@ def timed(
         problem = screen.problem
         if problem.case.structure is not None or not _shows(problem):
             break
-        found = _asked_for(screen, _left_open(problem, signals), effects)
-        if found is None:
+        left_open = _left_open(problem, signals)
+        found = _asked_for(screen, left_open, effects)
+        likely = found or _hinted_at(screen, left_open)
+        other = None if likely is None else again(likely.case, said([*lines, *likely.lines]))
+        if likely is None or other is None or (found is None and not _leaves_less(leaves, other, screen)):
             break
-        other = again(found.case, said([*lines, *found.lines]))
-        if other is None:
-            break
-        lines += found.lines
+        lines += likely.lines
         screen = other
     return screen
 
@@ -163,6 +172,18 @@ def _asked_for(screen: Screen, left_open: _Open, effects: Sequence[Effect]) -> _
     return found
 
 
+def _hinted_at(screen: Screen, left_open: _Open) -> _Convention | None:
+    """Return the hold of the inputs that the innovations speak for, if softly: a filter that trusts the recordings hides most of what
+    a slow motion has of it."""
+    holds = [c for c in _conventions(screen, left_open) if c.hold and not c.skew_s and c.is_near and c.gain > HINT]
+    return max(holds, key=lambda c: c.gain, default=None)
+
+
+def _leaves_less(leaves: Callable[[S], float], other: S, screen: S) -> bool:
+    """Return whether a refit to whole recordings leaves much less with another screening."""
+    return leaves(other) < MUCH_LESS * leaves(screen)
+
+
 def _conventions(screen: Screen, left_open: _Open) -> Iterator[_Convention]:
     """Yield what recordings ask for of what a case leaves open: of every hold with and without a skew of the readings."""
     step = left_open.half_step
@@ -179,6 +200,7 @@ def _conventions(screen: Screen, left_open: _Open) -> Iterator[_Convention]:
                 hold=hold,
                 skew_s=skew * step,
                 gain=gain - GAIN_EACH * (len(shares) - 1),
+                is_near=is_near,
                 is_believed=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
             )
 

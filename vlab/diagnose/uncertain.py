@@ -117,7 +117,7 @@ def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool)
     numbers = sorted({number for p in parameters if p.kind in IMPEDANCE for number in p.fields}, key=str)
     actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
     known = {name for name, _ in numbers}
-    if "body_mass" not in known or not actuators or not _all_known(plant, numbers, actuators, parameters):
+    if "body_mass" not in known or not _all_known(plant, numbers, actuators, parameters):
         return None
     spread = _spread(parameters, numbers, actuators)
     found = np.linalg.lstsq(spread, np.ones(len(spread)), rcond=1e-9)[0]

@@ -125,7 +125,7 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
         orders=wired.orders,
         about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
         signals=_signals(courses),
-        places=tuple(places_of(plant, twin, names, driven, _free_motion(plant))),
+        places=tuple(places_of(plant, twin, names, driven, _free_motion(plant), is_near_rest=False)),
         hums=hums,
         highest_hz=wired.highest_hz,
     )
