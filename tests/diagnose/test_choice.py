@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.choose import LAPSE, choose
+from vlab.diagnose.choose import ALIKE, LAPSE, choose
 from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, scored, weighed
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.words import next_measurement
@@ -66,6 +66,19 @@ def test_a_law_of_which_a_part_is_nothing_is_the_plainer_one():
     assert cubic.label == "cubic-stiffness@joint:a"
 
 
+def test_one_drive_at_its_limit_comes_before_all_of_them():
+    """Where the others never reach it, both leave the same."""
+    none = np.zeros(0)
+
+    def at(*also):
+        place = SimpleNamespace(name="somewhere", also=also, is_held=True)
+        term = Term(effect=EFFECTS["actuator-clipping"], place=place, values={"limit": 2.0})
+        fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0)
+        return scored(fit, 100, 100).score
+
+    assert at() > at(1) + ALIKE
+
+
 def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
     three = [hypothesis(x, "added-mass") for x in (1.02, 1.0, 1.3)]
     assert (
@@ -104,7 +117,7 @@ def test_a_spring_that_bends_about_no_rest_position_is_believed_last():
     none = np.zeros(0)
 
     def price(name, is_held):
-        place = SimpleNamespace(name="joint:a", is_held=is_held)
+        place = SimpleNamespace(name="joint:a", is_held=is_held, also=())
         term = Term(effect=EFFECTS[name], place=place, values={})
         fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd={})
         return scored(fit, 1.0, 1e4).price

@@ -57,7 +57,9 @@ def test_the_chain_takes_what_all_actuators_share_and_nothing_else():
     chain = Place(name="chain", kind="actuator", index=0, also=(1, 2))
     assert chain.indices == (0, 1, 2)
     assert admissible(EFFECTS["actuator-delay"], chain)
-    assert not admissible(EFFECTS["actuator-clipping"], chain)
+    assert admissible(EFFECTS["actuator-dead-zone"], chain)  # drives of one make
+    assert not admissible(EFFECTS["coulomb-friction"], chain)
+    assert not admissible(EFFECTS["sensor-delay"], chain)
 
 
 def test_hardware_of_a_structure_goes_by_its_own_names():

@@ -30,7 +30,7 @@ from vlab.diagnose.search import TimeFound
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.unseen import held_out, moves
-from vlab.diagnose.verify import Amended, Checked, amended, check, gap_closed, total
+from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, gap_closed, total
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import Zero, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
@@ -195,7 +195,9 @@ def diagnose(
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
+    coarse = coarse_steps(before, checked[0], runs[0]) if verdict == "none-of-these" and case.structure is None else ""
     notes = (
+        *([coarse] if coarse else []),
         *(s.line for s in standoffs),
         *unseen.notes,
         *problem.notes,

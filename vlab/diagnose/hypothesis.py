@@ -15,6 +15,8 @@ is left of the recordings, five per cent less of it are odds of e^2, not of e^50
 UNHELD = 40.0
 """Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as
 a difference smaller by a factor of e, all of it the model's own error."""
+OF_ONE, ALL_ALIKE = ("clearance", "saturation"), 4.0
+"""Families of effects that a single drive may have as well as all of them, and the logarithm of the odds against all of them."""
 NOISE_KNOWN = 0.03
 """The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
@@ -103,8 +105,11 @@ def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int
 
 def _implausible(fit: Fit) -> float:
     """Return the logarithm of the odds against the effects of a fit before anything was recorded: a spring that is nonlinear about
-    no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion."""
-    return UNHELD * sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
+    no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion; and where one drive alone
+    comes to its limit, all of them may have the same."""
+    loose = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
+    alike = sum(bool(t.place.also) and t.effect.family in OF_ONE for t in fit.terms)
+    return UNHELD * loose + ALL_ALIKE * alike
 
 
 def _needs_rest(effect: Effect) -> bool:

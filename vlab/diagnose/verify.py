@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vlab.cases.playback import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
@@ -21,6 +22,9 @@ from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
 from vlab.signals import Array, Recording
+
+FINER, COARSE = 4, 0.2
+"""Steps are compared with steps so many times as short; what these change is said where it is this share of what is unexplained."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,6 +204,29 @@ def check(
     return [
         _checked(run, models, simulated[len(models) * i : len(models) * (i + 1)], hums) for i, run in enumerate(runs)
     ]
+
+
+def coarse_steps(model: Amended, checked: Checked, run: Run) -> str:
+    """Return what is to be said of a model's own integration where shorter steps change a run by more than its noise; "" else.
+
+    What steps do to a motion no physics makes up for.
+    """
+    own, plant = checked.simulated[1], model.plant
+    finer = _try(replace(model, plant=at_timestep(plant, plant.timestep / FINER)), run)
+    if own is None or finer is None:
+        return ""
+    other = replace(own, data=finer)
+    moved = [
+        _rms(own[name] - other[name]) / max(float(np.std(run.measured[name])), 1e-300) for name in checked.channels
+    ]
+    size = float(np.sqrt(np.mean(np.square(moved))))
+    if size < max(checked.noise, COARSE * checked.before):
+        return ""
+    return (
+        f"steps of {1e3 * plant.timestep / FINER:.3g} ms instead of {1e3 * plant.timestep:.3g} ms change what the model does in "
+        f"{run.name} by {100 * size:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
+        'integrator "RK4"'
+    )
 
 
 def _checked(

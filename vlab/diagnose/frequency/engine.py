@@ -105,7 +105,7 @@ def diagnose_frequency(
     before = amended_by(problem, fit_before)
     after = amended_by(problem, fit) if choice.best.terms else before
     data = problem.held_out or _whole(problem)
-    checked = check_frequency([as_given(problem.plant, problem.wires), before, after], data)
+    checked = check_frequency([as_given(problem.plant, problem.wires), before, after], data, problem.unfitted)
     left_out = None
     if not problem.held_out:
         report(0.9, "predicting parts left out")
@@ -223,6 +223,10 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
     if aside:
         out.append(f"[[recording]] {', '.join(aside)} not used: the case has responses and tables of modes to fit")
     out += unused(problem.case.table.model.uncertain, problem.parameters)
+    out += [
+        f"{name} drives held-out data alone: its gain, known to {100 * sd:.2g} %, has its likeliest value there"
+        for name, sd in problem.unfitted.items()
+    ]
     if not problem.held_out:
         out.append("no hold-out data: nothing can be verified on data that the search did not use")
     if left_out is not None:

@@ -59,6 +59,18 @@ class FrequencyProblem:
         return [(p.actuator, p.sensor) for p in self.parameters]
 
     @property
+    def unfitted(self) -> dict[str, float]:
+        """Inputs that only data held out have, with the relative standard deviations of their gains."""
+        known = {d.input for d in self.measured if isinstance(d, Response)}
+        given = self.case.table.model.uncertain
+        usual = given.get("gain", DEFAULT_SD["gain"])
+        return {
+            d.input: given.get(f"actuator:{d.input.removeprefix('actuator:')}:gain", usual)
+            for d in self.held_out
+            if isinstance(d, Response) and d.input not in known
+        }
+
+    @property
     def measured_hz(self) -> tuple[float, float]:
         """Lowest and highest frequency that was measured [Hz]."""
         return band(self.measured)

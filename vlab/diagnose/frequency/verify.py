@@ -9,7 +9,15 @@ from scipy.ndimage import median_filter
 from vlab.cases.case import Case
 from vlab.diagnose.frequency.evaluate import State, answer
 from vlab.diagnose.frequency.fit import Fitter, Point
-from vlab.diagnose.frequency.measured import SMALLEST_ZETA, Measured, Modes, Response, read_measured, thinned
+from vlab.diagnose.frequency.measured import (
+    MODEL_ERROR,
+    SMALLEST_ZETA,
+    Measured,
+    Modes,
+    Response,
+    read_measured,
+    thinned,
+)
 from vlab.diagnose.frequency.modes import ModelModes, model_modes, state_matrix
 from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import shape_rows, tracked
@@ -120,16 +128,38 @@ class CheckedFrequency(Distance):
     answers: tuple[ComplexArray | ModalAnswer, ...]
 
 
-def check_frequency(models: Sequence[FrequencyAmended], measured: Sequence[Measured]) -> list[CheckedFrequency]:
-    """Compare the nominal, the refitted and the amended plant with data."""
+def check_frequency(
+    models: Sequence[FrequencyAmended], measured: Sequence[Measured], unfitted: Mapping[str, float] | None = None
+) -> list[CheckedFrequency]:
+    """Compare the nominal, the refitted and the amended plant with data.
+
+    Parameters
+    ----------
+    unfitted : mapping of str to float
+        Relative standard deviations of the gains of inputs that nothing was fitted on: the refitted and the amended plant have their
+        likeliest ones, each its own.
+    """
     seen = [model.seen() for model in models]
     out = []
     for data in measured:
         if isinstance(data, Response):
-            out.append(_checked_response(data, [answer(v, s, data, models[0].wires).H for v, s in seen]))
+            given, *fitted = [answer(v, s, data, models[0].wires).H for v, s in seen]
+            sd = (unfitted or {}).get(data.input, 0.0)
+            out.append(_checked_response(data, [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]))
         else:
             out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen]))
     return out
+
+
+def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
+    """Return the gain of an input under its prior, for responses of a model (n, n_outputs) beside measured ones."""
+    if sd == 0.0:
+        return 1.0
+    usable = np.isfinite(data.H) & np.isfinite(H)
+    size = data.spread[usable] ** 2 + MODEL_ERROR**2 * np.abs(data.H[usable]) ** 2
+    own, seen = H[usable], data.H[usable]
+    weight, pull = float(np.sum(np.abs(own) ** 2 / size)), float(np.sum((np.conj(own) * seen).real / size))
+    return (pull + sd**-2) / (weight + sd**-2)
 
 
 def checked_again(case: Case, names: Collection[str]) -> float:

@@ -105,9 +105,14 @@ def _channels(recordings: Sequence[tuple[str, Recording]], names: Sequence[str] 
 
 
 def _density(recording: Recording, values: Array, segment_s: float | None) -> tuple[Array, Array]:
-    """Return the amplitude spectral density above 0 Hz, [unit/sqrt(Hz)]."""
-    length = len(values) // 8 if segment_s is None else round(segment_s * recording.rate)
-    freq, power = signal.welch(values, recording.rate, nperseg=min(max(length, 16), len(values)))
+    """Return the amplitude spectral density above 0 Hz, [unit/sqrt(Hz)]; of uneven stamps by straight lines between samples."""
+    if recording.is_uniform:
+        rate = recording.rate
+    else:
+        time = np.linspace(recording.time[0], recording.time[-1], len(recording))
+        rate, values = 1.0 / float(time[1] - time[0]), np.interp(time, recording.time, values)
+    length = len(values) // 8 if segment_s is None else round(segment_s * rate)
+    freq, power = signal.welch(values, rate, nperseg=min(max(length, 16), len(values)))
     return freq[1:], np.sqrt(power[1:])
 
 
