@@ -152,13 +152,16 @@ def check_frequency(
 
 
 def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
-    """Return the gain of an input under its prior, for responses of a model (n, n_outputs) beside measured ones."""
+    """Return the gain of an input under its prior, for responses of a model (n, n_outputs) beside measured ones.
+
+    All lines count alike, as in the error that is told.
+    """
     if sd == 0.0:
         return 1.0
     usable = np.isfinite(data.H) & np.isfinite(H)
-    size = data.spread[usable] ** 2 + MODEL_ERROR**2 * np.abs(data.H[usable]) ** 2
     own, seen = H[usable], data.H[usable]
-    weight, pull = float(np.sum(np.abs(own) ** 2 / size)), float(np.sum((np.conj(own) * seen).real / size))
+    size = float(np.mean(data.spread[usable] ** 2 + MODEL_ERROR**2 * np.abs(seen) ** 2))
+    weight, pull = float(np.sum(np.abs(own) ** 2)) / size, float(np.sum((np.conj(own) * seen).real)) / size
     return (pull + sd**-2) / (weight + sd**-2)
 
 
