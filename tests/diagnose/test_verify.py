@@ -4,9 +4,11 @@ import dataclasses
 import os
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 import rig_oscillator
+from rig_folder import Channel, Record, write_case
 from rigs import oscillator_case
 
 from vlab.assets import asset
@@ -14,7 +16,7 @@ from vlab.cases import load_case, simulate
 from vlab.diagnose import engine
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.verify import Amended, Checked, check, gap_closed, total
+from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 
@@ -92,6 +94,55 @@ def checked(before, after, noise=0.01):
         measured=None, simulated=(None, None, None),
     )  # fmt: skip
     return [one, dataclasses.replace(one, name="other")]
+
+
+SWING = """<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody><body name="arm">
+  <joint name="pivot" type="hinge" axis="0 1 0" damping="0.002"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".02" mass="0.5"/></body></worldbody>
+  <sensor><jointpos name="angle" joint="pivot"/></sensor></mujoco>"""
+
+
+def swing(folder, *, step=0.002, integrator="RK4", made="RK4", gain=1.0, zero=0.0, noise=1e-4):
+    """The run of an arm let go at a radian for ten seconds, whose sensor has a gain and a zero; and the model of it."""
+    model = mujoco.MjModel.from_xml_string(SWING.format(step=0.002, integrator=made))
+    data, time = mujoco.MjData(model), np.arange(0.0, 10.0, 0.01)
+    y = np.zeros(len(time))
+    data.qpos[0] = 1.0
+    for k in range(len(time)):
+        y[k] = data.qpos[0]
+        mujoco.mj_step(model, data, 5)
+    y = gain * y + zero + noise * np.random.default_rng(1).standard_normal(len(y))
+    record = Record(name="a", role="holdout", columns={"y": y}, rate_hz=100.0, initial="estimated")
+    channel = Channel(column="y", at="angle", kind="angle", unit="rad")
+    write_case(
+        folder,
+        title="Swing",
+        mjcf=SWING.format(step=step, integrator=integrator),
+        uncertain={},
+        channels=[channel],
+        records=[record],
+    )
+    case = load_case(folder)
+    (run,) = case.runs(("holdout",))
+    return Amended(plant=case.plant, names=("angle",), sensor_gain=np.array([gain]), offset=np.array([zero])), run
+
+
+def test_a_start_is_read_off_the_motion_and_not_off_a_sensor_that_is_off(tmp_path):
+    """Three per cent more of a radian swings half a per cent slower: a tenth of a cycle in ten seconds."""
+    model, run = swing(tmp_path, gain=1.03, zero=0.02)
+    (name,) = model.simulated(run).names
+    model = dataclasses.replace(model, names=(name,))
+    error = (model.simulated(run)[name] - run.measured[name]).std() / run.measured[name].std()
+    assert error < 2e-3  # the noise is 2e-4; what the reading of a start leaves comes to some times that
+
+
+def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
+    coarse, run = swing(tmp_path / "coarse", step=0.01, integrator="Euler")
+    fine, _ = swing(tmp_path / "fine")
+    words = [coarse_steps(model, check([run], model, None)[0], run) for model in (coarse, fine)]
+    assert "2.5 ms instead of 10 ms" in words[0]
+    assert "RK4" in words[0]
+    assert words[1] == ""
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():
