@@ -19,7 +19,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
             if gap is None
             else f"; with it the model closes {100 * gap:.0f} % of the gap between its refitted self and the noise on {where}"
         )
-        return f"The model lacks {names}{closed}."
+        return f"The model leaves out {names}{closed}."
     if diagnosis.verdict == "nothing-missing":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
         return f"Nothing is missing: with its uncertain parameters refitted the model leaves {left} on {where}."
