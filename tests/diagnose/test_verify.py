@@ -13,9 +13,9 @@ from rigs import oscillator_case
 
 from vlab.assets import asset
 from vlab.cases import load_case, simulate
-from vlab.diagnose import engine
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.verdict import closes
 from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
@@ -146,9 +146,9 @@ def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():
-    assert engine._closes(checked(np.inf, 0.02), False)
-    assert not engine._closes(checked(np.inf, 40.0), False)
-    assert not engine._closes(checked(100.0, 2.0), False)  # 98 % of a gap
+    assert closes(checked(np.inf, 0.02), is_structure=False)
+    assert not closes(checked(np.inf, 40.0), is_structure=False)
+    assert not closes(checked(100.0, 2.0), is_structure=False)  # 98 % of a gap
 
 
 def test_side_by_side_is_the_serial_map_in_order():

@@ -277,7 +277,7 @@ def test_the_manifest_binds_what_answers_depend_on(cases, answered):
     assert {"code", "catalogue", "structures", "thresholds", "thresholds_sha256", "commitments", "versions"} <= set(
         kept
     )
-    assert "engine.LEAST_GAP" in kept["thresholds"]
+    assert "verdict.LEAST_GAP" in kept["thresholds"]
 
 
 def square(x: int) -> tuple[int, int]:

@@ -152,7 +152,9 @@ def test_the_report_says_what_where_and_by_how_much_in_this_order(found):
     assert re.findall(r"<h2>(.*?)</h2>", page) == HEADINGS
     finding = done.diagnosis.findings[0]
     gap = f"{100 * done.diagnosis.heldout['gap_closed']:.0f} %"
-    assert page.index(f"The model leaves out coulomb friction at {finding.place}") < page.index(gap) < page.index("<h2>")
+    assert (
+        page.index(f"The model leaves out coulomb friction at {finding.place}") < page.index(gap) < page.index("<h2>")
+    )
     for text in (
         finding.law,
         f"{finding.parameters['force']['value']:.4g}",

@@ -235,7 +235,7 @@ def _points(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
         if any(p.rows.shape == moving.shape and _is_along(p.rows, moving) for p in out):
             continue  # a site at a body's centre
         out.append(Place(name=f"{kind}:{name}", kind="body", rows=moving))
-    return out
+    return out[:MOST_PORTS]
 
 
 def _is_along(a: Array, b: Array) -> bool:

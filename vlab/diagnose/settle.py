@@ -1,0 +1,169 @@
+"""The choice settled: the best hypothesis that MuJoCo confirms, with the last fits of the refitted and the amended model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.final_fit import final_fit, loudest_and_quietest
+from vlab.diagnose.fits import by_score, scored_by
+from vlab.diagnose.hypothesis import Hypothesis
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.refine import EXACT, ITERATIONS, Refiner
+from vlab.diagnose.search import TimeFound
+from vlab.diagnose.seen import Seen
+from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.verdict import LEAST_TO_NOISE, NO_WORSE, errors_of
+from vlab.diagnose.verify import amended, check, gap_closed, total
+from vlab.physics.effect import Effect
+
+STEPS_ALONG_MOTION = 6
+"""Steps of the last fit along a motion, before those that MuJoCo's own run corrects."""
+MOST_TRIED = 3
+"""Hypotheses that are tried in MuJoCo until it confirms one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settled:
+    """A choice with the last fits of the refitted and the amended model, and what was dropped on the way, in words."""
+
+    choice: Choice
+    before: Fit
+    after: Fit
+    rejected: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settling:
+    """What a choice is settled with.
+
+    Parameters
+    ----------
+    whole : Refiner
+        Fits over whole runs.
+    start : Fit
+        The search's, with no effect.
+    seen : Seen
+        What the recordings show without a model.
+    effects : sequence of Effect
+        What may be missing.
+    is_linear : bool
+        The search had a linear twin for MuJoCo.
+    """
+
+    problem: Problem
+    whole: Refiner
+    start: Fit
+    seen: Seen
+    effects: Sequence[Effect]
+    is_linear: bool
+
+    def settled(self, found: TimeFound) -> Settled:
+        """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
+
+        A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
+        the next one has its turn.
+        """
+        first: Settled | None = None
+        rejected: list[tuple[str, str]] = []
+        simplified: set[str] = set()
+        unconfirmed = 0
+        while unconfirmed < MOST_TRIED:
+            choice = choose(found)
+            best = choice.best
+            before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
+            if best.terms:
+                on_twin = self._exactly(best)
+                if on_twin.nil:
+                    rejected.append((best.label, f"of {', '.join(on_twin.nil)} the last fit leaves nothing"))
+                    rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
+                    found = self._with(_without(found, best, on_twin.nil), rest, on_twin)
+                    continue
+                lesser = on_twin.plainer(self.effects)
+                if best.label not in simplified and lesser != on_twin.terms:
+                    simplified.add(best.label)  # that it scores less for what it has in vain is left to the choice
+                    found = self._with(found, lesser, on_twin)
+                    continue
+                after = final_fit(self.problem, self.whole, on_twin, self.seen.limit) if self.is_linear else on_twin
+                if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
+                    before = self._plain_in_mujoco
+            settled = Settled(choice=choice, before=before, after=after, rejected=_dropped(rejected))
+            first = first or settled
+            if not best.terms:
+                break
+            if not self.is_linear or self._is_confirmed(settled):
+                return self._with_fewer(found, settled)
+            rejected.append((best.label, "its law fits on the linear twin, but not in MuJoCo"))
+            found = _without(found, best)
+            unconfirmed += 1
+        assert first is not None
+        # the first one is what is reported where none is confirmed: it was not dropped
+        label = first.choice.best.label
+        return replace(first, rejected=_dropped([(name, why) for name, why in rejected if name != label]))
+
+    @cached_property
+    def _plain(self) -> Fit:
+        return self.whole.fit((), self.start)
+
+    @cached_property
+    def _plain_in_mujoco(self) -> Fit:
+        return final_fit(self.problem, self.whole, self._plain, self.seen.limit)
+
+    def _exactly(self, best: Hypothesis) -> Fit:
+        """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
+        iterations = ITERATIONS if self.is_linear else STEPS_ALONG_MOTION
+        return self.whole.fit(best.terms, best.long_fit, iterations, settled=EXACT)
+
+    def _with(self, found: TimeFound, terms: Sequence[Term], start: Fit) -> TimeFound:
+        """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
+        if not terms:
+            return found
+        fit = self.whole.fit(terms, start, ITERATIONS)
+        own = replace(scored_by(self.whole, fit), whole=fit, worth=found.before.worth)
+        worse = [h for h in found.hypotheses if h.label == own.label]
+        if any(h.score >= own.score for h in worse):
+            return found
+        return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in worse])))
+
+    def _with_fewer(self, found: TimeFound, settled: Settled) -> Settled:
+        """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
+        second one then makes up for what the twin does not do as MuJoCo does."""
+        both = settled.choice.best
+        if len(both.terms) < 2:
+            return settled
+        parts = {t.label for t in both.terms}
+        alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
+        if not choose(alone).best.terms:
+            return settled
+        one = self.settled(alone)
+        left = []
+        for which in (settled, one):
+            before, after = (self.seen.on(amended(self.problem, fit)) for fit in (which.before, which.after))
+            left.append(total(check(self.problem.runs, before, after), "after"))
+        if not left[1] <= NO_WORSE * left[0]:
+            return settled
+        why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
+        return replace(one, rejected=(*settled.rejected, *_dropped([(both.label, why)])))
+
+    def _is_confirmed(self, settled: Settled) -> bool:
+        """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
+        before, after = (self.seen.on(amended(self.problem, fit)) for fit in (settled.before, settled.after))
+        errors = errors_of(check(loudest_and_quietest(self.problem), before, after, self.seen.benign_hums))
+        gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+        return gap is None or gap >= LEAST_TO_NOISE
+
+
+def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:
+    """Return what was found without a hypothesis; where a part of it is nothing, without any that adds to the rest of it."""
+    rest = {t.label for t in hypothesis.terms} - set(nil)
+
+    def stays(h: Hypothesis) -> bool:
+        labels = {t.label for t in h.terms}
+        return h is not hypothesis and not (nil and rest and rest < labels)
+
+    return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
+
+
+def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Return in words which hypotheses were dropped, and why."""
+    return tuple(f"{label}: {why}; dropped" for label, why in rejected)
