@@ -67,6 +67,11 @@ class Choice:
     gained: float = 0.0
     is_of_priors: bool = False
 
+    @property
+    def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
+        """All hypotheses with their probabilities, the chosen one first."""
+        return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
+
 
 def _excess(hypothesis: Hypothesis) -> float:
     return max(hypothesis.level**2 - 1.0, 0.0)

@@ -85,9 +85,7 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
 
 def alternatives(choice: Choice, problem: Problem, *, is_reported: bool) -> tuple[dict[str, Any], ...]:
     """Return what was tried besides what is reported, best first; the chosen hypothesis among it where it is not."""
-    tried = list(choice.ranking)
-    if choice.best.terms and not is_reported:
-        tried.insert(0, (choice.best, choice.probability))
+    tried = choice.ranking if is_reported else choice.tried
     return tuple(
         {
             "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import mujoco
 import numpy as np
 
 from vlab.diagnose.twin import Twin
+from vlab.physics.attach import port_at
 from vlab.physics.effect import Effect, PickUp
 from vlab.physics.running import tap_index
 from vlab.plants.base import Plant
@@ -220,21 +220,20 @@ def _points(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
     if not isinstance(plant, MjcfPlant):
         return []
     model, data = plant.model, plant.new_data()
-    bodies = [("body", i, model.body(i).name) for i in range(1, model.nbody) if model.body_mass[i] > 0]
-    sites = [("site", i, model.site(i).name) for i in range(model.nsite)]
+    bodies = [("body", model.body(i).name) for i in range(1, model.nbody) if model.body_mass[i] > 0]
+    sites = [("site", model.site(i).name) for i in range(model.nsite)]
     out: list[Place] = []
-    for kind, i, name in (*bodies, *sites):
-        jacobian = np.zeros((3, model.nv))
-        (mujoco.mj_jacBodyCom if kind == "body" else mujoco.mj_jacSite)(model, data, jacobian, None, i)
-        rows = jacobian @ twin.shapes
-        if not name or np.abs(rows).max(initial=0.0) == 0.0:
+    for name in (f"{kind}:{own}" for kind, own in (*bodies, *sites) if own):
+        port = port_at(plant, name)
+        rows = np.array([one.row(data) for one in (port, *port.more)]) @ twin.shapes
+        if np.abs(rows).max(initial=0.0) == 0.0:
             continue
         moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
         if len(moving) == 1 and any(_is_along(p.rows[0], moving[0]) for p in ports if not p.angular):
             continue
         if any(p.rows.shape == moving.shape and _is_along(p.rows, moving) for p in out):
             continue  # a site at a body's centre
-        out.append(Place(name=f"{kind}:{name}", kind="body", rows=moving))
+        out.append(Place(name=name, kind="body", rows=moving))
     return out[:MOST_PORTS]
 
 

@@ -12,7 +12,7 @@ from vlab.diagnose.hum import Hum
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, unused
+from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, redundant, unused
 from vlab.diagnose.uncertain_structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -107,6 +107,11 @@ class Problem:
         return common_scale_of_structure(
             self.case.structure, self.case.table.model.variant, self.parameters, loaded=loaded
         )
+
+    @cached_property
+    def redundant(self) -> Array:
+        """See `vlab.diagnose.uncertain.redundant`."""
+        return redundant(self.parameters)
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant with its uncertain parameters at given log-factors."""

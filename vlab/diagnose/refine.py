@@ -16,7 +16,6 @@ from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import channels, mix
 from vlab.diagnose.terms import Candidate, Fit, Term, of_element
-from vlab.diagnose.uncertain import redundant
 from vlab.physics.effect import Parameter, PickUp, SensorEffect
 from vlab.signals import Array
 
@@ -151,7 +150,7 @@ class Refiner:
                 gram += columns.T @ columns
                 samples += run.y.size
         scale = self._common_scale()
-        unknown = np.vstack([redundant(self.problem.parameters), *([] if scale is None else [scale])])
+        unknown = np.vstack([self.problem.redundant, *([] if scale is None else [scale])])
         if len(unknown):  # what seems to be known of these is an error of the derivatives
             known = linalg.null_space(unknown)
             gram = known @ (known.T @ gram @ known) @ known.T

@@ -18,6 +18,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.search import TimeFound, search
+from vlab.diagnose.signals import Signals
 from vlab.diagnose.timing import timed
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
@@ -85,8 +86,7 @@ def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> 
     problem = linear_problem(case)
     if problem is not None:
         road = _as_nonlinear_as_recorded(problem)
-        signals = lambda other: prepare(other).signals  # noqa: E731 - of a case with another convention
-        return replace(road, screen=timed(road.screen, signals, _near_rest, _left_near_rest, effects))
+        return replace(road, screen=timed(road.screen, _signals, _near_rest, _left_near_rest, effects))
     check_scope(case)
     screen = _along_motion(case)
     check_contacts(case, screen.moving.motions)
@@ -111,9 +111,13 @@ def _as_nonlinear_as_recorded(problem: Problem) -> NearRest:
 
 
 def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
-    """Return the cost of a refit over whole runs, and the uncertain parameters of the screening that it began with, (n_changes,)."""
+    """Return what a refit leaves, see `_left`, and the uncertain parameters of the screening that it began with, (n_changes,)."""
     screen = Screen(problem)
-    return Refiner(screen, problem.in_role("fit")).fit((), None, WHOLE_ITERATIONS).cost, screen.theta
+    return _left_near_rest(screen), screen.theta
+
+
+def _signals(case: Case) -> Sequence[Signals]:
+    return prepare(case).signals
 
 
 def _near_rest(case: Case, timing: str) -> Screen | None:

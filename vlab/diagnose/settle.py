@@ -14,7 +14,7 @@ from vlab.diagnose.search import TimeFound
 from vlab.diagnose.seen import Seen
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.verdict import LEAST_TO_NOISE, NO_WORSE, errors_of
-from vlab.diagnose.verify import amended, check, gap_closed, total
+from vlab.diagnose.verify import Amended, amended, check, gap_closed, total
 from vlab.physics.effect import Effect
 
 STEPS_ALONG_MOTION = 6
@@ -138,8 +138,7 @@ class Settling:
         one = self.settled(alone)
         left = []
         for which in (settled, one):
-            before, after = (self.seen.on(amended(self.problem, fit)) for fit in (which.before, which.after))
-            left.append(total(check(self.problem.runs, before, after), "after"))
+            left.append(total(check(self.problem.runs, *self._models(which)), "after"))
         if not left[1] <= NO_WORSE * left[0]:
             return settled
         why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
@@ -147,10 +146,17 @@ class Settling:
 
     def _is_confirmed(self, settled: Settled) -> bool:
         """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
-        before, after = (self.seen.on(amended(self.problem, fit)) for fit in (settled.before, settled.after))
-        errors = errors_of(check(loudest_and_quietest(self.problem), before, after, self.seen.benign_hums))
+        checked = check(loudest_and_quietest(self.problem), *self._models(settled), self.seen.benign_hums)
+        errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= LEAST_TO_NOISE
+
+    def _models(self, settled: Settled) -> tuple[Amended, Amended]:
+        """Return the refitted and the amended model, both with what the recordings show without a model."""
+        return (
+            self.seen.on(amended(self.problem, settled.before)),
+            self.seen.on(amended(self.problem, settled.after)),
+        )
 
 
 def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:

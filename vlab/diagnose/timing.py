@@ -118,8 +118,9 @@ def timed(
         if problem.case.structure is not None or not _shows(problem):
             break
         left_open = _left_open(problem, signals)
-        found = _asked_for(screen, left_open, effects)
-        likely = found or _hinted_at(screen, left_open)
+        conventions = list(_conventions(screen, left_open))
+        found = _asked_for(screen, left_open, conventions, effects)
+        likely = found or _hinted_at(conventions)
         other = None if likely is None else again(likely.case, said([*lines, *likely.lines]))
         if likely is None or other is None or (found is None and not _leaves_less(leaves, other, screen)):
             break
@@ -157,9 +158,11 @@ def _left_open(problem: Problem, signals: Callable[[Case], Sequence[Signals]]) -
     return _Open(inputs=[("", problem.case, ()), *others], skewable=_skewable(problem), half_step=_half_step(problem))
 
 
-def _asked_for(screen: Screen, left_open: _Open, effects: Sequence[Effect]) -> _Convention | None:
+def _asked_for(
+    screen: Screen, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
+) -> _Convention | None:
     """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
-    asked = [convention for convention in _conventions(screen, left_open) if convention.gain > GAIN]
+    asked = [convention for convention in conventions if convention.gain > GAIN]
     believed = [convention for convention in asked if convention.is_believed]
     if believed or not asked:
         return max(believed, key=lambda convention: convention.gain, default=None)
@@ -172,10 +175,10 @@ def _asked_for(screen: Screen, left_open: _Open, effects: Sequence[Effect]) -> _
     return found
 
 
-def _hinted_at(screen: Screen, left_open: _Open) -> _Convention | None:
+def _hinted_at(conventions: Sequence[_Convention]) -> _Convention | None:
     """Return the hold of the inputs that the innovations speak for, if softly: a filter that trusts the recordings hides most of what
     a slow motion has of it."""
-    holds = [c for c in _conventions(screen, left_open) if c.hold and not c.skew_s and c.is_near and c.gain > HINT]
+    holds = [c for c in conventions if c.hold and not c.skew_s and c.is_near and c.gain > HINT]
     return max(holds, key=lambda c: c.gain, default=None)
 
 

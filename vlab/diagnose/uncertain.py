@@ -81,12 +81,17 @@ def uncertain_parameters(
         out += of_kind(kind, elements, given.get(kind, DEFAULT_SD[kind]), given, also)
     for i in actuators:
         name = plant.actuators[i].name
-        sd = given.get(f"actuator:{name}:gain", given.get("gain", DEFAULT_SD["gain"]))
+        sd = gain_sd(given, name)
         out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, fields=_returned(plant, i), actuator=i))
     for i, name in enumerate(channels):
         sd = given.get(f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
         out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
     return out
+
+
+def gain_sd(given: Mapping[str, float], actuator: str) -> float:
+    """Return the relative standard deviation of an actuator's gain, by ``[model.uncertain]`` or the default."""
+    return given.get(f"actuator:{actuator}:gain", given.get("gain", DEFAULT_SD["gain"]))
 
 
 def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
@@ -141,7 +146,8 @@ def redundant(parameters: Sequence[Uncertain]) -> Array:
 def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuators: Sequence[int]) -> Array:
     """Return by how much the logarithms of numbers of a model, and of gains of actuators, change where every parameter changes by its
     standard deviation, (n_numbers + n_actuators, n_parameters)."""
-    rows = [[float(number in p.fields) for p in parameters] for number in numbers]
+    fields = [set(p.fields) for p in parameters]
+    rows = [[float(number in own) for own in fields] for number in numbers]
     rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
     return np.reshape(rows, (len(rows), len(parameters))) * [p.sd for p in parameters]
 

@@ -216,9 +216,7 @@ def coarse_steps(model: Amended, checked: Checked, run: Run) -> str:
     if own is None or finer is None:
         return ""
     other = replace(own, data=finer)
-    moved = [
-        _rms(own[name] - other[name]) / max(float(np.std(run.measured[name])), 1e-300) for name in checked.channels
-    ]
+    moved = [_rms(own[name] - other[name]) / np.std(run.measured[name]) for name in checked.channels]
     size = float(np.sqrt(np.mean(np.square(moved))))
     if size < max(checked.noise, COARSE * checked.before):
         return ""

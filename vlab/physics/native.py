@@ -116,12 +116,12 @@ def add_numbers(model: Any, place: str, what: Numbers) -> None:
     """Add to the numbers of a compiled model, in place."""
     kind, _, name = place.partition(":")
     i = getattr(model, kind)(name).id
-    mass = sum(value for _, _, value in what)
-    if kind == "body":
-        model.body_mass[i] += mass
-        return
-    if kind == "site":
-        _add_point_mass(model, int(model.site_bodyid[i]), model.site_pos[i], mass)
+    if kind in ("body", "site"):
+        mass = sum(value for _, _, value in what)
+        if kind == "body":
+            model.body_mass[i] += mass
+        else:
+            _add_point_mass(model, int(model.site_bodyid[i]), model.site_pos[i], mass)
         return
     fields = _JOINT if kind == "joint" else _TENDON
     for quantity, power, value in what:

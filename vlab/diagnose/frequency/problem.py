@@ -11,7 +11,14 @@ from vlab.diagnose.frequency.measured import Measured, Modes, Response, read_mea
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import DEFAULT_SD, Uncertain, adjusted, changes_of, parts_of, uncertain_parameters
+from vlab.diagnose.uncertain import (
+    Uncertain,
+    adjusted,
+    changes_of,
+    gain_sd,
+    parts_of,
+    uncertain_parameters,
+)
 from vlab.diagnose.uncertain_structure import adjusted_structure, carried, structure_parameters, structure_parts
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
@@ -63,9 +70,8 @@ class FrequencyProblem:
         """Inputs that only data held out have, with the relative standard deviations of their gains."""
         known = {d.input for d in self.measured if isinstance(d, Response)}
         given = self.case.table.model.uncertain
-        usual = given.get("gain", DEFAULT_SD["gain"])
         return {
-            d.input: given.get(f"actuator:{d.input.removeprefix('actuator:')}:gain", usual)
+            d.input: gain_sd(given, d.input.removeprefix("actuator:"))
             for d in self.held_out
             if isinstance(d, Response) and d.input not in known
         }
@@ -169,8 +175,7 @@ def _uncertain(
         parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
-            sd = given.get("gain", DEFAULT_SD["gain"])
-            parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, actuator=column))
+            parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))
     twin = Twin(
         omega=view.omega,
         shapes=view.shapes,
