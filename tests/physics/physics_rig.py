@@ -167,6 +167,7 @@ CHANNEL_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "sensor-offset": ("sensor:pos_a", {"offset": 2e-3}),
     "sensor-drift": ("sensor:pos_a", {"rate": 1e-3}),
     "sensor-clipping": ("sensor:pos_a", {"limit": 8e-3}),
+    "sensor-soft-saturation": ("sensor:pos_a", {"limit": 8e-3}),
     "sensor-delay": ("sensor:pos_a", {"delay": 2.4e-3}),
     "sensor-lag": ("sensor:pos_a", {"time_constant": 5e-3}),
     "sensor-high-pass": ("sensor:pos_a", {"time_constant": 0.3}),

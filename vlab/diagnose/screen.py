@@ -62,6 +62,8 @@ SHARES = 2
 ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
 """Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
 one where the step is off by a part in the number of steps."""
+NO_GAIN = 1e-3
+"""Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
 COARSE_ZOOM = 4
 """How many of them are enough for a law that remembers."""
 MOST_ROWS = 60_000
@@ -507,7 +509,8 @@ class Screen:
                 (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)
             ]
             found = self._regressed(candidate.place, self._columns(candidate.place, tried))
-            best = max([best, *found], key=lambda c: c.gain)
+            other = max(found, key=lambda c: c.gain)
+            best = other if other.gain > best.gain + NO_GAIN else best
         return best
 
     def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:

@@ -282,6 +282,11 @@ class Quantisation(ActuatorEffect):
         return np.asarray(p["step"] * np.round(u / p["step"]))
 
 
+SAME_CLOCK = 0.02
+"""A period that is this near, relatively, to a whole number of samples is one: slower clocks are divided from faster ones, and which
+samples are held would change with the last digit of the period."""
+
+
 class CoarseHold(ActuatorEffect):
     """A converter that is updated less often than the model says."""
 
@@ -291,7 +296,13 @@ class CoarseHold(ActuatorEffect):
     words = "a converter holds its output longer than the model says: steps of a slower clock"
     parameters: ClassVar = (
         Parameter(
-            name="period", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(2.0, 3.0, 5.0, 9.0)
+            name="period",
+            unit="s",
+            low=1e-6,
+            high=0.2,
+            role="shape",
+            reference="step",
+            grid=(2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0),
         ),
     )
 
@@ -315,6 +326,9 @@ class CoarseHold(ActuatorEffect):
     @staticmethod
     def _taken(k: Array, period: float, h: float) -> Array:
         """Return which sample is held at every sample: the first one of its period."""
+        steps = period / h
+        if abs(steps - round(steps)) < SAME_CLOCK * steps:
+            period = max(round(steps), 1) * h
         start = np.floor(k * h / period + 1e-9) * period
         return np.minimum(np.ceil(start / h - 1e-9).astype(int), k)
 

@@ -52,6 +52,7 @@ EFFECTS: dict[str, Effect] = {
         sensors.SensorOffset(),
         sensors.SensorDrift(),
         sensors.SensorClipping(),
+        sensors.SensorSoftSaturation(),
         sensors.SensorDelay(),
         sensors.SensorLag(),
         sensors.SensorHighPass(),

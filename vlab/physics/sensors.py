@@ -11,6 +11,8 @@ from vlab.physics.actuators import lag_weights, lagged, recursion
 from vlab.physics.effect import ActuatorStep, Parameter, PickUp, SensorEffect, SensorStep, Values, limited
 from vlab.signals import Array
 
+NEAR_LIMIT = 0.98
+"""Share of a soft limit beyond which a reading tells no more than that: noise on it is magnified 25 times there."""
 MOST_MAGNIFIED = 3.0
 """What a correction of a resonance magnifies at most: at twice the frequency."""
 
@@ -139,6 +141,34 @@ class SensorClipping(SensorEffect):
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`: nothing brings back what was cut off."""
         return y
+
+
+class SensorSoftSaturation(SensorEffect):
+    """A sensor whose output flattens as it nears the end of its range."""
+
+    name = "sensor-soft-saturation"
+    family = "saturation"
+    law = "y = L tanh(x/L)"
+    words = "a sensor or its amplifier saturates softly: its output flattens towards a limit that it never reaches"
+    parameters: ClassVar = (
+        Parameter(
+            name="limit",
+            unit="m",
+            low=0.9,
+            high=10.0,
+            role="shape",
+            reference="output",
+            grid=(1.01, 1.05, 1.15, 1.4, 2.0, 3.0),
+        ),
+    )
+
+    def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`."""
+        return np.asarray(p["limit"] * np.tanh(y / p["limit"]))
+
+    def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
+        """See `SensorEffect`; near the limit, where noise would be magnified without end, as much as is known."""
+        return np.asarray(p["limit"] * np.arctanh(limited(y / p["limit"], NEAR_LIMIT)))
 
 
 class SensorDelay(SensorEffect):
