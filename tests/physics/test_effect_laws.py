@@ -143,3 +143,24 @@ def test_an_attached_oscillator_weighs_its_mass_when_moved_slowly():
         out.append(force)
     expected = 2.0 * w * w * np.sin(w * t)  # -m a
     assert np.abs(out - expected)[4000:].max() < 0.03 * expected.max()  # D w/w0 = 0.025 in quadrature
+
+
+def test_a_hold_near_a_whole_number_of_samples_keeps_that_pattern():
+    """What is held must not change with the last digit of the period: a fit's steps would leave the right one."""
+    u, h = np.arange(40.0), 1e-3
+    held = np.repeat(u[::4], 4)
+    for period in (3.95e-3, 4e-3 * (1 - 1e-12), 4e-3, 4e-3 * (1 + 1e-12), 4.05e-3):
+        np.testing.assert_array_equal(EFFECTS["actuator-hold"].actuate(u, {"period": period}, h), held)
+    between = EFFECTS["actuator-hold"].actuate(u, {"period": 3.5e-3}, h)
+    assert sorted(set(np.diff(np.unique(between)))) == [3.0, 4.0]  # a clock of its own takes now three, now four
+
+
+def test_a_soft_limit_of_a_sensor_is_taken_off_as_far_as_it_tells():
+    """The correction is the inverse of the law; beyond 98 % of the limit it says no more than atanh(.98) = 2.298 limits."""
+    effect, p = EFFECTS["sensor-soft-saturation"], {"limit": 0.5}
+    x, t = np.linspace(-1.0, 1.0, 201), np.zeros(201)
+    y = effect.sense(x, p, 1e-3, t)
+    assert np.abs(y).max() < 0.5
+    np.testing.assert_allclose(effect.correct(y, p, 1e-3, t), x, rtol=1e-12, atol=1e-15)
+    far = effect.correct(np.array([0.5, -0.7]), p, 1e-3, t[:2])
+    np.testing.assert_allclose(far, [0.5 * np.arctanh(0.98), -0.5 * np.arctanh(0.98)])

@@ -681,7 +681,7 @@ class Refiner:
         covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
         first = x.size - len(layout.effects)
         sd = {
-            f"{terms[i].label}:{p.name}": float(np.sqrt(max(covariance[first + k, first + k], 0.0)))
+            f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[first + k, first + k], 0.0)))
             for k, (i, p) in enumerate(layout.effects)
         }
         return Fit(

@@ -302,6 +302,7 @@ class CoarseHold(ActuatorEffect):
             high=0.2,
             role="shape",
             reference="step",
+            grain=SAME_CLOCK,
             grid=(2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0),
         ),
     )

@@ -48,6 +48,9 @@ class Parameter:
         Values that the screening tries.
     signed : bool
         Whether the parameter may be negative as well; an unsigned one is fitted in its logarithm.
+    grain : float
+        Relative distance of an unsigned one within which the law may be the same for all values: slopes tell nothing there, and
+        this is how well it is known. 0 where the law changes with every change of it.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Parameter:
     grid: tuple[float, ...] = ()
     signed: bool = False
     words: str = ""
+    grain: float = 0.0
 
 
 class Step(NamedTuple):
