@@ -62,10 +62,10 @@ SHARES = 2
 ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
 """Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
 one where the step is off by a part in the number of steps."""
-NO_GAIN = 1e-3
-"""Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
 COARSE_ZOOM = 4
 """How many of them are enough for a law that remembers."""
+NO_GAIN = 1e-3
+"""Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
 MOST_ROWS = 60_000
 """Samples times channels that the screening works on."""
 

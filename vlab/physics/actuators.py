@@ -6,7 +6,16 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import signal
 
-from vlab.physics.effect import ActuatorEffect, ActuatorStep, Parameter, PortEffect, Step, Values, limited
+from vlab.physics.effect import (
+    ActuatorEffect,
+    ActuatorStep,
+    Parameter,
+    PortEffect,
+    Step,
+    Values,
+    limited,
+    softly_limited,
+)
 from vlab.signals import Array
 
 
@@ -120,7 +129,7 @@ class SoftSaturation(ActuatorEffect):
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
         """See `ActuatorEffect`."""
-        return np.asarray(p["limit"] * np.tanh(u / p["limit"]))
+        return np.asarray(softly_limited(u, p["limit"]))
 
 
 class DeadZone(ActuatorEffect):
@@ -309,11 +318,11 @@ class CoarseHold(ActuatorEffect):
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
         """See `ActuatorEffect`."""
-        return np.asarray(u[self._taken(np.arange(len(u)), float(p["period"]), h)])
+        return np.asarray(u[self._taken(np.arange(len(u)), self._clock(float(p["period"]), h), h)])
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """See `ActuatorEffect`."""
-        period, k, held = float(p["period"]), -1, 0.0
+        period, k, held = self._clock(float(p["period"]), h), -1, 0.0
 
         def step(u: float) -> float:
             nonlocal k, held
@@ -325,11 +334,14 @@ class CoarseHold(ActuatorEffect):
         return step
 
     @staticmethod
+    def _clock(period: float, h: float) -> float:
+        """Return a period, or the whole number of samples that it is near."""
+        samples = period / h
+        return round(samples) * h if abs(samples - round(samples)) < SAME_CLOCK * samples else period
+
+    @staticmethod
     def _taken(k: Array, period: float, h: float) -> Array:
         """Return which sample is held at every sample: the first one of its period."""
-        steps = period / h
-        if abs(steps - round(steps)) < SAME_CLOCK * steps:
-            period = max(round(steps), 1) * h
         start = np.floor(k * h / period + 1e-9) * period
         return np.minimum(np.ceil(start / h - 1e-9).astype(int), k)
 

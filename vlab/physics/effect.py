@@ -289,6 +289,11 @@ def limited(x: Any, most: Any) -> Any:
     return np.minimum(np.maximum(x, -most), most)  # numpy's clip takes longer for the same
 
 
+def softly_limited(x: Any, most: Any) -> Any:
+    """Return x flattened towards +-most, which it never reaches."""
+    return most * np.tanh(x / most)
+
+
 def positive(x: Any) -> Any:
     """Return x where it is above zero, else zero."""
     return max(x, 0.0) if isinstance(x, float) else np.maximum(x, 0.0)

@@ -8,7 +8,16 @@ import numpy as np
 from scipy import signal
 
 from vlab.physics.actuators import lag_weights, lagged, recursion
-from vlab.physics.effect import ActuatorStep, Parameter, PickUp, SensorEffect, SensorStep, Values, limited
+from vlab.physics.effect import (
+    ActuatorStep,
+    Parameter,
+    PickUp,
+    SensorEffect,
+    SensorStep,
+    Values,
+    limited,
+    softly_limited,
+)
 from vlab.signals import Array
 
 NEAR_LIMIT = 0.98
@@ -164,7 +173,7 @@ class SensorSoftSaturation(SensorEffect):
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`."""
-        return np.asarray(p["limit"] * np.tanh(y / p["limit"]))
+        return np.asarray(softly_limited(y, p["limit"]))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`; near the limit, where noise would be magnified without end, as much as is known."""

@@ -11,14 +11,7 @@ from vlab.diagnose.frequency.measured import Measured, Modes, Response, read_mea
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import (
-    Uncertain,
-    adjusted,
-    changes_of,
-    gain_sd,
-    parts_of,
-    uncertain_parameters,
-)
+from vlab.diagnose.uncertain import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
 from vlab.diagnose.uncertain_structure import adjusted_structure, carried, structure_parameters, structure_parts
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
