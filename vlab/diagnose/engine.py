@@ -27,7 +27,7 @@ from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verdict import closes, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
-from vlab.diagnose.zeros import shifted_zeros
+from vlab.diagnose.zeros import said_zeros, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -93,7 +93,8 @@ def diagnose(
     settled = settling.settled(found)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after
     seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
-    before, after = amended(problem, fit_before, seen.zeros), seen.on(amended(problem, fit_after))
+    wrong_zeros = {*(zero.channel for zero in seen.zeros), *said_zeros(problem, fit_after)}
+    before, after = amended(problem, fit_before, wrong_zeros), seen.on(amended(problem, fit_after))
     without = seen.on(amended(problem, fit_before))
     is_structure = case.structure is not None
     if (

@@ -16,7 +16,7 @@ from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import channels, mix
 from vlab.diagnose.terms import Candidate, Fit, Term, of_element
-from vlab.physics.effect import Parameter, PickUp, SensorEffect
+from vlab.physics.effect import SETTLING, Parameter, PickUp, SensorEffect
 from vlab.signals import Array
 
 ITERATIONS = 12
@@ -43,8 +43,6 @@ PASSES = 2
 MOVED, WIDEST = 0.25, (100.0, 5.0)
 """Root mean square of the weighted difference by which their steps move it, and how much wider than usual they may be: of uncertain
 parameters up to a standard deviation, of a law's to a twentieth."""
-LEAD = 512
-"""Samples before a window in which a sensor's dynamics settle."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
 LOOSE_START = 0.03
@@ -260,34 +258,41 @@ class Refiner:
         values: Sequence[Mapping[str, Array]],
     ) -> Array:
         """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
+        gains = self.twin.gains(theta)[1]
         with np.errstate(over="ignore"):  # of a trial that ran away
-            y *= self.twin.gains(theta)[1][:, None, :]
+            y *= gains[:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
                 mix(y, term, own, runs)
             elif isinstance(term.effect, SensorEffect):
-                self._sense(y, term.effect, term.place.index, own, runs)
+                self._sense(y, term.effect, term.place.index, gains, own, runs)
         return y
 
     def _sense(
-        self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array], runs: Sequence[Signals]
+        self,
+        y: Array,
+        effect: SensorEffect,
+        index: int,
+        gains: Array,
+        given: Mapping[str, Array],
+        runs: Sequence[Signals],
     ) -> None:
         """Let a sensor effect act on its channel, set by set and run by run.
 
-        A window begins in the middle of a motion that the sensor's own dynamics have followed before: what came before it is its
-        beginning, turned round.
+        A window begins in the middle of a motion that the sensor's own dynamics have followed before: where that is not known, it is
+        the beginning turned round.
         """
-        lead = min(LEAD, len(y) - 1)
-        t = np.arange(-lead, len(y)) * runs[0].h
         for s in range(y.shape[1]):
             p = {k: float(v[s]) for k, v in given.items()}
             for j, run in enumerate(runs):
-                column = y[:, s, j, index]
-                if run.at_rest:
-                    y[:, s, j, index] = effect.sense(column, p, run.h, run.t0 + t[lead:])
-                    continue
-                before = 2.0 * column[0] - column[lead:0:-1]
-                y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, run.t0 + t)[lead:]
+                column, before = y[:, s, j, index], y[:0, s, j, index]
+                if run.shown is not None and len(run.shown):
+                    before = gains[s, index] * run.shown[-effect.settling(p, run.h) :, index]
+                elif not run.at_rest:
+                    before = 2.0 * column[0] - column[SETTLING:0:-1]
+                lead = len(before)
+                t = run.t0 + np.arange(-lead, len(y)) * run.h
+                y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, t)[lead:]
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
 

@@ -207,8 +207,9 @@ class Screen:
 
     def states(
         self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()
-    ) -> list[tuple[Signals, Array]]:
-        """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off."""
+    ) -> list[tuple[Signals, Array, Array]]:
+        """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off, and what channels
+        of gain one show of these, (n, n_channels)."""
         out = []
         for group in self.groups:
             smoothed = group.smoothed
@@ -217,7 +218,8 @@ class Screen:
                 for effect, place, values in effects:
                     y[..., place.index] = effect.correct(y[..., place.index], values, group.h, group.times)
                 smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths, usable=group.usable)
-            out += [(run, smoothed.x[: len(run), i]) for i, run in enumerate(group.runs)]
+            shown = smoothed.x @ group.system.C[0].T + group.forces @ group.system.D[0].T
+            out += [(run, smoothed.x[: len(run), i], shown[: len(run), i]) for i, run in enumerate(group.runs)]
         return out
 
     def forget(self) -> None:

@@ -55,6 +55,8 @@ class Signals:
         Modal state at the first sample, where it is taken as known.
     before : (k, 2m) array or None
         Modal states at the samples before the first one, for laws with memory.
+    shown : (k, n_channels) array or None
+        What the channels showed before the first sample, smoothed and freed of what sensors are said to add: for what sensors remember.
     led : (k, n_actuators) array or None
         Commands before the first sample, for what comes out late.
     valid : (n, n_channels) array of bool or None
@@ -75,6 +77,7 @@ class Signals:
     t0: float = 0.0
     start: Array | None = None
     before: Array | None = None
+    shown: Array | None = None
     led: Array | None = None
     valid: Array | None = None
     end: float | None = None
@@ -143,13 +146,15 @@ LONG_PREROLL = 2000
 """The same of laws that are linear in what they remember, which costs them nothing: a light oscillator rings for that long."""
 
 
-def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
+def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> list[Signals]:
     """Cut a run into windows that start from known states, so that a fit cannot lose the phase over a long record.
 
     Parameters
     ----------
     states : (n, 2m) array
         Smoothed modal states at the run's samples.
+    shown : (n, n_channels) array
+        What the channels show of them.
     slowest_hz : float
         Frequency of the slowest mode; 0 where nothing oscillates.
     """
@@ -172,6 +177,7 @@ def windows(run: Signals, states: Array, slowest_hz: float) -> list[Signals]:
                 t0=run.t0 + float(a * run.h),
                 start=states[a],
                 before=states[max(a - LONG_PREROLL, 0) : a],
+                shown=shown[:a],
                 led=run.u[max(a - PREROLL, 0) : a],
             )
         )

@@ -1,6 +1,6 @@
 """The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.terms import Fit
-from vlab.diagnose.zeros import Zero
 from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -102,8 +101,8 @@ class Amended:
                 yield recording.index(name), gain, offset, about
 
 
-def amended(problem: Problem, fit: Fit, zeros: Sequence[Zero] = ()) -> Amended:
-    """Return a problem's plant as a fit has it, but for the channels' zeros given."""
+def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amended:
+    """Return a problem's plant as a fit has it, but for the zeros of the channels named."""
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     gains = np.ones(len(problem.names))
@@ -115,7 +114,7 @@ def amended(problem: Problem, fit: Fit, zeros: Sequence[Zero] = ()) -> Amended:
         names=problem.names,
         sensor_gain=gains,
         about=problem.about,
-        offset=np.where([name in {z.channel for z in zeros} for name in problem.names], 0.0, fit.offsets),
+        offset=np.where([name in without for name in problem.names], 0.0, fit.offsets),
     )
 
 

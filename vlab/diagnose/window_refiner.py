@@ -49,5 +49,5 @@ def _cut(screen: Screen, every: int, without: Sequence[Term]) -> Sequence[Signal
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
     wrong = [(t.effect, t.place, t.values) for t in without if isinstance(t.effect, SensorEffect)]
-    parts = [w for run, states in screen.states(wrong) for w in windows(run, states, slowest)]
+    parts = [w for run, states, shown in screen.states(wrong) for w in windows(run, states, shown, slowest)]
     return [w for i, w in enumerate(parts) if every == 1 or (i * GOLDEN) % 1.0 < 1.0 / every]

@@ -7,6 +7,7 @@ import numpy as np
 
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.terms import Fit
+from vlab.signals import Array
 
 BENIGN_ZERO = 0.01
 """A zero that is off by less than this share of its channel's rms is what every laboratory has..."""
@@ -38,12 +39,25 @@ def shifted_zeros(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> 
         Channels of whose zeros nothing was known, see `vlab.diagnose.standoff`.
     """
     said = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
-    scale = np.max([run.scale for run in problem.signals], axis=0)
-    error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
+    benign, error = _benign(problem, fit)
     out = []
     for i, (name, offset) in enumerate(zip(problem.names, fit.offsets, strict=True)):
-        if i not in said and name not in unknown and abs(offset) > max(BENIGN_ZERO * scale[i], OVER_ERROR * error[i]):
+        if i not in said and name not in unknown and abs(offset) > benign[i]:
             samples = sum(len(run) for run in problem.signals)
             spread = float(error[i] / np.sqrt(max(samples, 1)))
             out.append(Zero(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))
     return tuple(out)
+
+
+def said_zeros(problem: Problem, fit: Fit) -> tuple[str, ...]:
+    """Return the channels whose zeros an effect of a fit puts as far off: a refit without it must not have them among its own."""
+    benign, _ = _benign(problem, fit)
+    offsets = {t.place.index: t.values["offset"] for t in fit.terms if t.effect.name == "sensor-offset"}
+    return tuple(problem.names[i] for i, offset in offsets.items() if abs(offset) > benign[i])
+
+
+def _benign(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+    """Return how far off every channel's zero may be, and what a fit leaves of it, (n_channels,) each."""
+    scale = np.max([run.scale for run in problem.signals], axis=0)
+    error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
+    return np.maximum(BENIGN_ZERO * scale, OVER_ERROR * error), error

@@ -94,6 +94,8 @@ class Step(NamedTuple):
 
 IMPULSE = 4096
 """Samples of the impulse that tells how a sensor's correction stretches noise."""
+SETTLING = 512
+"""Samples after which a sensor has forgotten, unless it says otherwise."""
 
 
 OWN_SHARE = 0.1
@@ -241,6 +243,10 @@ class SensorEffect(Effect):
     @abstractmethod
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """Return the true signals to recorded ones: the inverse of `sense`, as far as there is one."""
+
+    def settling(self, p: Values, h: float) -> int:
+        """Return after how many samples, `h` seconds apart, nothing shows any more of what the true signal was."""
+        return SETTLING
 
     def stretch(self, p: Values, h: float) -> float:
         """Return the log of how much `correct` magnifies white noise's volume: what a likelihood of true signals must pay.

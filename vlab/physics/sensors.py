@@ -276,6 +276,10 @@ class SensorHighPass(SensorEffect):
         a = float(np.exp(-h / float(p["time_constant"])))
         return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
 
+    def settling(self, p: Values, h: float) -> int:
+        """See `SensorEffect`: to e^-8, a thirtieth of a percent."""
+        return int(np.ceil(8.0 * float(p["time_constant"]) / h))
+
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`; what was lost is the integral of what was seen, that of a wrong zero aside, which grows steadily."""
         return np.asarray(y + signal.detrend(np.cumsum(y, axis=0), axis=0) * (h / float(p["time_constant"])))

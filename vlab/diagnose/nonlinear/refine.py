@@ -292,7 +292,13 @@ class MovingRefiner(Refiner):
         return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
 
     def _sense(
-        self, y: Array, effect: SensorEffect, index: int, given: Mapping[str, Array], runs: Sequence[Signals]
+        self,
+        y: Array,
+        effect: SensorEffect,
+        index: int,
+        gains: Array,
+        given: Mapping[str, Array],
+        runs: Sequence[Signals],
     ) -> None:
         """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
         h = self.moving.runs[0].h
