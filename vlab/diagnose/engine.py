@@ -24,7 +24,7 @@ from vlab.diagnose.settle import Settling
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.unseen import held_out, moves
-from vlab.diagnose.verdict import closes, verdict_on
+from vlab.diagnose.verdict import closes, is_needed, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
@@ -97,12 +97,10 @@ def diagnose(
     before, after = amended(problem, fit_before, wrong_zeros), seen.on(amended(problem, fit_after))
     without = seen.on(amended(problem, fit_before))
     is_structure = case.structure is not None
-    if (
-        seen.is_missing
-        and fit_after.terms
-        and not closes(check(problem.runs, without, after), is_structure=is_structure)
-    ):
-        fit_after, after = fit_before, without  # what the recordings show without a model explains them
+    if seen.is_missing and fit_after.terms:
+        on_fitted = check(problem.runs, without, after)
+        if not (closes(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted)):
+            fit_after, after = fit_before, without  # what the recordings show without a model explains them
     report(0.9, "checking in MuJoCo")
     runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
     is_amended = bool(choice.best.terms) or seen.is_missing

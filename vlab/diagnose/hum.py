@@ -171,6 +171,8 @@ def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
     """Return whether a line is a multiple of the one line that a drive is: what is nonlinear answers a sine there."""
     for drive in run.drives:
         values = run.measured[drive.channel]
+        if np.ptp(values) == 0.0:
+            continue  # an actuator at rest, which has no line
         freq, power = signal.periodogram(values - values.mean(), 1.0 / float(np.median(np.diff(time))), window="hann")
         top = int(np.argmax(power))
         if power[max(top - 2, 0) : top + 3].sum() < ONE_LINE * power.sum():

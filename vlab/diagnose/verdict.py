@@ -52,6 +52,14 @@ def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
 
 
+def is_needed(choice: Choice, checked: Sequence[Checked]) -> bool:
+    """Return whether a choice that has no gap to close, for a refit follows with parameters that nobody believes, is better than that."""
+    errors = errors_of(checked)
+    no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
+    least = NO_WORSE if choice.is_of_priors else BETTER
+    return choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
+
+
 def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_structure: bool) -> Verdict:
     """Return the verdict on recordings kept aside, or on those fitted where none are."""
     if seen.damage.fatal:
@@ -62,12 +70,9 @@ def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_str
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"]
-    no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
-    least = NO_WORSE if choice.is_of_priors else BETTER
-    is_needed = choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
-    # there is no gap to close where coarse steps count as noise, or a refit follows with parameters that nobody believes
+    # there is no gap to close where coarse steps count as noise
     has_steps = bool(seen.steps) and errors["after"] <= NO_WORSE * errors["before"]
-    if is_followed and (has_steps or is_needed):
+    if is_followed and (has_steps or is_needed(choice, checked)):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"
