@@ -201,7 +201,7 @@ class OneSidedStiffness(PortEffect):
             high=0.95,
             role="shape",
             reference="displacement",
-            grid=(-0.7, -0.35, 0.0, 0.35, 0.7),
+            grid=(-0.7, -0.35, -0.05, 0.05, 0.35, 0.7),
             signed=True,
         ),
     )
