@@ -340,7 +340,7 @@ class SensorResonance(SensorEffect):
     )
     parameters: ClassVar = (
         Parameter(name="frequency", unit="Hz", low=1.0, high=1e4, role="shape", grid=(30.0, 60.0, 100.0, 170.0, 300.0)),
-        Parameter(name="damping_ratio", unit="1", low=0.005, high=0.7, role="shape", grid=(0.05, 0.25)),
+        Parameter(name="damping_ratio", unit="1", low=0.005, high=0.5, role="shape", grid=(0.05, 0.25)),
     )
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
