@@ -52,6 +52,14 @@ def test_hum_far_below_slow_motion_is_found():
         assert found.rms == pytest.approx(0.002 / np.sqrt(2), rel=0.03)
 
 
+def test_hum_is_found_beside_an_actuator_at_rest():
+    rng = np.random.default_rng(3)
+    for rest in (0.0, 2.5):
+        run = run_of(TIME, {"a": response(rng) + hum(0.1, 50.03, 1.0)}, {"f": np.full(TIME.size, rest)})
+        (found,) = find_hum([run])
+        assert found.frequency == pytest.approx(50.03, abs=0.01)
+
+
 def test_the_hum_expected_elsewhere_has_the_size_found_and_the_phase_that_is_there():
     rng = np.random.default_rng(2)
     (found,) = find_hum([run_of(TIME, {"a": response(rng) + hum(0.1, 60.0, 1.0)})])

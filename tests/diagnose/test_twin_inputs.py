@@ -12,6 +12,8 @@ from vlab.cases.initial import find_initial_state
 from vlab.diagnose.linear_view import actuator_forces, command_readings
 from vlab.diagnose.nonlinear.scope import linear_problem
 from vlab.diagnose.prepare import prepare
+from vlab.diagnose.refine import Refiner
+from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import windows
 from vlab.diagnose.simulation import _inputs
 from vlab.diagnose.terms import Term
@@ -174,12 +176,37 @@ def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name)
     late = Term(effect=EFFECTS[name], place=place, values={parameter.name: 0.02})
     values = [{parameter.name: np.array([0.02])}]
     (run,) = problem.signals
-    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), 5.0)
+    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), run.y, 5.0)
     assert len(parts) > 2
     whole = _inputs([run], [late], values, 1)[:, 0, 0]
     cut = np.concatenate([_inputs([part], [late], values, 1)[: len(part), 0, 0] for part in parts])
     # what stood more than 120 samples before has decayed by e^-12
     np.testing.assert_allclose(cut, whole, atol=1e-4 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sensor-high-pass", {"time_constant": 2.0}),  # longer than a window
+        ("sensor-lag", {"time_constant": 0.01}),
+        ("sensor-resonance", {"frequency": 40.0, "damping_ratio": 0.1}),
+    ],
+)
+def test_a_sensor_remembers_in_a_window_what_it_has_seen_before(tmp_path, name, values):
+    """Windows of a run, put together again, are the run."""
+    problem = prepare(recorded(tmp_path, reads=(ENCODER, VELOCITY)))
+    refiner = Refiner(Screen(problem), problem.signals)
+    place = next(p for p in problem.places if p.name.startswith("sensor:"))
+    term = Term(effect=EFFECTS[name], place=place, values=values)
+    own = [{k: np.array([v]) for k, v in values.items()}]
+    theta = np.zeros((1, len(problem.twin.prior)))
+    (run,) = problem.signals
+    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), run.y, 5.0)
+    assert len(parts) > 2
+    whole, *cut = (
+        refiner._read(part.y[:, None, None].copy(), [part], [term], theta, own)[:, 0, 0] for part in (run, *parts)
+    )
+    np.testing.assert_allclose(np.concatenate(cut), whole, atol=1e-4 * np.abs(whole).max())
 
 
 STIFF_SERVO = '<position name="drive" joint="a" kp="2e5" kv="2e3"/>'

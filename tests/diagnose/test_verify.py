@@ -15,10 +15,11 @@ from vlab.assets import asset
 from vlab.cases import load_case, simulate
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.verdict import closes
+from vlab.diagnose.verdict import closes, is_needed
 from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total
+from vlab.diagnose.zeros import said_zeros
 from vlab.physics.attach import Attached, attach
-from vlab.physics.catalogue import effect_named
+from vlab.physics.catalogue import EFFECTS, effect_named
 
 
 @pytest.mark.parametrize(
@@ -149,6 +150,32 @@ def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model
     assert closes(checked(np.inf, 0.02), is_structure=False)
     assert not closes(checked(np.inf, 40.0), is_structure=False)
     assert not closes(checked(100.0, 2.0), is_structure=False)  # 98 % of a gap
+
+
+def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_with_it():
+    def choice(gained, of_priors):
+        return SimpleNamespace(gained=gained, is_of_priors=of_priors)
+
+    same, worse, better = (checked(0.02, after, noise=0.019) for after in (0.0201, 0.022, 0.0195))
+    assert is_needed(choice(3.0, True), same)
+    assert not is_needed(choice(3.0, True), worse)
+    assert not is_needed(choice(-1.0, True), same)
+    assert is_needed(choice(3.0, False), better)
+    assert not is_needed(choice(3.0, False), same)
+    assert not is_needed(choice(3.0, False), checked(0.04, 0.03, noise=0.019))  # a gap, for `closes` to judge
+
+
+def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():
+    signals = [SimpleNamespace(scale=np.array([1.0, 1.0, 2.0]))]
+    problem = SimpleNamespace(signals=signals, names=["a", "b", "c"])
+
+    def offset(index, value):
+        return SimpleNamespace(
+            effect=EFFECTS["sensor-offset"], place=SimpleNamespace(index=index), values={"offset": value}
+        )
+
+    fit = SimpleNamespace(terms=(offset(0, -0.05), offset(2, 0.015)), error=np.full((1, 3), 0.002))
+    assert said_zeros(problem, fit) == ("a",)  # that of c is less than a hundredth of its rms
 
 
 def test_side_by_side_is_the_serial_map_in_order():

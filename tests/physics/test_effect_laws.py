@@ -32,6 +32,7 @@ def test_every_effect_of_the_list_has_a_name():
             assert p.low < p.high
             assert p.unit
             assert p.role == "amplitude" or p.grid
+            assert 0.0 not in p.grid  # which no factor moves away from
 
 
 @pytest.mark.parametrize("name", [n for n in CHANNEL_VALUES if not isinstance(EFFECTS[n], PickUp)])
