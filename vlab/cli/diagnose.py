@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 def _text(diagnosis: Diagnosis) -> str:
     lines = [diagnosis.title, "", VERDICTS[diagnosis.verdict], ""]
     for finding in diagnosis.findings:
-        lines.append(f"{finding.effect} at {finding.place} (probability {finding.probability:.2f}): {finding.words}")
+        lines.append(f"{finding.name} at {finding.place} (probability {finding.probability:.2f}): {finding.words}")
         lines.append(f"  law: {finding.law}")
         for name, p in finding.parameters.items():
             lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")

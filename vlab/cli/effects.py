@@ -43,6 +43,7 @@ def _plain(effect: Effect) -> dict[str, Any]:
     return {
         "name": effect.name,
         "also": [alias for alias, name in ALIASES.items() if name == effect.name],
+        "form_of": effect.form_of,
         "family": effect.family,
         "law": effect.law,
         "places": places,
@@ -59,7 +60,8 @@ def _plain(effect: Effect) -> dict[str, Any]:
 
 def _text(entry: dict[str, Any]) -> str:
     also = f"  (also {', '.join(entry['also'])})" if entry["also"] else ""
-    lines = [f"{entry['name']}  [{entry['family']}]{also}", f"  {entry['words']}", f"  {entry['law']}"]
+    form = f"  a form of {entry['form_of']}" if entry["form_of"] else ""
+    lines = [f"{entry['name']}  [{entry['family']}]{also}{form}", f"  {entry['words']}", f"  {entry['law']}"]
     lines.append(f"  at: {entry['places']}")
     for p in entry["parameters"]:
         of = f" x the largest {p['in_multiples_of']}" if p["in_multiples_of"] else f" {p['unit']}"

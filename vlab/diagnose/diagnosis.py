@@ -16,6 +16,8 @@ class Finding:
 
     Parameters
     ----------
+    form : str
+        The effect of the catalogue whose law and parameters these are: `effect` or another form of it.
     places_90 : tuple of str
         Places that together hold at least 90 % of the probability.
     alike : tuple of str
@@ -25,6 +27,7 @@ class Finding:
     """
 
     effect: str
+    form: str
     family: str
     place: str
     places_90: tuple[str, ...]
@@ -34,15 +37,21 @@ class Finding:
     law: str
     words: str
 
+    @property
+    def name(self) -> str:
+        """Its effect, and in which form where there are several."""
+        return self.effect if self.form == self.effect else f"{self.effect} ({self.form})"
+
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
         return {
             "effect": self.effect,
+            "form": self.form,
             "family": self.family,
             "place": self.place,
             "places_90": list(self.places_90),
             "probability": self.probability,
-            "class": list(self.alike),
+            "class": list(dict.fromkeys([self.effect, self.form, *self.alike])),
             "parameters": self.parameters,
             "law": self.law,
             "words": self.words,

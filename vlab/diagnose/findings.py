@@ -38,6 +38,7 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     odds = (limit.after / limit.before) ** WORTH
     return Finding(
         effect=effect.name,
+        form=effect.name,
         family=effect.family,
         place=f"actuator:{limit.actuator}",
         places_90=(f"actuator:{limit.actuator}",),
@@ -66,10 +67,11 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
             unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         places = choice.places if i == 0 else {term.place.name: 1.0}
-        alike = [term.effect.name, *(name for h in choice.alike for name in _instead(h, fit, i))]
+        alike = [term.effect.physics, *(name for h in choice.alike for name in _instead(h, fit, i))]
         out.append(
             Finding(
-                effect=term.effect.name,
+                effect=term.effect.physics,
+                form=term.effect.name,
                 family=term.effect.family,
                 place=place_of(term.place.name, term.effect, problem),
                 places_90=tuple(dict.fromkeys(place_of(p, term.effect, problem) for p in _most(places))),
@@ -110,12 +112,13 @@ def place_of(name: str, effect: Effect, problem: Problem) -> str:
 def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
     """Return what a hypothesis that fits as well has in the place of one of the chosen effects, the others being the same."""
     others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
-    names = [t.effect.name for t in hypothesis.terms]
+    left = list(hypothesis.terms)
     for name in others:
-        if name not in names:
+        same = next((t for t in left if t.effect.name == name), None)
+        if same is None:
             return []
-        names.remove(name)
-    return names
+        left.remove(same)
+    return [t.effect.physics for t in left]
 
 
 def _unit(unit: str, term: Term, problem: Problem) -> str:
@@ -222,6 +225,7 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
     effect, place = EFFECTS[name], f"sensor:{channel.removeprefix('sensor:')}"
     return Finding(
         effect=name,
+        form=name,
         family=effect.family,
         place=place,
         places_90=(place,),

@@ -203,6 +203,7 @@ class RateLimit(SlewLimit):
     """A program or converter that limits how far a command moves from sample to sample: stairs where an amplifier makes ramps."""
 
     name = "rate-limit"
+    form_of = "slew-limit"
     is_clocked = True
     law = "|u(k) - u(k-1)| <= R h"
     words = "commands move no further from one sample to the next than a limited slope allows"

@@ -120,6 +120,13 @@ class Effect(ABC):
     or no elastic element, to be sought there), ``"translation"``,
     ``"rotation"``, ``"tension"`` (the rows of a stretched bar); of a sensor ``"command"`` or ``"sensor"``: a second signal
     that it picks up."""
+    form_of: ClassVar[str] = ""
+    """Name of the effect that this is another form of, under which it is reported."""
+
+    @property
+    def physics(self) -> str:
+        """The name under which it is reported: another form of an effect is the same physics."""
+        return self.form_of or self.name
 
     @property
     def shapes(self) -> tuple[Parameter, ...]:

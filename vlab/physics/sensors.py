@@ -156,6 +156,7 @@ class SensorSoftSaturation(SensorEffect):
     """A sensor whose output flattens as it nears the end of its range."""
 
     name = "sensor-soft-saturation"
+    form_of = "sensor-clipping"
     family = "saturation"
     law = "y = L tanh(x/L)"
     words = "a sensor or its amplifier saturates softly: its output flattens towards a limit that it never reaches"

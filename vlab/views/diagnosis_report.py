@@ -135,7 +135,7 @@ def _found(done: Done) -> Section:
         return Section(title="What was found", text=(_nothing(done),))
     table = [
         [
-            f.effect,
+            f.name,
             f.family,
             f.place,
             ", ".join(f.places_90),
@@ -145,13 +145,13 @@ def _found(done: Done) -> Section:
         for f in diagnosis.findings
     ]
     rows = [
-        [f.effect, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
+        [f.name, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
         for f in diagnosis.findings
         for name, p in f.parameters.items()
     ]
     return Section(
         title="What was found",
-        text=tuple(f"{f.effect}: {f.law}" for f in diagnosis.findings),
+        text=tuple(f"{f.name}: {f.law}" for f in diagnosis.findings),
         tables=[
             (("effect", "family", "place", "places that hold 90 %", "probability", "cannot be told from"), table),
             (("effect", "place", "parameter", "value", "unit", "90 % interval"), rows),
@@ -310,7 +310,7 @@ def _alternatives(done: Done) -> Section:
         "Probabilities of the effects that were fitted, from the fit recordings alone, and what each leaves over in multiples of the noise. "
         f"The refitted model without any effect leaves {done.found.before.level:.3g}.",
     )
-    is_reported = any(f.effect == t.effect.name for f in diagnosis.findings for t in best.terms)
+    is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
     chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
     caption = (
         "Ranking; dark: what is reported." if chosen == 0 else "Ranking; nothing of it is reported: see the verdict."

@@ -42,7 +42,7 @@ def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
     diagnosis = done.diagnosis
     out = [verdict_sentence(done)]
     for finding in diagnosis.findings:
-        out.append(f"{finding.effect}: {finding.words}.")
+        out.append(f"{finding.name}: {finding.words}.")
         if len(finding.alike) > 1:
             out.append(f"These recordings cannot tell it from {', '.join(finding.alike[1:])}.")
     out += list(diagnosis.notes)
