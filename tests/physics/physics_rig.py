@@ -132,6 +132,7 @@ PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "quadratic-stiffness": ("joint:a", {"k2": 8e3}),
     "quadratic-cubic-stiffness": ("joint:a", {"k2": 5e3, "k3": 2e5}),
     "coulomb-friction": ("joint:a", {"force": 1.5}),
+    "smooth-friction": ("joint:a", {"force": 1.0, "rise": 0.05}),
     "stribeck-friction": ("joint:a", {"force": 1.0, "excess": 0.8, "speed": 0.1}),
     "lugre-friction": ("joint:a", {"force": 1.0, "bristle": 2e-3, "excess": 0.5, "speed": 0.1}),
     "dead-band": ("joint:a", {"stiffness": 500.0, "gap": 4e-3}),

@@ -81,7 +81,7 @@ def work(name, values, z, v, h):
     return np.cumsum(out)
 
 
-@pytest.mark.parametrize("name", ["quadratic-drag", "coulomb-friction", "stribeck-friction"])
+@pytest.mark.parametrize("name", ["quadratic-drag", "coulomb-friction", "smooth-friction", "stribeck-friction"])
 def test_drag_and_friction_only_take_energy(name):
     rng, h = np.random.default_rng(3), H
     v = np.cumsum(rng.standard_normal(2000)) * 0.01

@@ -22,6 +22,7 @@ EFFECTS: dict[str, Effect] = {
         port_nonlinear.QuadraticStiffness(),
         port_nonlinear.PolynomialStiffness(),
         port_nonlinear.CoulombFriction(),
+        port_nonlinear.SmoothFriction(),
         port_nonlinear.StribeckFriction(),
         port_nonlinear.DeadBand(),
         port_nonlinear.Stop(),

@@ -114,6 +114,33 @@ class CoulombFriction(PortEffect):
         return dry_friction(p["force"], v, step), memory
 
 
+class SmoothFriction(PortEffect):
+    """Dry friction with a film between, of many small contacts, or as simulations have it: it creeps instead of sticking."""
+
+    name = "smooth-friction"
+    form_of = "coulomb-friction"
+    family = "friction"
+    law = "F = -Fc tanh(v/vr)"
+    words = "dry friction of constant size that comes in gradually as the motion turns round"
+    parameters: ClassVar = (
+        Parameter(name="force", unit="N", low=1e-8, high=1e5),
+        Parameter(
+            name="rise",
+            unit="m/s",
+            low=0.002,
+            high=0.5,
+            role="shape",
+            reference="velocity",
+            grid=(0.01, 0.04, 0.12, 0.35),
+            words="the velocity at which three quarters of it are there",
+        ),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`; however steeply it comes in, it does not turn the port round within a step."""
+        return dry_friction(p["force"] * np.tanh(abs(v) / p["rise"]), v, step), memory
+
+
 class StribeckFriction(PortEffect):
     """Dry friction that is larger at rest than in motion."""
 

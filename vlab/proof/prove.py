@@ -100,7 +100,8 @@ def prove(
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(
-        {e.physics for e in EFFECTS.values()} - {e for n in commitments["cases"] for h in truths[n]["hidden"] for e in h["accepted"]}
+        {e.physics for e in EFFECTS.values()}
+        - {e for n in commitments["cases"] for h in truths[n]["hidden"] for e in h["accepted"]}
     )
     found["answered_with"] = read_json(out / MANIFEST)
     found["counted_with"] = scoring_digest()
