@@ -43,6 +43,15 @@ def test_a_coarse_reading_that_stands_still_at_the_top_of_a_small_motion_is_no_o
     assert stop.limit == 1.0
 
 
+def test_a_range_that_is_reached_seldom_is_told_by_ends_that_agree():
+    both = np.clip(motion(), -1.25, 1.25)  # a few samples at each end
+    (stop,) = sensor_limits([run_of(TIME, {"a": both})])
+    assert stop.tops == 2
+    one = np.clip(motion(), -2.0, 1.25)
+    (stop,) = sensor_limits([run_of(TIME, {"a": one})])
+    assert stop.tops == 1
+
+
 def test_two_limits_that_differ_are_no_range():
     runs = [run_of(TIME, {"a": np.clip(motion(), -limit, limit)}, name=str(limit)) for limit in (0.8, 1.0)]
     assert sensor_limits(runs) == ()

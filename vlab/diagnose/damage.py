@@ -60,11 +60,14 @@ class SensorLimit:
         Largest magnitude [SI unit of the channel].
     share : float
         Of the samples of all recordings that stand there.
+    tops : int
+        Lower and upper ends of recordings that stand at exactly that magnitude.
     """
 
     channel: str
     limit: float
     share: float
+    tops: int
 
 
 def assess(runs: Sequence[Run]) -> Damage:
@@ -95,7 +98,8 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         # nothing ever goes beyond the end of a range; a coarse reading may stand still at the top of a small motion as well
         if at_limit >= MOST_AT_LIMIT * counts.sum() and largest <= 1.01 * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
-            out.append(SensorLimit(channel=channel, limit=limit, share=float(np.mean(np.concatenate(reached)))))
+            share, same = float(np.mean(np.concatenate(reached))), int(np.count_nonzero(sizes >= limit * (1 - 1e-9)))
+            out.append(SensorLimit(channel=channel, limit=limit, share=share, tops=same))
     return tuple(out)
 
 

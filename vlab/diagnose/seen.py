@@ -17,8 +17,9 @@ from vlab.diagnose.zeros import Zero
 
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
 """Hum below this share of its channel's rms, or this multiple of its noise, is what every laboratory has."""
-BENIGN_STOP = 0.002
-"""A sensor that stands at its limit for a smaller share of the samples is said among the recordings' defects only."""
+BENIGN_STOP, SAME_TOPS = 0.002, 2
+"""A sensor that stands at its limit for a smaller share of the samples is said among the recordings' defects only, unless that many ends
+of recordings stand at exactly the same: a single flat top may be a coarse reading of a smooth one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +81,7 @@ def look(problem: Problem, damage: Damage) -> Seen:
         noise = float(np.median([noise_levels(run, [hum.channel]) for run in runs]))
         matters = hum.share > BENIGN_HUM and hum.rms > HUM_OVER_NOISE * noise
         (big if matters else small).append(hum)
-    stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP)
+    stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP or stop.tops >= SAME_TOPS)
     limit = find_limit(problem.case.plant, runs)
     steps = tuple(step for step in sensor_steps(runs) if step.channel not in {stop.channel for stop in stops})
     return Seen(limit=limit, stops=stops, steps=steps, hums=tuple(big), benign_hums=tuple(small), damage=damage)

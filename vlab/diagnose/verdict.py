@@ -70,9 +70,9 @@ def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_str
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"]
-    # there is no gap to close where coarse steps count as noise
-    has_steps = bool(seen.steps) and errors["after"] <= NO_WORSE * errors["before"]
-    if is_followed and (has_steps or is_needed(choice, checked)):
+    # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
+    shows = bool(seen.steps or seen.stops) and errors["after"] <= NO_WORSE * errors["before"]
+    if is_followed and (shows or is_needed(choice, checked)):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"
