@@ -47,7 +47,7 @@ def test_a_range_that_is_reached_seldom_is_told_by_ends_that_agree():
     both = np.clip(motion(), -1.25, 1.25)  # a few samples at each end
     (stop,) = sensor_limits([run_of(TIME, {"a": both})])
     assert stop.tops == 2
-    one = np.clip(motion(), -2.0, 1.25)
+    one = np.clip(motion() + 0.2, -2.0, 1.25)
     (stop,) = sensor_limits([run_of(TIME, {"a": one})])
     assert stop.tops == 1
 
