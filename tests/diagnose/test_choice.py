@@ -149,3 +149,12 @@ def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
     assert choice.shares["added-mass"] == pytest.approx(1.0, abs=LAPSE)
     assert choice.shares["cubic-stiffness"] == pytest.approx(choice.probability)
     assert 0.4 < choice.probability < 0.95
+
+
+def test_two_forms_of_the_same_physics_do_not_compete():
+    """Which one it is may be open: that it is dry friction is not."""
+    forms = hypothesis(1.0, "smooth-friction"), hypothesis(1.0001, "coulomb-friction")
+    choice = choose(Found(before=hypothesis(9.0), hypotheses=(*forms, hypothesis(3.0, "jenkins-slip"))))
+    assert choice.probability == pytest.approx(1.0 - LAPSE)
+    assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - LAPSE)}
+    assert [h.terms[0].effect.name for h, _ in choice.ranking if h.terms] == ["jenkins-slip"]

@@ -141,7 +141,7 @@ def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:
 
 
 def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
-    return tuple(sorted(t.effect.name for t in hypothesis.terms))
+    return tuple(sorted(t.effect.physics for t in hypothesis.terms))
 
 
 def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:

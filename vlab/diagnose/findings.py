@@ -75,7 +75,7 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
                 family=term.effect.family,
                 place=place_of(term.place.name, term.effect, problem),
                 places_90=tuple(dict.fromkeys(place_of(p, term.effect, problem) for p in _most(places))),
-                probability=min(choice.shares.get(term.effect.name, choice.probability), 1.0),
+                probability=min(choice.shares.get(term.effect.physics, choice.probability), 1.0),
                 alike=tuple(dict.fromkeys(alike)),
                 parameters=parameters,
                 law=term.effect.law,
