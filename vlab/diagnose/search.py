@@ -24,7 +24,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
-from vlab.diagnose.second import MUCH, SECOND_PLACES, pairs, wants_a_second
+from vlab.diagnose.second import MUCH, SECOND_PLACES, in_other_forms, pairs, wants_a_second
 from vlab.diagnose.shortlist import akin, best_of_effects, best_places, shortlisted
 from vlab.diagnose.terms import Candidate
 from vlab.diagnose.window_refiner import WindowRefiner
@@ -35,6 +35,8 @@ SLOWEST, SLOW_SHORTLIST = 1e-6, 5
 that are fitted because they gained most with one."""
 WHOLE_SINGLES, WHOLE_PAIRS = 7, 4
 """Single effects and pairs that are fitted over whole runs."""
+REFORMED = 3
+"""Pairs of which other forms are fitted as well."""
 EXPLAINS = 1.05
 """A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
 ENOUGH_OF_MESH = 1.6
@@ -97,6 +99,7 @@ def search(
     if singles and wants_a_second(before, singles, enough, whole.directions.shape[1]):
         among = best_places(candidates, SECOND_PLACES)
         doubles = finished(narrow, pairs(screen, rough, singles, shortlist, effects, among, report))
+        doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
         report(0.85, "fitting whole recordings")
         hypotheses = by_score(singles, on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain))
     shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)

@@ -12,14 +12,14 @@ import numpy as np
 
 from vlab.cases.playback import before
 from vlab.diagnose.causes import port_series
-from vlab.diagnose.fits import pairs_fitted, terms_of
+from vlab.diagnose.fits import fitted, pairs_fitted, terms_of
 from vlab.diagnose.group import Group
 from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import SLOW, Screen
-from vlab.diagnose.shortlist import LEAST_GAIN, siblings
+from vlab.diagnose.shortlist import LEAST_GAIN, plain_form, siblings
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.diagnose.twin import Twin
@@ -76,7 +76,7 @@ def pairs(
     owners = [seed for seed in seeds for _ in range(2)]
     found: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
     for seed, table in zip(owners, tables, strict=True):
-        for second in best_of_families(table, seed.terms[0].effect.name)[:SECONDS]:
+        for second in best_of_families(table, seed.terms[0].effect)[:SECONDS]:
             if second.gain > LEAST_GAIN:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")
@@ -89,6 +89,36 @@ def pairs(
     known = set(list(found)[:MOST_PAIRS])
     akin = [c for c in siblings(rows, second) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(refiner, [(seed, c) for c in akin if frozenset((seed.label, c.label)) not in known])
+
+
+def in_other_forms(
+    refiner: Refiner, hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
+) -> list[Hypothesis]:
+    """Return fits of hypotheses with one effect each in another form of its physics: which one it is shows when nothing else is missing.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        What the screening has of the other forms.
+    """
+    found: dict[frozenset[str], tuple[Hypothesis, list[Term]]] = {}
+    for h in hypotheses:
+        for i, term in enumerate(h.terms):
+            for form in candidates:
+                if _is_form_of(form, term):
+                    values = {name: term.values.get(name, value) for name, value in form.values.items()}
+                    other = Term(effect=form.effect, place=form.place, values=values)
+                    terms = [*h.terms[:i], other, *h.terms[i + 1 :]]
+                    found.setdefault(frozenset(t.label for t in terms), (h, terms))
+    for h in hypotheses:
+        found.pop(frozenset(t.label for t in h.terms), None)
+    return side_by_side(lambda item: fitted(refiner, item[1], item[0].fit, gain=item[0].gain), list(found.values()))
+
+
+def _is_form_of(one: Term, other: Term) -> bool:
+    return one.place.name == other.place.name and (
+        one.effect.physics == other.effect.physics and one.effect.name != other.effect.name
+    )
 
 
 def _seeds(screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate]) -> list[Hypothesis]:
@@ -127,17 +157,17 @@ def besides(
     runs = [run.first(most) for run in problem.in_role("fit")]
     second = Screen(problem, runs, like=screen, theta=fit.theta, trust=trust)
     table = second.candidates(effects, among=among)
-    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0].effect.name)[:ZOOMED]}
+    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0].effect)[:ZOOMED]}
     return [sharp.get(c.label, c) for c in table]
 
 
-def best_of_families(table: Sequence[Candidate], first: str) -> list[Candidate]:
+def best_of_families(table: Sequence[Candidate], first: Effect) -> list[Candidate]:
     """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly."""
     best: dict[str, Candidate] = {}
     for candidate in table:
-        if candidate.effect.name != first:
+        if candidate.effect.physics != first.physics:
             best.setdefault(candidate.effect.family, candidate)
-    return list(best.values())
+    return [plain_form(candidate, table) for candidate in best.values()]
 
 
 def with_effects(screen: Screen, fit: Fit) -> Problem:

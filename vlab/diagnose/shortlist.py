@@ -20,6 +20,8 @@ KINDRED = (
     {"saturation", "clearance"},
 )
 """Families whose laws look alike in a linear regression."""
+NEARLY = 0.9
+"""Share of the gain of another form of an effect that the effect itself must have to be tried first."""
 SIBLINGS = 3
 """Other effects of the family of a second one that are fitted at its place."""
 
@@ -83,8 +85,15 @@ def siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
     return best_of_effects([c for c in own if c.gain > LEAST_GAIN])[:SIBLINGS]
 
 
+def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
+    """Return the effect itself in the place of another form of it that gains little more: fits say which form it is."""
+    plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
+    return next((c for c in plain if c.gain > NEARLY * candidate.gain), candidate)
+
+
 def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
-    """Drop candidates that gain no more than a simpler one of their family does, at the same place."""
+    """Drop candidates that gain no more than a simpler one of their family does, at the same place, or little more than the effect that
+    they are a form of."""
     out: list[Candidate] = []
     for c in candidates:
         simpler = [
@@ -95,6 +104,6 @@ def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
             and len(d.effect.parameters) < len(c.effect.parameters)
             and d.gain >= c.gain - LEAST_GAIN
         ]
-        if not simpler:
+        if not simpler and plain_form(c, candidates) is c:
             out.append(c)
     return out

@@ -127,11 +127,11 @@ class SmoothFriction(PortEffect):
         Parameter(
             name="rise",
             unit="m/s",
-            low=0.002,
+            low=0.02,  # at a hundredth of the largest velocity it is the other form
             high=0.5,
             role="shape",
             reference="velocity",
-            grid=(0.01, 0.04, 0.12, 0.35),
+            grid=(0.03, 0.1, 0.3),
             words="the velocity at which three quarters of it are there",
         ),
     )
