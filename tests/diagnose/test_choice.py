@@ -158,3 +158,12 @@ def test_two_forms_of_the_same_physics_do_not_compete():
     assert choice.probability == pytest.approx(1.0 - LAPSE)
     assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - LAPSE)}
     assert [h.terms[0].effect.name for h, _ in choice.ranking if h.terms] == ["jenkins-slip"]
+
+
+def test_a_parameter_of_few_values_costs_no_more_than_their_number():
+    """A delay is told to a ten thousandth of what it might be; of whole samples that are held there are ten."""
+    hold, delay = (hypothesis(1.0, name, worth=1e4) for name in ("actuator-hold", "actuator-delay"))
+    assert delay.score == pytest.approx(-0.5 * np.log(1e4))
+    assert hold.score == pytest.approx(-np.log(10))
+    few = hypothesis(1.0, "actuator-hold", worth=9.0)
+    assert few.score == pytest.approx(-np.log(3))

@@ -87,7 +87,7 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in more.terms)
     enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
     enough += OF_PAIRS if len(more.terms) > 1 else 0.0
-    return more.score - less.score + 0.5 * count * float(np.log(more.worth)) - enough
+    return more.score - less.score + more.complexity - less.complexity - enough
 
 
 def _is_of_mains(frequency: float) -> bool:

@@ -54,8 +54,14 @@ class Hypothesis:
     @property
     def score(self) -> float:
         """Log evidence by Schwarz's approximation; larger is better."""
-        count = sum(len(t.effect.parameters) for t in self.terms)
-        return float(-self.worth * self.misfit - self.price - 0.5 * count * np.log(self.worth))
+        return float(-self.worth * self.misfit - self.price - self.complexity)
+
+    @property
+    def complexity(self) -> float:
+        """What its effects' parameters cost: each the logarithm of how many values of it the data tell apart, or that there are."""
+        told = 0.5 * float(np.log(self.worth))
+        parameters = [p for t in self.terms for p in t.effect.parameters]
+        return sum(min(told, float(np.log(len(p.grid)))) if p.grain else told for p in parameters)
 
     @property
     def long_fit(self) -> Fit:
