@@ -5,6 +5,7 @@ import pytest
 from synthetic import run_of
 
 from vlab.diagnose.damage import assess, on_clock, says_something, sensor_limits
+from vlab.diagnose.hum import find_hum, without_hum
 
 TIME = np.arange(4000) / 500.0
 
@@ -93,3 +94,14 @@ def test_dead_and_copied_sensors_are_fatal():
     assert [line for line in assess([twice]).fatal if "same samples" in line]
     both = [still, run_of(TIME, {"a": motion(2), "b": motion(3)}, name="other")]
     assert not assess(both).fatal  # it moves elsewhere
+
+
+def test_hum_taken_off_hides_no_limit():
+    buzz = 0.02 * np.sin(2 * np.pi * 50.0 * TIME)
+    run = run_of(TIME, {"a": np.clip(motion() + buzz, -1.0, 1.0), "b": motion(1) + buzz})
+    clean = without_hum(run, find_hum([run]))
+    assert not np.array_equal(clean.measured["a"], run.measured["a"])
+    valid = says_something(clean, run.compared)
+    np.testing.assert_array_equal(valid, says_something(run, run.compared))
+    assert not valid[:, 0].all()
+    np.testing.assert_array_equal(says_something(clean, run.compared[1:]), valid[:, 1:])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers import Controller, DirectRateFeedback, ObserverFeedback
 from vlab import units
@@ -105,6 +106,8 @@ class Run:
         The part that is compared.
     before : Recording or None
         What stands before it in the file.
+    valid : (n_samples, n_channels) array of bool or None
+        Which samples of `measured` say something, where their values were changed since that was seen in them.
     """
 
     name: str
@@ -116,6 +119,7 @@ class Run:
     law: Law | None
     hardware: Hardware | None
     initial: Literal["auto", "rest", "estimated"]
+    valid: NDArray[np.bool_] | None = None
 
     @property
     def outputs(self) -> Recording:

@@ -6,7 +6,7 @@ that is dead or a copy of another one makes the verdict ``bad-recording``.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,11 +105,20 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
 
 def says_something(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
     """Return which samples of which compared channels say something of the structure, (n_samples, n_channels)."""
+    if run.valid is not None:
+        return run.valid[:, [run.measured.index(c.channel) for c in compared]]
     out = np.repeat(_kept(run)[:, None], len(compared), axis=1)
     for i, c in enumerate(compared):
         for at_limit in flat_tops(run.measured[c.channel]).values():
             out[:, i] &= ~at_limit
     return out
+
+
+def marked(run: Run) -> Run:
+    """Return a run that knows which of its samples say something, whatever is done to their values."""
+    valid = np.ones(run.measured.data.shape, dtype=bool)
+    valid[:, [run.measured.index(c.channel) for c in run.compared]] = says_something(run, run.compared)
+    return replace(run, valid=valid)
 
 
 def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import signal
 
 from vlab.cases.wiring import Run, compared_names
+from vlab.diagnose.damage import marked
 from vlab.signals import Array
 
 MAINS_HZ = (50.0, 60.0)
@@ -138,9 +139,10 @@ def find_hum(runs: Sequence[Run]) -> tuple[Hum, ...]:
 
 
 def without_hum(run: Run, hums: Sequence[Hum]) -> Run:
-    """Return a run with the hum taken off its channels."""
+    """Return a run with the hum taken off its channels; a limit that samples stand at is none without it, so these are marked before."""
     if not hums:
         return run
+    run = marked(run)
     data = run.measured.data.copy()
     for hum in hums:
         data[:, run.measured.index(hum.channel)] -= hum.on(run)
