@@ -165,3 +165,13 @@ def test_a_soft_limit_of_a_sensor_is_taken_off_as_far_as_it_tells():
     np.testing.assert_allclose(effect.correct(y, p, 1e-3, t), x, rtol=1e-12, atol=1e-15)
     far = effect.correct(np.array([0.5, -0.7]), p, 1e-3, t[:2])
     np.testing.assert_allclose(far, [0.5 * np.arctanh(0.98), -0.5 * np.arctanh(0.98)])
+
+
+def test_a_hold_near_whole_samples_is_one_of_whole_samples():
+    hold = EFFECTS["actuator-hold"]
+    u = np.random.default_rng(5).standard_normal(300)
+    for period, taken in ((0.00396, 0.004), (0.00403, 0.004), (0.0043, 0.0043)):
+        assert hold.taken({"period": period}, 0.002)["period"] == pytest.approx(taken, rel=1e-12)
+        np.testing.assert_array_equal(
+            hold.actuate(u, {"period": period}, 0.002), hold.actuate(u, {"period": taken}, 0.002)
+        )

@@ -667,8 +667,9 @@ class Refiner:
     def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, jacobian: Array) -> Fit:
         theta, offsets, starts, entries = self._unpack(layout, x[None])
         values = self._values(layout, terms, entries)
+        h = max(run.h for run in self.runs)
         fitted = tuple(
-            replace(term, values={k: float(v[0]) for k, v in own.items()})
+            replace(term, values=term.effect.taken({k: float(v[0]) for k, v in own.items()}, h))
             for term, own in zip(terms, values, strict=True)
         )
         priors = layout.r + layout.n_channels

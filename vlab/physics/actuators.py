@@ -334,6 +334,10 @@ class CoarseHold(ActuatorEffect):
 
         return step
 
+    def taken(self, p: Values, h: float) -> Values:
+        """See `Effect`: a whole number of samples."""
+        return {**p, "period": self._clock(float(p["period"]), h)}
+
     @staticmethod
     def _clock(period: float, h: float) -> float:
         """Return a period, or the whole number of samples that it is near."""

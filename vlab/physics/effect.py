@@ -138,6 +138,10 @@ class Effect(ABC):
         """The parameters that the law is linear in."""
         return tuple(p for p in self.parameters if p.role == "amplitude")
 
+    def taken(self, p: Values, h: float) -> Values:
+        """Return parameter values as the law takes them where samples are `h` seconds apart: the same, but where it takes few."""
+        return p
+
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""
         return next(p for p in self.parameters if p.name == name)
