@@ -57,7 +57,7 @@ def test_the_evidence_counts_to_the_score_that_is_shown(shipped, tmp_path):
     assert (tmp_path / "report.html").read_text().count("<svg") == 4
 
 
-@pytest.mark.parametrize("which", ["beam", "rigs"])
+@pytest.mark.parametrize("which", ["again", "beam", "rigs"])
 def test_further_cases_count_to_the_score_that_is_shown(tmp_path, which):
     cases = asset("evidence") / which / "cases"
     for folder in (cases, truth_folder(cases), answers_folder(cases)):
