@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from vlab.diagnose.linear_view import ChannelRows
+from vlab.diagnose import march as marching
 from vlab.diagnose.march import CHUNK, _remember, acting_order, march
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
@@ -20,12 +21,15 @@ LAWS = {
     "force-offset": {"force": 0.4},
     "cubic-stiffness": {"k3": 3e3},
     "coulomb-friction": {"force": 0.3},
+    "bouc-wen": {"force": 0.5, "yield": 0.02},
+    "coil-force-over-travel": {"loss": 3.0},
+    "stribeck-friction": {"force": 0.2, "excess": 0.2, "speed": 0.1},
 }
 PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 
 
 def place(name: str, row: list[float]) -> Place:
-    return Place(name=name, kind="port", rows=np.array([row]))
+    return Place(name=name, kind="port", rows=np.array([row]), coil=0)
 
 
 def marched(names: list[str], substeps: int) -> np.ndarray:
@@ -86,6 +90,26 @@ def test_laws_folded_into_the_twin_move_it_as_they_do_step_by_step(names, subste
     assert off < 2e-3 * np.abs(folded).max() / substeps
     assert less < 0.6 * off + 1e-11 * np.abs(folded).max()
     assert np.abs(folded - marched([], substeps)).max() > 1e-3 * np.abs(folded).max()
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["cubic-stiffness"],
+        ["coulomb-friction"],
+        ["coulomb-friction", "cubic-stiffness", "sinusoidal-force"],
+        ["bouc-wen", "attached-oscillator", "coulomb-friction"],
+        ["coil-force-over-travel", "stribeck-friction"],
+    ],
+)
+def test_laws_played_from_tapes_move_the_twin_as_those_written(names, substeps, monkeypatch):
+    """To rounding, which friction that sticks or slips makes a little more of."""
+    played = marched(names, substeps)
+    monkeypatch.setattr(marching, "tape_of", lambda *given: None)
+    written = marched(names, substeps)
+    assert np.abs(written - marched([], substeps)).max() > 1e-3 * np.abs(written).max()
+    np.testing.assert_allclose(played, written, atol=1e-8 * np.abs(written).max())
 
 
 def played(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, command: float = 0.0) -> np.ndarray:

@@ -4,12 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from vlab.diagnose.compiled import RUNAWAY, series
 from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
+from vlab.physics.tape import tape_of
 from vlab.signals import Array
-
-RUNAWAY = 1e12
-"""Forces and states beyond this have run away."""
-
 
 def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
     """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
@@ -40,8 +38,12 @@ def port_series(
     t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
-    out = np.zeros(z.shape)
+    tape = tape_of(effect, h, ("z", "v", "t"))
     with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
-        for k in range(len(z)):
-            out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=t[k]), memory)
+        if tape is not None:
+            out = series(tape, z, v, t, [values[p.name] for p in effect.parameters], memory)
+        else:
+            out = np.zeros(z.shape)
+            for k in range(len(z)):
+                out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=t[k]), memory)
         return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))

@@ -12,17 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.causes import RUNAWAY
+from vlab.diagnose.compiled import CHECKED, RUNAWAY, Loop
 from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import LONG_PREROLL, PREROLL, Signals
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import Discrete
 from vlab.physics.effect import PortEffect, Step
+from vlab.physics.tape import tape_of
 from vlab.signals import Array
 
 CHUNK = 400
-CHECKED = 8
-"""Every so many samples states are looked at whether they ran away."""
 
 
 def acting_order(terms: Sequence[Term]) -> list[int]:
@@ -122,6 +121,7 @@ class _Marcher:
         """What a drive does to the states; None where it is added to them."""
         if self.linear:
             self._fold()
+        self.compiled = self._compiled() if self.is_looped else None
         if not self.is_looped:
             self._compose()
 
@@ -229,11 +229,39 @@ class _Marcher:
         The laws see only their ports' motion, which goes along as so many more entries of the state. Drives are those of
         the substeps, or of all of them.
         """
+        step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
+        driven = np.stack([np.concatenate([each, each @ self.seen], axis=-1) for each in drives])
+        if self.compiled is None:
+            return self._written(step_of, driven, part, x, first, pushed)
+        step = self.h / self.substeps
+        states, forces, x = self.compiled.through(step_of, self.seen, driven, part, x, first, step, self.substeps)
+        pushed[..., self.left] = forces
+        return states, x
+
+    def _compiled(self) -> Loop | None:
+        """Return the laws in the loop as tapes; None where one cannot be played from a tape."""
+        laws = [self.laws[j] for j in self.left]
+        tapes = [tape_of(law.effect, self.h / self.substeps) for law in laws]
+        if not all(tapes):
+            return None
+        return Loop(
+            tapes=[tape for tape in tapes if tape is not None],
+            values=[[law.values[p.name] for p in law.effect.parameters] for law in laws],
+            memories=[law.memory or () for law in laws],
+            push=np.stack([law.push[:, 0] for law in laws]),
+            felt=np.stack([law.felt[:, 0] for law in laws]),
+            ports=self.left,
+            coils=[-1 if law.coil is None else law.coil for law in laws],
+            late=self.late,
+        )
+
+    def _written(
+        self, step_of: Array, driven: Array, part: Array, x: Array, first: int, pushed: Array
+    ) -> tuple[Array, Array]:
+        """As `_looped`, the laws evaluated as they are written: some do what no tape can hold."""
         step, laws = self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
         count, width = len(self.laws), x.shape[-1]
-        step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
         both = {j: np.concatenate([law.push, law.felt], axis=-1) for j, law in laws}
-        driven = [np.concatenate([each, each @ self.seen], axis=-1) for each in drives]
         states = np.zeros((*driven[0].shape[:1], *x.shape))
         state = np.concatenate([x, x @ self.seen], axis=-1)
         last = {j: law.last for j, law in laws}

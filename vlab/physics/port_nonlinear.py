@@ -70,8 +70,10 @@ class PolynomialStiffness(PortEffect):
 
 
 def _any(flags: Any) -> bool:
-    """Return whether any of some flags is set; a single one is no array, as in a step of MuJoCo."""
-    return bool(np.count_nonzero(flags) if isinstance(flags, np.ndarray) else flags)  # `any` takes ten times as long
+    """Return whether any of some flags may be set; a single one is no array, as in a step of MuJoCo, a symbol's value is not known."""
+    if isinstance(flags, np.ndarray):
+        return bool(np.count_nonzero(flags))  # `any` takes ten times as long
+    return bool(flags) if isinstance(flags, (bool, np.bool_)) else True
 
 
 def dry_friction(limit: Any, v: Any, step: Step) -> Any:
@@ -94,7 +96,7 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
             return -force
         before = (push - stop) / (abs(push) + limit)  # share of the step before it turns, with the sign of the push
         turning = limit * (2.0 * before - np.sign(push))
-        return np.where(turns, turning, -force) if isinstance(turning, np.ndarray) else turning
+        return turning if isinstance(turning, float) else np.where(turns, turning, -force)
     if np.any(np.asarray(step.mobility) > 0):
         return -limited(v / (step.mobility + 1e-300), limit)
     return -limit * smooth_sign(v, REST_SPEED * np.max(np.abs(v), initial=0.0))
@@ -236,7 +238,7 @@ class OneSidedStiffness(PortEffect):
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`; a negative gap means that it acts below -|gap|, on the other side."""
         gap = p["gap"]
-        side = (-1.0 if gap < 0 else 1.0) if isinstance(gap, float) else np.where(np.asarray(gap) < 0, -1.0, 1.0)
+        side = (-1.0 if gap < 0 else 1.0) if isinstance(gap, float) else np.where(gap < 0, -1.0, 1.0)
         return -side * p["stiffness"] * positive(side * z - abs(gap)), memory
 
 
