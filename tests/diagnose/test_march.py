@@ -5,7 +5,7 @@ import pytest
 
 from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose import march as marching
-from vlab.diagnose.march import CHUNK, _remember, acting_order, march
+from vlab.diagnose.march import _remember, acting_order, march
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Term
@@ -13,7 +13,7 @@ from vlab.diagnose.twin import discretise
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
 
-H, N, SETS = 0.004, CHUNK + 77, 3
+H, N, SETS = 0.004, 477, 3
 LAWS = {
     "attached-oscillator": {"mass": 0.2, "frequency": 4.0, "damping_ratio": 0.02},
     "structural-damping": {"loss": 30.0, "centre": 3.0},
@@ -110,6 +110,34 @@ def test_laws_played_from_tapes_move_the_twin_as_those_written(names, substeps, 
     written = marched(names, substeps)
     assert np.abs(written - marched([], substeps)).max() > 1e-3 * np.abs(written).max()
     np.testing.assert_allclose(played, written, atol=1e-8 * np.abs(written).max())
+
+
+def test_a_mass_that_nothing_holds_or_brakes_falls():
+    """Its step has one direction of its own only, so it is marched as it is: s = a t^2/2."""
+    n, a, one = 3000, 0.7, np.ones((2, 1, 1))
+    rows = ChannelRows(at_q=np.ones((1, 1)), at_v=np.zeros((1, 1)), at_a=np.zeros((1, 1)), rest=np.zeros(1))
+    system = discretise(one, 0 * one, 0 * one, np.ones((1, 1)), rows, H)
+    empty = {"load": np.zeros((n, 0)), "noise": np.ones(1), "scale": np.ones(1)}
+    run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 1)), u=np.zeros((n, 1)), at_rest=True, **empty)
+    y = march(system, np.full((n, 1, 1, 1), a), 1, [], [], [], np.zeros((2, 1, 2)), [run], 1)
+    np.testing.assert_allclose(y[:, 1, 0, 0], 0.5 * a * (H * np.arange(n)) ** 2, rtol=1e-9, atol=1e-12)
+
+
+def test_modes_are_marched_as_their_matrices_say():
+    """Against a plain recursion, with a brake so strong that one mode does not swing."""
+    n, rng = 700, np.random.default_rng(4)
+    M, K, C = np.eye(3)[None], np.diag([30.0, 500.0, 4000.0])[None], np.diag([0.1, 200.0, 2.0])[None]
+    C = C + 0.05
+    at_q, at_v, at_a = rng.standard_normal((3, 2, 3))
+    rows = ChannelRows(at_q=at_q, at_v=at_v, at_a=at_a, rest=np.zeros(2))
+    system = discretise(M, C, K, rng.standard_normal((3, 2)), rows, H)
+    u, x = rng.standard_normal((n, 1, 1, 2)), rng.standard_normal(6)
+    empty = {"load": np.zeros((n, 0)), "noise": np.ones(2), "scale": np.ones(2)}
+    run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 2)), u=u[:, 0, 0], at_rest=False, **empty)
+    y = march(system, u, 2, [], [], [], x[None, None], [run], 1)[:, 0, 0]
+    for k in range(n):
+        np.testing.assert_allclose(y[k], system.C[0] @ x + system.D[0] @ u[k, 0, 0], atol=1e-9)
+        x = system.A[0] @ x + system.B[0] @ u[k, 0, 0]
 
 
 def played(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, command: float = 0.0) -> np.ndarray:

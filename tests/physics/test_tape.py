@@ -52,14 +52,18 @@ class Functions(Law):
         flags = ((z < v) | (z >= 2 * v)) & ~((z <= 0.1) & (v > 0.1)) | (z == v) & (z != v)
         size = np.sqrt(abs(z)) + np.log(1.0 + v**2) + np.hypot(z, v) + np.abs(v) ** 1.5 + np.square(z)
         turn = np.sin(z) - np.cos(v) + np.tanh(z * v) + np.arctan(z) + np.exp(-abs(v)) - np.floor(3 * z)
-        return np.where(flags, np.minimum(size, turn), np.maximum(-size, +turn) / (1 + z * z)) * np.sign(v) - 2.0, memory
+        return np.where(flags, np.minimum(size, turn), np.maximum(-size, +turn) / (1 + z * z)) * np.sign(
+            v
+        ) - 2.0, memory
 
 
 def both(effect: PortEffect) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(5)
     z, v = rng.standard_normal((2, N, WIDTH))
     t = np.arange(N)[:, None] * H + np.arange(WIDTH)
-    values: dict[str, Any] = {p.name: float(np.sqrt(p.low * p.high)) if not p.signed else -0.3 for p in effect.parameters}
+    values: dict[str, Any] = {
+        p.name: float(np.sqrt(p.low * p.high)) if not p.signed else -0.3 for p in effect.parameters
+    }
     tape = tape_of(effect, H, ("z", "v", "t"))
     assert tape is not None
     memory = effect.memory((WIDTH,))

@@ -9,6 +9,7 @@ from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
 from vlab.physics.tape import tape_of
 from vlab.signals import Array
 
+
 def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
     """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
     names = [p.name for p in effect.amplitudes]

@@ -1,6 +1,7 @@
 """The loops over samples in which laws act, compiled: laws as tapes of operations, many parameter sets and recordings side by side."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,15 @@ CHECKED = 8
 """Every so many samples states are looked at whether they ran away."""
 MOST = 1e9
 """What such states are brought back to."""
+MOST_ALIKE = 1e8
+"""Condition of a step's own directions up to which states are marched along them: half of all digits are left."""
 
 _COPY, _ADD, _SUBTRACT, _MULTIPLY = (CODE[f] for f in (np.positive, np.add, np.subtract, np.multiply))
 _DIVIDE, _NEGATIVE, _ABSOLUTE = (CODE[f] for f in (np.divide, np.negative, np.absolute))
 _MINIMUM, _MAXIMUM, _SIGN = (CODE[f] for f in (np.minimum, np.maximum, np.sign))
 _EXP, _LOG, _SQRT, _SIN, _COS, _TANH = (CODE[f] for f in (np.exp, np.log, np.sqrt, np.sin, np.cos, np.tanh))
 _ARCTAN, _POWER, _HYPOT, _FLOOR = (CODE[f] for f in (np.arctan, np.power, np.hypot, np.floor))
-_LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (
-    CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal)
-)
+_LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal))
 _EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
 _NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
 _Z, _V, _T, _FREE, _FIRST, _COMMAND, _MOBILITY = range(len(SIGNALS))
@@ -129,85 +130,114 @@ def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: 
         out[e] = y
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def _march(
-    step_of: Array,
+    turn: Array,
+    dense: Array,
+    into: Array,
+    out_of: Array,
     seen_of: Array,
-    drives: Array,
+    direct: Array,
+    direct_law: Array,
     part: Array,
+    given: Array,
     state: Array,
+    seen: Array,
     last: Array,
-    clock: tuple[int, int, float, Array],
+    clock: tuple[int, float, Array],
     laws: tuple[Array, Array, Array, Array, Array],
     tapes: tuple[Array, Array, Array, Array, Array],
     registers: Array,
-    states: Array,
-    forces: Array,
+    y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """March the state through the samples of a chunk and fill in states and forces at the samples; see `Loop`."""
-    first, substeps, h, late = clock
+    """March states through all samples and fill in the channels y (n_sets, n_runs, n, p); see `march_modes`."""
+    substeps, h, late = clock
     ports, coils, push, felt, results = laws
     operations, bounds, firsts, remembers, recalled = tapes
-    n, n_sets, n_runs, width = states.shape
-    size, seen, n_laws = state.shape[2], seen_of.shape[1], len(ports)
-    new, known = np.empty_like(state), np.empty((n_sets, n_runs, seen))
+    n_sets, n_runs, n, channels = y.shape
+    m, n_known, n_inputs = state.shape[3], part.shape[3], into.shape[2]
+    sees, n_laws = seen.shape[2], len(ports)
+    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty(m)
     for k in range(n):
-        states[k] = state[:, :, :width]
+        for s in range(n_sets):
+            for r in range(n_runs):
+                re, im = state[s, r, 0], state[s, r, 1]
+                for c in range(channels):
+                    total = 0.0
+                    for j in range(m):
+                        total += re[j] * out_of[0, s, c, j] + im[j] * out_of[1, s, c, j]
+                    for i in range(n_known):
+                        total += part[k, s % part.shape[1], r, i] * direct[s, i, c]
+                    for i in range(n_inputs - n_known):
+                        total += given[k, 0, s, r, i] * direct[s, n_known + i, c]
+                    y[s, r, k, c] = total
         for sub in range(substeps):
             for s in range(n_sets):
                 for r in range(n_runs):
-                    new[s, r] = drives[sub % len(drives), k, s, r]
-                    for i in range(width):
-                        x = state[s, r, i]
-                        for j in range(size):
-                            new[s, r, j] += x * step_of[s, i, j]
+                    re, im = state[s, r, 0], state[s, r, 1]
+                    if dense.shape[0] > 0:
+                        held[:] = re
+                        re[:] = 0.0
+                        for i in range(m):
+                            for j in range(m):
+                                re[j] += held[i] * dense[s, i, j]
+                    else:
+                        for j in range(m):
+                            x = re[j]
+                            re[j] = x * turn[0, s, j] - im[j] * turn[1, s, j]
+                            im[j] = x * turn[1, s, j] + im[j] * turn[0, s, j]
+                    for i in range(n_inputs):
+                        u = part[k, s % part.shape[1], r, i] if i < n_known else given[k, sub, s, r, i - n_known]
+                        if u != 0.0:
+                            for j in range(m):
+                                re[j] += u * into[0, s, i, j]
+                                im[j] += u * into[1, s, i, j]
+                    for i in range(sees):
+                        total = 0.0
+                        for j in range(m):
+                            total += re[j] * seen_of[0, s, i, j] + im[j] * seen_of[1, s, i, j]
+                        after[s, r, i] = total
+            if n_laws == 0:
+                continue
             known[:] = 0.0
             for law in range(n_laws):  # forces change by little in a step: the last ones stand for those not known yet
                 known += last[law]
             for law in range(n_laws):
-                z, v, coil = ports[law], seen // 2 + ports[law], coils[law]
+                z, v, coil = ports[law], sees // 2 + ports[law], coils[law]
                 own = registers[bounds[law, 0] : bounds[law + 1, 0]]
                 for s in range(n_sets):
                     for r in range(n_runs):
-                        e, at, after = s * n_runs + r, state[s, r, width:], new[s, r, width:]
-                        own[_Z, e] = 0.5 * (at[z] + (after[z] + known[s, r, z]))
-                        own[_V, e] = 0.5 * (at[v] + (after[v] + known[s, r, v]))
-                        own[_T, e] = late[r] + ((first + k) * substeps + sub + 0.5) * h
-                        own[_FREE, e], own[_FIRST, e] = after[v], at[v]
+                        e = s * n_runs + r
+                        own[_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
+                        own[_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
+                        own[_T, e] = late[r] + (k * substeps + sub + 0.5) * h
+                        own[_FREE, e], own[_FIRST, e] = after[s, r, v], seen[s, r, v]
                         own[_COMMAND, e] = part[k, s % part.shape[1], r, coil] if coil >= 0 else 0.0
                 _play(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
-                for m in range(bounds[law, 2], bounds[law + 1, 2]):
-                    own[recalled[m]] = own[remembers[m]]
+                for i in range(bounds[law, 2], bounds[law + 1, 2]):
+                    own[recalled[i]] = own[remembers[i]]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
+                        for j in range(m):
+                            state[s, r, 0, j] += force * push[0, s, law, j]
+                            state[s, r, 1, j] += force * push[1, s, law, j]
+                        for i in range(sees):
+                            known[s, r, i] -= last[law, s, r, i]
+                            last[law, s, r, i] = force * felt[s, law, i]
+                            after[s, r, i] += last[law, s, r, i]
                         if sub == 0:
-                            forces[k, s, r, law] = force
-                        for j in range(seen):
-                            known[s, r, j] -= last[law, s, r, j]
-                            last[law, s, r, j] = force * felt[law, s, j]
-                            new[s, r, width + j] += last[law, s, r, j]
-                        for j in range(width):
-                            new[s, r, j] += force * push[law, s, j]
-            state[:] = new
-        if k % CHECKED == 0 and not np.abs(state[:, :, :width]).max() < RUNAWAY:
-            _contain(state, seen_of)
+                            for c in range(channels):
+                                y[s, r, k, c] += force * direct_law[s, law, c]
+            seen[:] = after
+        if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
+            for s in range(n_sets):
+                for r in range(n_runs):
+                    for i in range(2):
+                        for j in range(m):
+                            x = state[s, r, i, j]
+                            state[s, r, i, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
             last[:] = 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _contain(state: Array, seen_of: Array) -> None:  # pragma: no cover - compiled
-    """Bring states that ran away back to large numbers."""
-    width, seen = seen_of.shape
-    for s in range(state.shape[0]):
-        for r in range(state.shape[1]):
-            state[s, r, width:] = 0.0
-            for i in range(width):
-                x = state[s, r, i]
-                x = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
-                state[s, r, i] = x
-                for j in range(seen):
-                    state[s, r, width + j] += x * seen_of[i, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -227,96 +257,189 @@ def _series(
     return out
 
 
-class Loop:
-    """Laws in the loop of a march, all of which can be played from tapes.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """A step's own directions, in which it turns and shrinks states: pairs of conjugate ones as one complex number.
 
     Parameters
     ----------
-    tapes : sequence of Tape
-        One a law, for the length of a substep.
-    values : sequence of sequences of (n_sets, 1) array
-        Parameters of every law, in the order of its class.
-    memories : sequence of sequences of array
-        What every law remembers at first, each (n_sets, n_runs) or less.
-    push, felt : (n_laws, n_sets, width) and (n_laws, n_sets, 2 n_ports) array
-        What a unit force over a substep adds to the states, and to what the ports see: displacements, then velocities.
-    ports, coils : sequence of int
-        Which port of these each law acts at, and which of the known inputs is the command there, -1 for none.
-    late : (n_runs,) array
-        Times at which the runs begin [s].
+    turn : (2, n_sets, m) array
+        Real and imaginary part of what a step multiplies each by.
+    dense : (n_sets, m, m) array
+        The step itself where its own directions are too nearly the same, as of a mass that nothing holds or brakes; else empty.
+    into, back : (n_sets, width, m) and (n_sets, m, width) array of complex
+        The directions' coordinates x @ into of states x, and states Re(z @ back) of coordinates.
     """
 
-    def __init__(
-        self,
-        tapes: Sequence[Tape],
-        values: Sequence[Sequence[Array]],
-        memories: Sequence[Sequence[Any]],
-        push: Array,
-        felt: Array,
-        ports: Sequence[int],
-        coils: Sequence[int],
-        late: Array,
-    ) -> None:
-        n_sets, n_runs, n_laws = push.shape[1], len(late), len(tapes)
-        self.registers = np.zeros((sum(t.registers for t in tapes), n_sets * n_runs))
-        bounds = np.zeros((n_laws + 1, 3), dtype=np.int64)
-        for i, (tape, own, memory) in enumerate(zip(tapes, values, memories, strict=True)):
-            base = bounds[i, 0]
-            bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
-            for at, value in (
-                *tape.constants,
-                *zip(tape.parameters, own, strict=True),
-                *zip(tape.memory, memory, strict=True),
-                (_MOBILITY, felt[i, :, felt.shape[2] // 2 + ports[i]][:, None]),
-            ):
-                self.registers[base + at] = np.broadcast_to(value, (n_sets, n_runs)).reshape(-1)
-        self.tapes = (
-            np.concatenate([t.operations for t in tapes]),
-            bounds,
-            np.array([t.first for t in tapes]),
-            np.array([m for t in tapes for m in t.remembered], dtype=np.int64),
-            np.array([m for t in tapes for m in t.memory], dtype=np.int64),
-        )
-        self.laws = (
-            np.array(ports),
-            np.array(coils),
-            np.ascontiguousarray(push),
-            np.ascontiguousarray(felt),
-            np.array([t.force for t in tapes]),
-        )
-        self.late = late
-        self.last = np.zeros((n_laws, n_sets, n_runs, felt.shape[2]))
+    turn: Array
+    dense: Array
+    into: Array
+    back: Array
 
-    def through(
-        self, step_of: Array, seen: Array, drives: Array, part: Array, x: Array, first: int, h: float, substeps: int
-    ) -> tuple[Array, Array, Array]:
-        """Return the states at the samples of a chunk, the forces of the laws there, and the states at its end.
 
-        Parameters
-        ----------
-        step_of : (n_sets, width, width + seen) array
-            What a substep makes of the states, and of what the ports see then.
-        seen : (width, seen) array
-            What the ports see of the states.
-        drives : (1 or substeps, n, n_sets, n_runs, width + seen) array
-            What is added in a substep.
-        part : (n, n_sets or 1, n_runs, known) array
-            Known inputs.
-        x : (n_sets, n_runs, width) array
-            States at the beginning.
-        first : int
-            The chunk's first sample.
-        h : float
-            Length of a substep [s].
-        """
-        states, forces = np.empty((len(part), *x.shape)), np.empty((len(part), *x.shape[:2], len(self.last)))
-        state = np.concatenate([x, x @ seen], axis=-1)
-        clock = (first, substeps, h, self.late)
-        _march(
-            np.ascontiguousarray(step_of), np.ascontiguousarray(seen), drives, np.ascontiguousarray(part), state, self.last,
-            clock, self.laws, self.tapes, self.registers, states, forces,
-        )  # fmt: skip
-        return states, forces, state[..., : x.shape[-1]].copy()
+def modes_of(step: Array) -> Modes:
+    """Return the own directions of steps (n_sets, width, width) that act on rows of states from the right."""
+    n_sets, width, _ = step.shape
+    values, vectors = np.linalg.eig(step)
+    if not np.linalg.cond(vectors).max() < MOST_ALIKE:
+        one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
+        return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
+    inverse = np.linalg.inv(vectors)
+    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one of a pair stands for both
+    order = np.argsort(weight == 0, axis=1, kind="stable")[:, : int(np.count_nonzero(weight, axis=1).max())]
+    values, weight = (np.take_along_axis(x, order, axis=1) for x in (values, weight))
+    return Modes(
+        turn=np.stack([values.real, values.imag]),
+        dense=np.zeros((0, width, width)),
+        into=np.take_along_axis(vectors, order[:, None, :], axis=2),
+        back=np.take_along_axis(inverse, order[:, :, None], axis=1) * weight[:, :, None],
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopLaw:
+    """A law in the loop.
+
+    Parameters
+    ----------
+    tape : Tape
+        For the length of a substep.
+    values : sequence of (n_sets, 1) array
+        Its parameters, in the order of its class.
+    memory : sequence of array
+        What it remembers at first, each (n_sets, n_runs) or less.
+    push : (n_sets, width) array
+        What a unit force over a substep adds to the states.
+    direct : (n_sets, p) array
+        What it adds to the channels at once.
+    port : int
+        Where it acts.
+    coil : int or None
+        Which of the known inputs is the command there.
+    """
+
+    tape: Tape
+    values: Sequence[Array]
+    memory: Sequence[Any]
+    push: Array
+    direct: Array
+    port: int
+    coil: int | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Marched:
+    """A linear system of states on rows, stepped by `step`.
+
+    Parameters
+    ----------
+    step : (n_sets, width, width) array
+        A substep.
+    into : (n_sets, n_inputs, width) array
+        What unit inputs add to the states in a substep.
+    channels : (n_sets, width, p) array
+    direct : (n_sets, n_inputs, p) array
+        What inputs add to the channels at once.
+    seen : (width, 2 n_ports) array
+        Displacements, then velocities, of the ports.
+    """
+
+    step: Array
+    into: Array
+    channels: Array
+    direct: Array
+    seen: Array
+
+
+def march_modes(
+    system: Marched,
+    laws: Sequence[LoopLaw],
+    part: Array,
+    given: Array,
+    starts: Array,
+    late: Array,
+    h: float,
+) -> Array:
+    """March a linear system with laws in its loop.
+
+    Parameters
+    ----------
+    part : (n, n_sets or 1, n_runs, known) array
+        The first inputs, held over a sample.
+    given : (n, substeps, n_sets, n_runs, n_inputs - known) array
+        The other ones.
+    starts : (n_sets, n_runs, width) array
+    late : (n_runs,) array
+        Times at which the runs begin [s].
+    h : float
+        Length of a substep [s].
+
+    Returns
+    -------
+    (n, n_sets, n_runs, p) array
+        Channels.
+    """
+    (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
+    modes = modes_of(system.step)
+
+    def inward(rows: Array) -> Array:
+        return _parts(rows @ modes.into)
+
+    def outward(columns: Array) -> Array:
+        there = np.swapaxes(modes.back @ columns, 1, 2)
+        return np.ascontiguousarray(np.stack([there.real, -there.imag]))
+
+    seen_of = system.seen if laws else system.seen[:, :0]
+    push = np.stack([law.push for law in laws], axis=1) if laws else np.zeros((n_sets, 0, starts.shape[2]))
+    felt = push @ seen_of
+    ports = np.array([law.port for law in laws], dtype=np.int64)
+    registers = np.zeros((sum(law.tape.registers for law in laws), n_sets * n_runs))
+    bounds = np.zeros((len(laws) + 1, 3), dtype=np.int64)
+    for i, law in enumerate(laws):
+        tape = law.tape
+        bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
+        for at, value in (
+            *tape.constants,
+            *zip(tape.parameters, law.values, strict=True),
+            *zip(tape.memory, law.memory, strict=True),
+            (_MOBILITY, felt[:, i, seen_of.shape[1] // 2 + law.port, None]),
+        ):
+            registers[bounds[i, 0] + at] = np.broadcast_to(value, (n_sets, n_runs)).reshape(-1)
+    tapes = (
+        np.concatenate([law.tape.operations for law in laws]) if laws else np.zeros((0, 4), dtype=np.int64),
+        bounds,
+        np.array([law.tape.first for law in laws], dtype=np.int64),
+        np.array([m for law in laws for m in law.tape.remembered], dtype=np.int64),
+        np.array([m for law in laws for m in law.tape.memory], dtype=np.int64),
+    )
+    coils = np.array([-1 if law.coil is None else law.coil for law in laws], dtype=np.int64)
+    results = np.array([law.tape.force for law in laws], dtype=np.int64)
+    y = np.empty((n_sets, n_runs, n, p))
+    _march(
+        np.ascontiguousarray(modes.turn),
+        modes.dense,
+        inward(system.into),
+        outward(system.channels),
+        outward(np.broadcast_to(seen_of, (n_sets, *seen_of.shape))),
+        np.ascontiguousarray(system.direct),
+        np.stack([law.direct for law in laws], axis=1) if laws else np.zeros((n_sets, 0, p)),
+        np.ascontiguousarray(part),
+        np.ascontiguousarray(given),
+        np.ascontiguousarray(np.moveaxis(inward(starts), 0, 2)),
+        np.ascontiguousarray(starts @ seen_of),
+        np.zeros((len(laws), n_sets, n_runs, seen_of.shape[1])),
+        (given.shape[1], h, np.ascontiguousarray(late, dtype=float)),
+        (ports, coils, inward(push), np.ascontiguousarray(felt), results),
+        tapes,
+        registers,
+        y,
+    )
+    return y.transpose(2, 0, 1, 3)
+
+
+def _parts(x: Array) -> Array:
+    """Return real and imaginary parts along a first axis."""
+    return np.ascontiguousarray(np.stack([x.real, x.imag]))
 
 
 def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:

@@ -7,21 +7,18 @@ laws, takes a loop over the samples.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.compiled import CHECKED, RUNAWAY, Loop
-from vlab.diagnose.recursion import states_of
+from vlab.diagnose.compiled import CHECKED, MOST, RUNAWAY, LoopLaw, Marched, march_modes
 from vlab.diagnose.signals import LONG_PREROLL, PREROLL, Signals
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import Discrete
 from vlab.physics.effect import PortEffect, Step
 from vlab.physics.tape import tape_of
 from vlab.signals import Array
-
-CHUNK = 400
 
 
 def acting_order(terms: Sequence[Term]) -> list[int]:
@@ -39,17 +36,16 @@ def _rank(effect: Any) -> int:
 
 @dataclass(eq=False)
 class _Law:
-    """A port's law in the march: what its force does to the states (n_sets, 1, 2m) and to what all ports see."""
+    """A port's law in the march: what its force does to the states (n_sets, 1, 2m), to what all ports see and, at once, to the channels."""
 
     effect: PortEffect
     values: Mapping[str, Array]
     push: Array
     felt: Array
+    direct: Array
     mobility: Array
     coil: int | None
     memory: Any
-    last: Array = field(default_factory=lambda: np.zeros(()))
-    """What the force of the last step did to what the ports see."""
 
 
 def march(
@@ -79,21 +75,10 @@ def march(
     (n, n_sets, n_runs, n_channels) array
         Channels.
     """
-    n, n_sets, n_runs = len(forces), len(starts), starts.shape[1]
-    BT, CT, DT = (np.swapaxes(part, 1, 2) for part in (system.B, system.C, system.D))
     seen = _seen_by([terms[i].place.rows[0] for i in ports], starts.shape[2] // 2)
-    laws = [_law(terms[i], values[i], system.B[:, :, known + k], seen, k, runs, n_sets) for k, i in enumerate(ports)]
-    marcher = _Marcher(system, laws, seen, runs, substeps)
-    x, out = marcher.start(starts), np.zeros((n, n_sets, n_runs, system.C.shape[1]))
-    for first in range(0, n, CHUNK):
-        part = forces[first : first + CHUNK]
-        drive = np.matmul(part, BT[:, :known])  # (chunk, n_sets, n_runs, 2m)
-        states, pushed, x = marcher.through(drive, part, x, first)
-        out[first : first + CHUNK] = np.matmul(states[..., : starts.shape[2]], CT)
-        if np.any(DT):
-            whole = np.concatenate([np.broadcast_to(part, (len(part), n_sets, n_runs, known)), pushed], axis=3)
-            out[first : first + CHUNK] += np.matmul(whole, DT)
-    return out
+    n_sets = len(starts)
+    laws = [_law(terms[i], values[i], system, known + k, seen, k, runs, n_sets) for k, i in enumerate(ports)]
+    return _Marcher(system, laws, seen, runs, substeps).through(forces, starts)
 
 
 class _Marcher:
@@ -109,21 +94,14 @@ class _Marcher:
         self.late = np.array([run.t0 for run in runs])
         self.laws, self.width = list(laws), system.A.shape[1]
         kinds = [law.effect.response for law in laws]
-        self.is_looped = "any" in kinds
         self.given = [j for j, kind in enumerate(kinds) if kind == "none"]
         self.linear = [j for j, kind in enumerate(kinds) if kind == "linear"]
         self.left = [j for j in range(len(laws)) if j not in self.given and j not in self.linear]
-        self.AT = np.ascontiguousarray(np.swapaxes(system.A, 1, 2))
-        self.seen = seen
-        self.answers: tuple[Array, Array] | None = None
-        """What the linear laws' forces are of states and of drives."""
-        self.DT: Array | None = None
-        """What a drive does to the states; None where it is added to them."""
+        self.AT, BT, self.CT, DT = (np.swapaxes(x, 1, 2) for x in (system.A, system.B, system.C, system.D))
+        inputs = [*range(BT.shape[1] - len(laws)), *(BT.shape[1] - len(laws) + j for j in self.given)]
+        self.into, self.direct, self.seen = BT[:, inputs], DT[:, inputs], seen
         if self.linear:
             self._fold()
-        self.compiled = self._compiled() if self.is_looped else None
-        if not self.is_looped:
-            self._compose()
 
     def _fold(self) -> None:
         """Let a step with the linear laws act on unit vectors of states, memories and drives."""
@@ -143,76 +121,49 @@ class _Marcher:
             memories += memory
             pushed.append(force)
         whole = np.concatenate([x, np.stack(memories, axis=-1)], axis=-1)
-        answers = np.stack(pushed, axis=-1)
-        self.AT, self.DT = np.ascontiguousarray(whole[:, :size]), np.ascontiguousarray(whole[:, size:])
-        self.answers = (answers[:, :size], answers[:, size:])
+        of_states, of_drives = np.split(np.stack(pushed, axis=-1), [size], axis=1)
+        at_once = np.stack([law.direct for law in laws], axis=1)
+        self.direct = self.direct + self.into @ of_drives @ at_once
+        self.CT = np.concatenate([self.CT, np.zeros((n_sets, size - m2, self.CT.shape[2]))], axis=1)
+        self.CT = self.CT + of_states @ at_once
+        self.AT, self.into = whole[:, :size], self.into @ whole[:, size:]
         self.seen = np.vstack([self.seen, np.zeros((size - m2, self.seen.shape[1]))])
         for law in self.laws:
             law.push = np.concatenate([law.push, np.zeros((*law.push.shape[:2], size - m2))], axis=-1)
 
-    def _compose(self) -> None:
-        """Find what a whole sample does to states, drives, and forces given at every substep."""
-        step, into = self.AT, self.DT if self.DT is not None else np.eye(self.width)
-        powers = [np.broadcast_to(into, (len(step), *into.shape[-2:]))]
-        for _ in range(self.substeps - 1):
-            powers.append(powers[-1] @ step)
-        self.of_drive = np.sum(powers, axis=0)
-        pushes = [self.laws[j].push[..., : self.width] for j in self.given]
-        self.of_given = [[push @ powers[self.substeps - 1 - i] for i in range(self.substeps)] for push in pushes]
-        self.over_sample = np.linalg.matrix_power(step, self.substeps)
-
-    def start(self, starts: Array) -> Array:
-        """Return the states that runs start from, (n_sets, n_runs, states)."""
+    def through(self, forces: Array, starts: Array) -> Array:
+        """Return the channels through all samples; see `march`."""
         memories = [m[..., None] for j in self.linear for m in self.laws[j].memory]
-        return np.concatenate([starts, *memories], axis=-1) if memories else starts.copy()
+        x = np.concatenate([starts, *memories], axis=-1)
+        h = self.h / self.substeps
+        tapes = [tape_of(self.laws[j].effect, h) for j in self.left]
+        if not all(tapes):
+            return self._as_written(forces, x)
+        laws = [
+            LoopLaw(
+                tape=tape,
+                values=[law.values[p.name] for p in law.effect.parameters],
+                memory=law.memory or (),
+                push=law.push[:, 0],
+                direct=law.direct,
+                port=j,
+                coil=law.coil,
+            )
+            for j, tape in zip(self.left, tapes, strict=True)
+            if tape is not None and (law := self.laws[j])
+        ]
+        system = Marched(step=self.AT, into=self.into, channels=self.CT, direct=self.direct, seen=self.seen)
+        return march_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)
 
-    def through(self, drive: Array, part: Array, x: Array, first: int) -> tuple[Array, Array, Array]:
-        """Return the states at the samples of a chunk, the forces of the laws from them on, and the states at its end.
-
-        Parameters
-        ----------
-        drive : (chunk, n_sets, n_runs, 2m) array
-            What the known inputs `part` add to the states.
-        first : int
-            The chunk's first sample.
-        """
-        pushed = np.zeros((*drive.shape[:3], len(self.laws)))
-        if self.is_looped:
-            drives = self._with_given(drive, first, pushed)
-            owns = drives if self.DT is None else [each @ self.DT for each in drives]
-            states, x = self._looped(owns, part, x, first, pushed)
-            drive = drives[0]
-        else:
-            own = drive @ self.of_drive if self.substeps > 1 or self.DT is not None else drive.copy()
-            for j, ways in zip(self.given, self.of_given, strict=True):
-                for i, way in enumerate(ways):
-                    force = self._given(self.laws[j], len(drive), first, i)
-                    own += force[..., None] * way
-                    if i == 0:
-                        pushed[..., j] = force
-                        drive = drive + force[..., None] * self.laws[j].push[..., : self.width]
-            states = states_of(self.over_sample, own, x)
-            x = _contained(np.matmul(states[-1], self.over_sample) + own[-1])
-        if self.answers is not None:
-            pushed[..., self.linear] = states @ self.answers[0] + drive @ self.answers[1]
-        return states, pushed, x
-
-    def _with_given(self, drive: Array, first: int, pushed: Array) -> list[Array]:
-        """Return drives with the forces that depend on time alone, one for every substep where there are any, and fill these in."""
-        drives = [drive] * (self.substeps if self.given else 1)
-        for j in self.given:
-            forces = [self._given(self.laws[j], len(drive), first, i) for i in range(self.substeps)]
-            push = self.laws[j].push[..., : drive.shape[-1]]
-            drives = [each + force[..., None] * push for each, force in zip(drives, forces, strict=True)]
-            pushed[..., j] = forces[0]
-        return drives
-
-    def _given(self, law: _Law, count: int, first: int, sub: int) -> Array:
-        """Return a force that depends on time alone, (count, n_sets or 1, n_runs)."""
-        t = (first + np.arange(count) + (sub + 0.5) / self.substeps)[:, None, None] * self.h + self.late
-        zero = np.zeros(())
-        force, _ = law.effect.force(zero, zero, law.values, Step(h=self.h / self.substeps, t=t), None)
-        return np.broadcast_to(force, (count, len(self.AT), len(self.late)))
+    def _given(self, first: int, count: int) -> Array:
+        """Return the forces that depend on time alone, (count, substeps, n_sets, n_runs, n_given)."""
+        out = np.empty((count, self.substeps, len(self.AT), len(self.late), len(self.given)))
+        middles = np.arange(count)[:, None] + (np.arange(self.substeps) + 0.5) / self.substeps
+        t, zero = (first + middles)[..., None, None] * self.h + self.late, np.zeros(())
+        for i, j in enumerate(self.given):
+            law = self.laws[j]
+            out[..., i], _ = law.effect.force(zero, zero, law.values, Step(h=self.h / self.substeps, t=t), None)
+        return out
 
     def _force(self, law: _Law, j: int, at: Array, after: Array, now: Step, memory: Any) -> tuple[Array, Any]:
         """Return a law's force in a step from what its ports see before and after it, and its memory.
@@ -223,57 +174,28 @@ class _Marcher:
         middle, count = 0.5 * (at + after), len(self.laws)
         return law.effect.force(middle[..., j], middle[..., count + j], law.values, now, memory)
 
-    def _looped(self, drives: Sequence[Array], part: Array, x: Array, first: int, pushed: Array) -> tuple[Array, Array]:
-        """Return the states at the samples of a chunk and at its end; the forces of the laws in the loop are filled in.
-
-        The laws see only their ports' motion, which goes along as so many more entries of the state. Drives are those of
-        the substeps, or of all of them.
-        """
-        step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
-        driven = np.stack([np.concatenate([each, each @ self.seen], axis=-1) for each in drives])
-        if self.compiled is None:
-            return self._written(step_of, driven, part, x, first, pushed)
-        step = self.h / self.substeps
-        states, forces, x = self.compiled.through(step_of, self.seen, driven, part, x, first, step, self.substeps)
-        pushed[..., self.left] = forces
-        return states, x
-
-    def _compiled(self) -> Loop | None:
-        """Return the laws in the loop as tapes; None where one cannot be played from a tape."""
-        laws = [self.laws[j] for j in self.left]
-        tapes = [tape_of(law.effect, self.h / self.substeps) for law in laws]
-        if not all(tapes):
-            return None
-        return Loop(
-            tapes=[tape for tape in tapes if tape is not None],
-            values=[[law.values[p.name] for p in law.effect.parameters] for law in laws],
-            memories=[law.memory or () for law in laws],
-            push=np.stack([law.push[:, 0] for law in laws]),
-            felt=np.stack([law.felt[:, 0] for law in laws]),
-            ports=self.left,
-            coils=[-1 if law.coil is None else law.coil for law in laws],
-            late=self.late,
-        )
-
-    def _written(
-        self, step_of: Array, driven: Array, part: Array, x: Array, first: int, pushed: Array
-    ) -> tuple[Array, Array]:
-        """As `_looped`, the laws evaluated as they are written: some do what no tape can hold."""
-        step, laws = self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
+    def _as_written(self, forces: Array, x: Array) -> Array:
+        """March with the laws evaluated as they are written: one of them does what no tape can hold."""
+        n, step, laws = len(forces), self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
         count, width = len(self.laws), x.shape[-1]
+        into = np.concatenate([self.into, self.into @ self.seen], axis=-1)
+        step_of = np.concatenate([self.AT, self.AT @ self.seen], axis=-1)
         both = {j: np.concatenate([law.push, law.felt], axis=-1) for j, law in laws}
-        states = np.zeros((*driven[0].shape[:1], *x.shape))
-        state = np.concatenate([x, x @ self.seen], axis=-1)
-        last = {j: law.last for j, law in laws}
-        for k in range(len(part)):
-            states[k] = state[..., :width]
+        known = forces.shape[3]
+        out = np.zeros((n, *x.shape[:2], self.CT.shape[2]))
+        state, last = np.concatenate([x, x @ self.seen], axis=-1), {j: np.zeros(()) for j, _ in laws}
+        for k in range(n):
+            given = self._given(k, 1)[0]
+            out[k] = (
+                state[..., :width] @ self.CT + forces[k] @ self.direct[:, :known] + given[0] @ self.direct[:, known:]
+            )
             for sub in range(self.substeps):
-                new = np.matmul(state[..., :width], step_of)
-                new += driven[sub % len(driven)][k]
+                new = state[..., :width] @ step_of + forces[k] @ into[:, :known] + given[sub] @ into[:, known:]
                 at, after = state[..., width:], new[..., width:]
-                t = self.late + ((first + k) * self.h + (sub + 0.5) * step)
-                # forces change by little in a step: the last ones stand for those not known yet
-                own = sum(last.values())
+                t = self.late + (k * self.h + (sub + 0.5) * step)
+                own = sum(
+                    last.values()
+                )  # forces change by little in a step: the last ones stand for those not known yet
                 for j, law in laws:
                     now = Step(
                         h=step,
@@ -281,26 +203,20 @@ class _Marcher:
                         mobility=law.mobility,
                         free_velocity=after[..., count + j],
                         first_velocity=at[..., count + j],
-                        command=0.0 if law.coil is None else part[k][..., law.coil],
+                        command=0.0 if law.coil is None else forces[k][..., law.coil],
                     )
                     force, law.memory = self._force(law, j, at, after + own, now, law.memory)
                     change = force[..., None] * both[j]
-                    if len(laws) > 1:
-                        own = own - last[j]
+                    own = own - last[j]
                     last[j] = change[..., width:]
                     new += change
                     if sub == 0:
-                        pushed[k, ..., j] = force
+                        out[k] += force[..., None] * law.direct[:, None, :]
                 state = new
-            if k % CHECKED == 0:
-                own_states = state[..., :width]
-                contained = _contained(own_states)
-                if contained is not own_states:
-                    state = np.concatenate([contained, contained @ self.seen], axis=-1)
-                    last = {j: np.zeros(()) for j, _ in laws}
-        for j, law in laws:
-            law.last = last[j]
-        return states, state[..., :width]
+            if k % CHECKED == 0 and not np.abs(state[..., :width]).max() < RUNAWAY:
+                x = np.clip(np.nan_to_num(state[..., :width], nan=MOST, posinf=MOST, neginf=-MOST), -MOST, MOST)
+                state, last = np.concatenate([x, x @ self.seen], axis=-1), {j: np.zeros(()) for j, _ in laws}
+        return out
 
 
 def _seen_by(rows: Sequence[Array], m: int) -> Array:
@@ -312,16 +228,25 @@ def _seen_by(rows: Sequence[Array], m: int) -> Array:
 
 
 def _law(
-    term: Term, values: Mapping[str, Array], push: Array, seen: Array, k: int, runs: Sequence[Signals], n_sets: int
+    term: Term,
+    values: Mapping[str, Array],
+    system: Discrete,
+    column: int,
+    seen: Array,
+    k: int,
+    runs: Sequence[Signals],
+    n_sets: int,
 ) -> _Law:
     assert isinstance(term.effect, PortEffect)
     p = {name: np.asarray(v)[:, None] for name, v in values.items()}
+    push = system.B[:, :, column]
     felt = push @ seen
     return _Law(
         effect=term.effect,
         values=p,
         push=push[:, None, :],
         felt=felt[:, None, :],
+        direct=system.D[:, :, column],
         mobility=felt[:, seen.shape[1] // 2 + k][:, None],
         coil=term.place.coil,
         memory=_remember(term.effect, term.place.rows[0], p, runs, n_sets),
@@ -366,10 +291,3 @@ def _remembered(effect: PortEffect, p: Mapping[str, Array], motion: Array, now: 
     weights = decay[..., None] ** np.arange(len(motion) - 1, -1, -1)
     driven = np.einsum("scd,scl,ldr->scr", np.linalg.solve(modes, B), weights, motion, optimize=True)
     return [np.ascontiguousarray(part) for part in np.moveaxis((modes @ driven).real, 1, 0)]
-
-
-def _contained(x: Array) -> Array:
-    """Return states, brought back to large numbers where they ran away."""
-    if np.abs(x).max() < RUNAWAY:
-        return x
-    return np.clip(np.nan_to_num(x, nan=1e9, posinf=1e9, neginf=-1e9), -1e9, 1e9)

@@ -57,6 +57,8 @@ INFORMED = 0.005
 """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
 error, root mean square, stay at the prior's mean."""
 PROBE = 0.3
+LARGEST = 1e8
+"""What residuals that ran away are cut off at."""
 
 
 @dataclass(eq=False)
@@ -112,6 +114,7 @@ class Refiner:
         self.runs = list(runs if runs is not None else screen.runs)
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
+        self.weights = [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         noise = np.array([run.noise for run in self.runs])
@@ -337,7 +340,6 @@ class Refiner:
     ) -> Fit:
         damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
         slopes, age = np.zeros((raw.size, x.size)), REUSED
-        jacobian = slopes
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
             shapes_too = done >= FROZEN or iterations <= FROZEN
@@ -346,10 +348,10 @@ class Refiner:
             cost = float(best @ best)
             if age >= REUSED:
                 slopes, age = self._jacobian(layout, terms, x, raw), 0
-            jacobian = slopes * weight[:, None]
+            normal, gradient = self._normal(layout, slopes, weight), slopes.T @ (weight * best)
             if not shapes_too:
-                jacobian[:, self._shape_entries(layout, terms)] = 0.0
-            normal, gradient = jacobian.T @ jacobian, jacobian.T @ best
+                still = self._shape_entries(layout, terms)
+                normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
             steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
@@ -368,7 +370,7 @@ class Refiner:
                 continue
             small = small + 1 if costs[pick] > cost - settled else 0
             step, change = trials[pick] - x, residuals[pick] - raw
-            promised = cost - float(np.sum((best + jacobian @ step) ** 2))
+            promised = -float(step @ (2.0 * gradient + normal @ step))
             slopes = carried_on(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
@@ -388,7 +390,13 @@ class Refiner:
             for _ in range(PASSES):
                 slopes = self._jacobian_by_strength(layout, terms, x, raw, slopes)
             slopes = self._with_scale(layout, terms, x, slopes)
-        return self._result(layout, terms, x, raw, slopes * self._weight(layout, raw)[:, None])
+        return self._result(layout, terms, x, raw, self._normal(layout, slopes, self._weight(layout, raw)))
+
+    def _normal(self, layout: _Layout, slopes: Array, weight: Array) -> Array:
+        """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
+        priors = layout.r + layout.n_channels
+        ours, data = slopes[:priors], slopes[priors:]
+        return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
 
     def _with_silent(self, layout: _Layout, x: Array, raw: Array) -> tuple[_Layout, Array, Array]:
         """Return a layout, an entry and its residual with the directions that the runs say nothing of beside the informed ones.
@@ -427,10 +435,12 @@ class Refiner:
         offsets = np.arange(layout.r, layout.r + layout.n_channels) if not self.loose else np.zeros(0, dtype=int)
         others = np.setdiff1d(np.arange(x.size), offsets)
         moved = self._residual(layout, terms, x + np.diag(steps)[others])
-        out = np.zeros((raw.size, x.size))
-        out[:, others] = ((moved - raw) / steps[others, None]).T
+        moved -= raw
+        moved /= steps[others, None]
         if not offsets.size:
-            return out
+            return np.asarray(moved.T)
+        out = np.zeros((x.size, raw.size)).T
+        out[:, others] = moved.T
         out[offsets, offsets] = 1.0
         at = layout.r + layout.n_channels
         for h in sorted({run.h for run in self.runs}):
@@ -642,29 +652,34 @@ class Refiner:
     def _residual(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
         theta, offsets, starts, entries = self._unpack(layout, X)
         values = self._values(layout, terms, entries)
-        blocks = [X[:, : layout.r + layout.n_channels]]  # priors of unit variance
-        starts_off: list[Array] = []
+        priors = layout.r + layout.n_channels
+        samples = sum(run.y.size for run in self.runs)
+        out = np.empty((len(X), priors + samples + 2 * self.twin.m * len(self.loose)))
+        out[:, :priors] = X[:, :priors]  # of unit variance
+        at, moved_at = priors, priors + samples
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h]
             y = self.simulate([self.runs[i] for i in index], terms, theta, values, starts[:, index])
             for j, i in enumerate(index):
                 run = self.runs[i]
-                difference = y[: len(run), :, j] + offsets - run.y[:, None, :]
-                if run.valid is not None:
-                    difference = difference * run.usable[:, None, :]
-                with np.errstate(over="ignore"):  # what ran away is cut off below
-                    block = (difference / self.sigma[i]).transpose(1, 0, 2).reshape(len(X), -1)
+                block = out[:, at : at + run.y.size]
+                at += run.y.size
+                difference = block.reshape(len(X), *run.y.shape)
+                with np.errstate(over="ignore", invalid="ignore"):  # what ran away is cut off below
+                    np.subtract(y[: len(run), :, j].transpose(1, 0, 2), run.y, out=difference)
+                    difference += offsets[:, None]
+                    difference *= self.weights[i]
                 if i in self.loose:
                     response, solve, _ = self.loose[i]
-                    block = np.where(np.isfinite(block), block, 1e8)
+                    _cut_off(block)
                     moved = block @ solve.T
-                    block = block - moved @ response.T
-                    starts_off.append(moved)
-                blocks.append(block)
-        out = np.concatenate([*blocks, *starts_off], axis=1)
-        return np.where(np.isfinite(out), np.clip(out, -1e8, 1e8), 1e8)
+                    block -= moved @ response.T
+                    out[:, moved_at : moved_at + moved.shape[1]] = moved
+                    moved_at += moved.shape[1]
+        _cut_off(out)
+        return out
 
-    def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, jacobian: Array) -> Fit:
+    def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, normal: Array) -> Fit:
         theta, offsets, starts, entries = self._unpack(layout, x[None])
         values = self._values(layout, terms, entries)
         h = max(run.h for run in self.runs)
@@ -680,7 +695,6 @@ class Refiner:
             error[i] = np.sqrt(np.mean(part**2, axis=0)) / run.scale
             at += run.y.size
         data = float(residual[priors:] @ residual[priors:])
-        normal = jacobian.T @ jacobian
         size = np.sqrt(np.diag(normal))  # a gap in metres must not push all others below the cutoff
         size = np.where(size > 0, size, 1.0)
         scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
@@ -700,6 +714,13 @@ class Refiner:
             cost=data,
             sd=sd,
         )
+
+
+def _cut_off(residual: Array) -> None:
+    """Bring a residual that ran away back to large numbers, in place."""
+    if residual.min() >= -LARGEST and residual.max() <= LARGEST:  # not of what is no number
+        return
+    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -LARGEST, LARGEST), LARGEST)
 
 
 def carried_on(slopes: Array, step: Array, change: Array) -> Array:
