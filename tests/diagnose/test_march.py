@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose import march as marching
+from vlab.diagnose.linear_view import ChannelRows
 from vlab.diagnose.march import _remember, acting_order, march
 from vlab.diagnose.places import Place
 from vlab.diagnose.signals import Signals

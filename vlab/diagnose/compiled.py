@@ -130,98 +130,149 @@ def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: 
         out[e] = y
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _march(
+_sums = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+"""Compiles loops whose sums may be taken in any order, several terms at a time."""
+
+
+@_sums
+def _march_free(
     turn: Array,
     dense: Array,
     into: Array,
-    out_of: Array,
-    seen_of: Array,
+    rows: Array,
     direct: Array,
-    direct_law: Array,
-    part: Array,
-    given: Array,
+    inputs: Array,
     state: Array,
+    substeps: int,
+    y: Array,
+) -> None:  # pragma: no cover - compiled
+    """March states under inputs alone and fill in the channels y (n_sets, n_runs, n, p); see `march_modes`."""
+    n_sets, n_runs, n, channels = y.shape
+    n_inputs, size = inputs.shape[4], state.shape[2]
+    m = size // 2
+    held = np.empty(size)
+    for s in range(n_sets):
+        of = min(s, inputs.shape[2] - 1)
+        for r in range(n_runs):
+            x = state[s, r]
+            for k in range(n):
+                for c in range(channels):
+                    total = 0.0
+                    for j in range(size):
+                        total += x[j] * rows[s, c, j]
+                    for i in range(n_inputs):
+                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
+                    y[s, r, k, c] = total
+                for sub in range(substeps):
+                    now = min(sub, inputs.shape[1] - 1)
+                    if dense.shape[0] > 0:
+                        held[:] = x
+                        x[:] = 0.0
+                        for i in range(m):
+                            for j in range(m):
+                                x[j] += held[i] * dense[s, i, j]
+                    else:
+                        for j in range(m):
+                            held[j] = x[j] * turn[0, s, j] - x[m + j] * turn[1, s, j]
+                            held[m + j] = x[j] * turn[1, s, j] + x[m + j] * turn[0, s, j]
+                        x[:] = held
+                    for i in range(n_inputs):
+                        u = inputs[k, now, of, r, i]
+                        if u != 0.0:
+                            for j in range(size):
+                                x[j] += u * into[s, i, j]
+
+
+@_sums
+def _march_looped(
+    turn: Array,
+    dense: Array,
+    into: Array,
+    rows: Array,
+    direct: Array,
+    inputs: Array,
+    state: Array,
+    substeps: int,
+    seen_rows: Array,
     seen: Array,
     last: Array,
-    clock: tuple[int, float, Array],
-    laws: tuple[Array, Array, Array, Array, Array],
+    clock: tuple[float, Array],
+    laws: tuple[Array, Array, Array, Array, Array, Array],
     tapes: tuple[Array, Array, Array, Array, Array],
     registers: Array,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """March states through all samples and fill in the channels y (n_sets, n_runs, n, p); see `march_modes`."""
-    substeps, h, late = clock
-    ports, coils, push, felt, results = laws
+    """As `_march_free`, with laws in the loop of all sets and runs side by side."""
+    h, late = clock
+    ports, coils, push, felt, direct_law, results = laws
     operations, bounds, firsts, remembers, recalled = tapes
     n_sets, n_runs, n, channels = y.shape
-    m, n_known, n_inputs = state.shape[3], part.shape[3], into.shape[2]
-    sees, n_laws = seen.shape[2], len(ports)
-    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty(m)
+    n_inputs, size = inputs.shape[4], state.shape[2]
+    m, sees, n_laws = size // 2, seen.shape[2], len(ports)
+    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty(size)
     for k in range(n):
         for s in range(n_sets):
+            of = min(s, inputs.shape[2] - 1)
             for r in range(n_runs):
-                re, im = state[s, r, 0], state[s, r, 1]
                 for c in range(channels):
                     total = 0.0
-                    for j in range(m):
-                        total += re[j] * out_of[0, s, c, j] + im[j] * out_of[1, s, c, j]
-                    for i in range(n_known):
-                        total += part[k, s % part.shape[1], r, i] * direct[s, i, c]
-                    for i in range(n_inputs - n_known):
-                        total += given[k, 0, s, r, i] * direct[s, n_known + i, c]
+                    for j in range(size):
+                        total += state[s, r, j] * rows[s, c, j]
+                    for i in range(n_inputs):
+                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
                     y[s, r, k, c] = total
         for sub in range(substeps):
+            now = min(sub, inputs.shape[1] - 1)
             for s in range(n_sets):
+                of = min(s, inputs.shape[2] - 1)
                 for r in range(n_runs):
-                    re, im = state[s, r, 0], state[s, r, 1]
                     if dense.shape[0] > 0:
-                        held[:] = re
-                        re[:] = 0.0
+                        for j in range(m):
+                            held[j] = state[s, r, j]
+                            state[s, r, j] = 0.0
                         for i in range(m):
                             for j in range(m):
-                                re[j] += held[i] * dense[s, i, j]
+                                state[s, r, j] += held[i] * dense[s, i, j]
                     else:
                         for j in range(m):
-                            x = re[j]
-                            re[j] = x * turn[0, s, j] - im[j] * turn[1, s, j]
-                            im[j] = x * turn[1, s, j] + im[j] * turn[0, s, j]
+                            x = state[s, r, j]
+                            state[s, r, j] = x * turn[0, s, j] - state[s, r, m + j] * turn[1, s, j]
+                            state[s, r, m + j] = x * turn[1, s, j] + state[s, r, m + j] * turn[0, s, j]
                     for i in range(n_inputs):
-                        u = part[k, s % part.shape[1], r, i] if i < n_known else given[k, sub, s, r, i - n_known]
+                        u = inputs[k, now, of, r, i]
                         if u != 0.0:
-                            for j in range(m):
-                                re[j] += u * into[0, s, i, j]
-                                im[j] += u * into[1, s, i, j]
+                            for j in range(size):
+                                state[s, r, j] += u * into[s, i, j]
                     for i in range(sees):
                         total = 0.0
-                        for j in range(m):
-                            total += re[j] * seen_of[0, s, i, j] + im[j] * seen_of[1, s, i, j]
+                        for j in range(size):
+                            total += state[s, r, j] * seen_rows[s, i, j]
                         after[s, r, i] = total
-            if n_laws == 0:
-                continue
-            known[:] = 0.0
-            for law in range(n_laws):  # forces change by little in a step: the last ones stand for those not known yet
-                known += last[law]
+                        known[s, r, i] = 0.0
+                        for law in range(
+                            n_laws
+                        ):  # forces change by little in a step: the last ones stand for those to come
+                            known[s, r, i] += last[law, s, r, i]
             for law in range(n_laws):
                 z, v, coil = ports[law], sees // 2 + ports[law], coils[law]
                 own = registers[bounds[law, 0] : bounds[law + 1, 0]]
                 for s in range(n_sets):
+                    of = min(s, inputs.shape[2] - 1)
                     for r in range(n_runs):
                         e = s * n_runs + r
                         own[_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
                         own[_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
                         own[_T, e] = late[r] + (k * substeps + sub + 0.5) * h
                         own[_FREE, e], own[_FIRST, e] = after[s, r, v], seen[s, r, v]
-                        own[_COMMAND, e] = part[k, s % part.shape[1], r, coil] if coil >= 0 else 0.0
+                        own[_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
                 _play(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
                     own[recalled[i]] = own[remembers[i]]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
-                        for j in range(m):
-                            state[s, r, 0, j] += force * push[0, s, law, j]
-                            state[s, r, 1, j] += force * push[1, s, law, j]
+                        for j in range(size):
+                            state[s, r, j] += force * push[s, law, j]
                         for i in range(sees):
                             known[s, r, i] -= last[law, s, r, i]
                             last[law, s, r, i] = force * felt[s, law, i]
@@ -233,10 +284,9 @@ def _march(
         if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
             for s in range(n_sets):
                 for r in range(n_runs):
-                    for i in range(2):
-                        for j in range(m):
-                            x = state[s, r, i, j]
-                            state[s, r, i, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
+                    for j in range(size):
+                        x = state[s, r, j]
+                        state[s, r, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
             last[:] = 0.0
 
 
@@ -383,16 +433,32 @@ def march_modes(
     modes = modes_of(system.step)
 
     def inward(rows: Array) -> Array:
-        return _parts(rows @ modes.into)
+        there = rows @ modes.into
+        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
 
     def outward(columns: Array) -> Array:
         there = np.swapaxes(modes.back @ columns, 1, 2)
-        return np.ascontiguousarray(np.stack([there.real, -there.imag]))
+        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
 
-    seen_of = system.seen if laws else system.seen[:, :0]
-    push = np.stack([law.push for law in laws], axis=1) if laws else np.zeros((n_sets, 0, starts.shape[2]))
+    inputs = part[:, None]
+    if given.shape[-1]:
+        inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
+    y = np.empty((n_sets, n_runs, n, p))
+    common = (
+        np.ascontiguousarray(modes.turn),
+        modes.dense,  # all in C's order: loops over rows of others take three times as long
+        inward(system.into),
+        outward(system.channels),
+        np.ascontiguousarray(system.direct),
+        np.ascontiguousarray(inputs),
+        inward(starts),
+        given.shape[1],
+    )
+    if not laws:
+        _march_free(*common, y)
+        return y.transpose(2, 0, 1, 3)
+    seen_of, push = system.seen, np.stack([law.push for law in laws], axis=1)
     felt = push @ seen_of
-    ports = np.array([law.port for law in laws], dtype=np.int64)
     registers = np.zeros((sum(law.tape.registers for law in laws), n_sets * n_runs))
     bounds = np.zeros((len(laws) + 1, 3), dtype=np.int64)
     for i, law in enumerate(laws):
@@ -406,40 +472,26 @@ def march_modes(
         ):
             registers[bounds[i, 0] + at] = np.broadcast_to(value, (n_sets, n_runs)).reshape(-1)
     tapes = (
-        np.concatenate([law.tape.operations for law in laws]) if laws else np.zeros((0, 4), dtype=np.int64),
+        np.concatenate([law.tape.operations for law in laws]),
         bounds,
-        np.array([law.tape.first for law in laws], dtype=np.int64),
+        np.array([law.tape.first for law in laws]),
         np.array([m for law in laws for m in law.tape.remembered], dtype=np.int64),
         np.array([m for law in laws for m in law.tape.memory], dtype=np.int64),
     )
-    coils = np.array([-1 if law.coil is None else law.coil for law in laws], dtype=np.int64)
-    results = np.array([law.tape.force for law in laws], dtype=np.int64)
-    y = np.empty((n_sets, n_runs, n, p))
-    _march(
-        np.ascontiguousarray(modes.turn),
-        modes.dense,
-        inward(system.into),
-        outward(system.channels),
-        outward(np.broadcast_to(seen_of, (n_sets, *seen_of.shape))),
-        np.ascontiguousarray(system.direct),
-        np.stack([law.direct for law in laws], axis=1) if laws else np.zeros((n_sets, 0, p)),
-        np.ascontiguousarray(part),
-        np.ascontiguousarray(given),
-        np.ascontiguousarray(np.moveaxis(inward(starts), 0, 2)),
-        np.ascontiguousarray(starts @ seen_of),
-        np.zeros((len(laws), n_sets, n_runs, seen_of.shape[1])),
-        (given.shape[1], h, np.ascontiguousarray(late, dtype=float)),
-        (ports, coils, inward(push), np.ascontiguousarray(felt), results),
-        tapes,
-        registers,
-        y,
+    acting = (
+        np.array([law.port for law in laws]),
+        np.array([-1 if law.coil is None else law.coil for law in laws]),
+        inward(push),
+        np.ascontiguousarray(felt),
+        np.stack([law.direct for law in laws], axis=1),
+        np.array([law.tape.force for law in laws]),
     )
+    seen = np.ascontiguousarray(starts @ seen_of)
+    seen_rows = outward(np.broadcast_to(seen_of, (n_sets, *seen_of.shape)))
+    last = np.zeros((len(laws), *seen.shape))
+    clock = (h, np.ascontiguousarray(late, dtype=float))
+    _march_looped(*common, seen_rows, seen, last, clock, acting, tapes, registers, y)
     return y.transpose(2, 0, 1, 3)
-
-
-def _parts(x: Array) -> Array:
-    """Return real and imaginary parts along a first axis."""
-    return np.ascontiguousarray(np.stack([x.real, x.imag]))
 
 
 def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:

@@ -7,6 +7,7 @@ in the few directions that the recordings say something of; initial states and c
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -114,7 +115,6 @@ class Refiner:
         self.runs = list(runs if runs is not None else screen.runs)
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
-        self.weights = [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
         samples = sum(run.y.size for run in self.runs)
         self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         noise = np.array([run.noise for run in self.runs])
@@ -127,6 +127,11 @@ class Refiner:
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
         self.directions = self._informed()
         self.loose = self._loose_starts()
+
+    @cached_property
+    def weights(self) -> list[Array]:
+        """Of every run's samples, (n, n_channels) each: one over the standard deviation of noise and model error, zero where lost."""
+        return [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
 
     def _informed(self) -> Array:
         """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
