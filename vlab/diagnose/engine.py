@@ -99,7 +99,9 @@ def diagnose(
     is_structure = case.structure is not None
     if seen.is_missing and fit_after.terms:
         on_fitted = check(problem.runs, without, after)
-        if not (closes(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted)):
+        if not (
+            closes(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
+        ):
             fit_after, after = fit_before, without  # what the recordings show without a model explains them
     report(0.9, "checking in MuJoCo")
     runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]

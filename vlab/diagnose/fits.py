@@ -13,6 +13,8 @@ from vlab.signals import Array
 
 QUICK, FINISHED = 5, 4
 """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
+FIRST = 2
+"""Iterations that tell which of few values a parameter has."""
 WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
 """The same over whole runs."""
 NEARLY_AS_LITTLE = 1.25
@@ -50,7 +52,33 @@ def fitted(
 
 def each_fitted(refiner: Refiner, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
     """Return quick fits of candidates, each alone."""
-    return side_by_side(lambda c: fitted(refiner, terms_of([c]), start, gain=c.gain), candidates)
+    told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
+    first = side_by_side(lambda c: fitted(refiner, terms_of([c]), start, FIRST, c.gain), told)
+    best: dict[str, Hypothesis] = {}
+    for h in by_score(first):
+        best.setdefault(h.label, h)
+
+    def fit(c: Candidate) -> Hypothesis:
+        coarse = best.get(c.label)
+        if coarse is None:
+            return fitted(refiner, terms_of([c]), start, gain=c.gain)
+        return fitted(refiner, coarse.terms, coarse.fit, gain=c.gain)
+
+    return side_by_side(fit, candidates)
+
+
+def _of_few_values(refiner: Refiner, candidate: Candidate) -> list[Candidate]:
+    """Return a candidate with every value that a parameter of few values can have; none of one that has no such parameter.
+
+    Slopes tell nothing there, and in the screening a period that is far from the right one may gain more than it.
+    """
+    h = refiner.runs[0].h
+    return [
+        replace(candidate, values={**candidate.values, p.name: k * h})
+        for p in candidate.effect.parameters
+        if p.grain and p.reference == "step"
+        for k in range(round(p.grid[0]), round(p.grid[-1]) + 1)
+    ]
 
 
 def pairs_fitted(refiner: Refiner, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:

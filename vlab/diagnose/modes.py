@@ -57,11 +57,12 @@ class KeptModes:
         """Shapes of the modes that are followed, (nv, m)."""
         return np.asarray(self.shapes[:, self.kept])
 
-    def compliance(self, pushes: Array) -> Array:
-        """Return what channels read of the modes beyond the band per force (nv, n), which they follow statically."""
+    def compliance(self, pushes: Array) -> tuple[Array, Array]:
+        """Return what channels read of the modes beyond the band, which follow forces (nv, n) statically: per force, and per its rate."""
         stiff = ~self.kept & (np.abs(self.omega) >= self.band)
         shapes = self.shapes[:, stiff]
-        return np.asarray((self.rows.at_q @ shapes / self.omega[stiff] ** 2) @ shapes.T @ pushes)
+        yields = shapes @ (shapes.T @ pushes / self.omega[stiff, None] ** 2)
+        return np.asarray(self.rows.at_q @ yields), np.asarray(self.rows.at_v @ yields)
 
 
 def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, rate_hz: float) -> KeptModes:

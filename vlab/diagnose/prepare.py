@@ -143,6 +143,6 @@ def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> 
 
 def _feedthrough(case: Case, wired: Wired, modes: KeptModes, pushes: Array, twin: Twin) -> Feedthrough:
     into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
-    still = modes.compliance(pushes)
+    still, moving = modes.compliance(pushes)
     still[:, : len(case.plant.actuators)] += command_readings(case.plant, wired.channels)
-    return Feedthrough(direct=twin.rows.at_a @ into, still=still)
+    return Feedthrough(direct=twin.rows.at_a @ into, still=still, moving=moving)

@@ -117,22 +117,27 @@ class Feedthrough:
     still : (n_channels, n_actuators + n_ports) array
         What they read of a unit command or load while nothing that the search follows accelerates: as sensors of forces do, and
         what modes above its band yield. What an actuator's effect does to its command does not show there.
+    moving : (n_channels, n_actuators + n_ports) array
+        What they read of a unit rate of a command or load: velocities of what yields.
 
     Notes
     -----
-    Both are those of the nominal model: of a refitted gain its deviation times the difference is left, a small thing times a small one.
+    All are those of the nominal model: of a refitted gain its deviation times the difference is left, a small thing times a small one.
     """
 
     direct: Array
     still: Array
+    moving: Array
 
     def shows(self, column: int) -> bool:
         """Return whether any channel shows an input at once."""
-        return bool(np.any(self.direct[:, column]) or np.any(self.still[:, column]))
+        return any(np.any(part[:, column]) for part in (self.direct, self.still, self.moving))
 
-    def ahead(self, column: int, mean: Array, now: Array) -> Array:
-        """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,); (n, n_channels)."""
-        return np.outer(now - mean, self.direct[:, column]) + np.outer(now, self.still[:, column])
+    def ahead(self, column: int, mean: Array, now: Array, h: float) -> Array:
+        """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,) every h seconds;
+        (n, n_channels)."""
+        out = np.outer(now - mean, self.direct[:, column]) + np.outer(now, self.still[:, column])
+        return out + np.outer(np.gradient(now, h), self.moving[:, column])
 
 
 WINDOWS = 16
@@ -309,7 +314,7 @@ def signals_of(
         inputs[:, column] += mean
         if feedthrough is not None and feedthrough.shows(column):
             now = before(values) if is_held and not is_first else values
-            y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin))
+            y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin), h * thin)
 
     for drive in run.drives:
         values, is_held = run.measured[drive.channel], drive.is_held

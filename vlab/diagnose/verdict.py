@@ -24,6 +24,8 @@ NEAR_NOISE, LEAST_NEAR_NOISE = 1.1, 0.7
 NO_WORSE, BETTER = 1.02, 0.998
 """A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for; and
 better where it leaves at most that one: hum within the noise has another phase in every recording, and fits none kept aside."""
+BETTER_OF_MESH = 0.9
+"""...of a structure, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain hundredths."""
 NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
 LOST = 1.0
@@ -52,11 +54,14 @@ def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
 
 
-def is_needed(choice: Choice, checked: Sequence[Checked]) -> bool:
-    """Return whether a choice that has no gap to close, for a refit follows with parameters that nobody believes, is better than that."""
+def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:
+    """Return whether a choice that has no gap to close, for a refit follows with parameters that nobody believes, or as well as its mesh
+    lets it, is better than that."""
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = NO_WORSE if choice.is_of_priors else BETTER
+    if is_structure and not no_gap and errors["before"] <= MESH_OWN_ERROR:
+        no_gap, least = True, BETTER_OF_MESH
     return choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
 
 
@@ -69,10 +74,10 @@ def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_str
     unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
-    is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"]
+    is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
     # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
     shows = bool(seen.steps or seen.stops) and errors["after"] <= NO_WORSE * errors["before"]
-    if is_followed and (shows or is_needed(choice, checked)):
+    if is_followed and (shows or is_needed(choice, checked, is_structure=is_structure)):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"
