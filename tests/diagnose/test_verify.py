@@ -157,12 +157,21 @@ def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_
         return SimpleNamespace(gained=gained, is_of_priors=of_priors)
 
     same, worse, better = (checked(0.02, after, noise=0.019) for after in (0.0201, 0.022, 0.0195))
-    assert is_needed(choice(3.0, True), same)
-    assert not is_needed(choice(3.0, True), worse)
-    assert not is_needed(choice(-1.0, True), same)
-    assert is_needed(choice(3.0, False), better)
-    assert not is_needed(choice(3.0, False), same)
-    assert not is_needed(choice(3.0, False), checked(0.04, 0.03, noise=0.019))  # a gap, for `closes` to judge
+    assert is_needed(choice(3.0, True), same, is_structure=False)
+    assert not is_needed(choice(3.0, True), worse, is_structure=False)
+    assert not is_needed(choice(-1.0, True), same, is_structure=False)
+    assert is_needed(choice(3.0, False), better, is_structure=False)
+    assert not is_needed(choice(3.0, False), same, is_structure=False)
+    assert not is_needed(
+        choice(3.0, False), checked(0.04, 0.03, noise=0.019), is_structure=False
+    )  # a gap, for `closes`
+
+
+def test_what_a_mesh_leaves_is_no_gap_but_much_of_it_gone_is_a_finding():
+    choice = SimpleNamespace(gained=3.0, is_of_priors=False)
+    assert is_needed(choice, checked(0.0028, 0.0022, noise=0.0016), is_structure=True)
+    assert not is_needed(choice, checked(0.0028, 0.0027, noise=0.0016), is_structure=True)
+    assert not is_needed(choice, checked(0.0060, 0.0050, noise=0.0016), is_structure=True)
 
 
 def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():

@@ -15,7 +15,7 @@ from scipy import linalg
 from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
-from vlab.diagnose.simulation import channels, mix
+from vlab.diagnose.simulation import EDGED, channels, mix
 from vlab.diagnose.terms import Candidate, Fit, Term, of_element
 from vlab.physics.effect import SETTLING, Parameter, PickUp, SensorEffect
 from vlab.signals import Array
@@ -58,6 +58,8 @@ INFORMED = 0.005
 """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
 error, root mean square, stay at the prior's mean."""
 PROBE = 0.3
+SMOOTH_STEP = 1e-4
+"""Step of slopes along uncertain parameters, in their standard deviations, where no law has edges."""
 LARGEST = 1e8
 """What residuals that ran away are cut off at."""
 
@@ -436,7 +438,7 @@ class Refiner:
 
     def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
         """Return the derivatives of the residual by forward differences; those by channel offsets are known."""
-        steps = self._steps(layout, x)
+        steps = self._steps(layout, x, terms)
         offsets = np.arange(layout.r, layout.r + layout.n_channels) if not self.loose else np.zeros(0, dtype=int)
         others = np.setdiff1d(np.arange(x.size), offsets)
         moved = self._residual(layout, terms, x + np.diag(steps)[others])
@@ -631,8 +633,14 @@ class Refiner:
             at += layout.n_start
         return theta, offsets, starts, X[:, at:]
 
-    def _steps(self, layout: _Layout, x: Array) -> Array:
-        steps = np.full(x.size, 1e-2)
+    def _steps(self, layout: _Layout, x: Array, terms: Sequence[Term] = ()) -> Array:
+        """Return the steps that slopes are taken with.
+
+        In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
+        slope along directions that the recordings say little of; of laws with edges smaller steps are noise.
+        """
+        is_smooth = not any(t.effect.family in EDGED for t in terms)
+        steps = np.full(x.size, SMOOTH_STEP if is_smooth else 1e-2)
         at = layout.r + layout.n_channels
         steps[at : at + layout.n_start * len(layout.free)] = 0.1
         first = x.size - len(layout.effects)

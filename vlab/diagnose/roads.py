@@ -26,7 +26,7 @@ from vlab.signals import Array
 
 Report = Callable[[float, str], None]
 LESS = 0.95
-"""A structure's own nonlinearity is taken off where a refit leaves this share of the mean square without it, or less."""
+"""A structure's own nonlinearity is believed in where a refit leaves this share of the mean square with it, or less."""
 UNSTRETCHED = (
     "the recordings do not show that swinging tightens the cables: they are taken for softer along their length"
 )
@@ -94,15 +94,15 @@ def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> 
 
 
 def _as_nonlinear_as_recorded(problem: Problem) -> NearRest:
-    """Screen a problem; of a structure without what its plant's own nonlinearity adds, where a refit leaves less so.
+    """Screen a problem; of a structure with what its plant's own nonlinearity adds only where the recordings show it.
 
     Cables that a swinging beam stretches stiffen it by a hundred-thousandth at a quarter of a millimetre, as the drawing has it; with
-    light damping that shows, and the thing may have it or not.
+    light damping that shows, and the thing may have it or not. Where it does not show, louder recordings would be foretold by guess.
     """
     if problem.case.structure is None or problem.bare is None:
         return NearRest(screen=Screen(problem))
     (with_cables, theta), (without, theta_without) = side_by_side(_left_by_a_refit, (problem, problem.bare))
-    if without > LESS * with_cables:
+    if with_cables <= LESS * without:
         return NearRest(screen=Screen(problem, theta=theta))
     soft = with_soft_cables(problem.case)
     if soft is None:

@@ -60,9 +60,16 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = NO_WORSE if choice.is_of_priors else BETTER
-    if is_structure and not no_gap and errors["before"] <= MESH_OWN_ERROR:
-        no_gap, least = True, BETTER_OF_MESH
+    if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
+        no_gap, least = no_gap or not _is_unexplained(errors, is_structure=True), BETTER_OF_MESH
     return choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
+
+
+def _is_unexplained(errors: dict[str, float], *, is_structure: bool) -> bool:
+    """Return whether the refitted model leaves more than noise and what the model itself leaves."""
+    if is_structure:
+        return errors["before"] > np.hypot(ABOVE_NOISE * errors["noise"], MESH_OWN_ERROR)
+    return errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
 
 
 def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_structure: bool) -> Verdict:
@@ -70,8 +77,7 @@ def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_str
     if seen.damage.fatal:
         return "bad-recording"
     errors = errors_of(checked)
-    floor = MESH_OWN_ERROR if is_structure else LEAST_MISFIT
-    unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
+    unexplained = _is_unexplained(errors, is_structure=is_structure)
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
