@@ -1,7 +1,6 @@
 """The loops over samples in which laws act, compiled: laws as tapes of operations, many parameter sets and recordings side by side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,6 @@ CHECKED = 8
 """Every so many samples states are looked at whether they ran away."""
 MOST = 1e9
 """What such states are brought back to."""
-MOST_ALIKE = 1e8
-"""Condition of a step's own directions up to which states are marched along them: half of all digits are left."""
 
 _COPY, _ADD, _SUBTRACT, _MULTIPLY = (CODE[f] for f in (np.positive, np.add, np.subtract, np.multiply))
 _DIVIDE, _NEGATIVE, _ABSOLUTE = (CODE[f] for f in (np.divide, np.negative, np.absolute))
@@ -27,7 +24,8 @@ _ARCTAN, _POWER, _HYPOT, _FLOOR = (CODE[f] for f in (np.arctan, np.power, np.hyp
 _LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal))
 _EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
 _NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
-_Z, _V, _T, _FREE, _FIRST, _COMMAND, _MOBILITY = range(len(SIGNALS))
+_Z, _V, _T, _FREE, _FIRST, _COMMAND, MOBILITY = range(len(SIGNALS))
+"""Registers of what a law sees of its step."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -135,7 +133,7 @@ _sums = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 
 
 @_sums
-def _march_free(
+def march_free(
     turn: Array,
     dense: Array,
     into: Array,
@@ -146,7 +144,7 @@ def _march_free(
     substeps: int,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """March states under inputs alone and fill in the channels y (n_sets, n_runs, n, p); see `march_modes`."""
+    """March states under inputs alone and fill in the channels y (n_sets, n_runs, n, p); see `vlab.diagnose.modal_march`."""
     n_sets, n_runs, n, channels = y.shape
     n_inputs, size = inputs.shape[4], state.shape[2]
     m = size // 2
@@ -184,7 +182,7 @@ def _march_free(
 
 
 @_sums
-def _march_looped(
+def march_looped(
     turn: Array,
     dense: Array,
     into: Array,
@@ -202,7 +200,7 @@ def _march_looped(
     registers: Array,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """As `_march_free`, with laws in the loop of all sets and runs side by side."""
+    """As `march_free`, with laws in the loop of all sets and runs side by side."""
     h, late = clock
     ports, coils, push, felt, direct_law, results = laws
     operations, bounds, firsts, remembers, recalled = tapes
@@ -305,193 +303,6 @@ def _series(
             registers[recalled[i]] = registers[remembers[i]]
         out[k] = registers[result]
     return out
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Modes:
-    """A step's own directions, in which it turns and shrinks states: pairs of conjugate ones as one complex number.
-
-    Parameters
-    ----------
-    turn : (2, n_sets, m) array
-        Real and imaginary part of what a step multiplies each by.
-    dense : (n_sets, m, m) array
-        The step itself where its own directions are too nearly the same, as of a mass that nothing holds or brakes; else empty.
-    into, back : (n_sets, width, m) and (n_sets, m, width) array of complex
-        The directions' coordinates x @ into of states x, and states Re(z @ back) of coordinates.
-    """
-
-    turn: Array
-    dense: Array
-    into: Array
-    back: Array
-
-
-def modes_of(step: Array) -> Modes:
-    """Return the own directions of steps (n_sets, width, width) that act on rows of states from the right."""
-    n_sets, width, _ = step.shape
-    values, vectors = np.linalg.eig(step)
-    if not np.linalg.cond(vectors).max() < MOST_ALIKE:
-        one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
-        return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
-    inverse = np.linalg.inv(vectors)
-    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one of a pair stands for both
-    order = np.argsort(weight == 0, axis=1, kind="stable")[:, : int(np.count_nonzero(weight, axis=1).max())]
-    values, weight = (np.take_along_axis(x, order, axis=1) for x in (values, weight))
-    return Modes(
-        turn=np.stack([values.real, values.imag]),
-        dense=np.zeros((0, width, width)),
-        into=np.take_along_axis(vectors, order[:, None, :], axis=2),
-        back=np.take_along_axis(inverse, order[:, :, None], axis=1) * weight[:, :, None],
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopLaw:
-    """A law in the loop.
-
-    Parameters
-    ----------
-    tape : Tape
-        For the length of a substep.
-    values : sequence of (n_sets, 1) array
-        Its parameters, in the order of its class.
-    memory : sequence of array
-        What it remembers at first, each (n_sets, n_runs) or less.
-    push : (n_sets, width) array
-        What a unit force over a substep adds to the states.
-    direct : (n_sets, p) array
-        What it adds to the channels at once.
-    port : int
-        Where it acts.
-    coil : int or None
-        Which of the known inputs is the command there.
-    """
-
-    tape: Tape
-    values: Sequence[Array]
-    memory: Sequence[Any]
-    push: Array
-    direct: Array
-    port: int
-    coil: int | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Marched:
-    """A linear system of states on rows, stepped by `step`.
-
-    Parameters
-    ----------
-    step : (n_sets, width, width) array
-        A substep.
-    into : (n_sets, n_inputs, width) array
-        What unit inputs add to the states in a substep.
-    channels : (n_sets, width, p) array
-    direct : (n_sets, n_inputs, p) array
-        What inputs add to the channels at once.
-    seen : (width, 2 n_ports) array
-        Displacements, then velocities, of the ports.
-    """
-
-    step: Array
-    into: Array
-    channels: Array
-    direct: Array
-    seen: Array
-
-
-def march_modes(
-    system: Marched,
-    laws: Sequence[LoopLaw],
-    part: Array,
-    given: Array,
-    starts: Array,
-    late: Array,
-    h: float,
-) -> Array:
-    """March a linear system with laws in its loop.
-
-    Parameters
-    ----------
-    part : (n, n_sets or 1, n_runs, known) array
-        The first inputs, held over a sample.
-    given : (n, substeps, n_sets, n_runs, n_inputs - known) array
-        The other ones.
-    starts : (n_sets, n_runs, width) array
-    late : (n_runs,) array
-        Times at which the runs begin [s].
-    h : float
-        Length of a substep [s].
-
-    Returns
-    -------
-    (n, n_sets, n_runs, p) array
-        Channels.
-    """
-    (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
-    modes = modes_of(system.step)
-
-    def inward(rows: Array) -> Array:
-        there = rows @ modes.into
-        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
-
-    def outward(columns: Array) -> Array:
-        there = np.swapaxes(modes.back @ columns, 1, 2)
-        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
-
-    inputs = part[:, None]
-    if given.shape[-1]:
-        inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
-    y = np.empty((n_sets, n_runs, n, p))
-    common = (
-        np.ascontiguousarray(modes.turn),
-        modes.dense,  # all in C's order: loops over rows of others take three times as long
-        inward(system.into),
-        outward(system.channels),
-        np.ascontiguousarray(system.direct),
-        np.ascontiguousarray(inputs),
-        inward(starts),
-        given.shape[1],
-    )
-    if not laws:
-        _march_free(*common, y)
-        return y.transpose(2, 0, 1, 3)
-    seen_of, push = system.seen, np.stack([law.push for law in laws], axis=1)
-    felt = push @ seen_of
-    registers = np.zeros((sum(law.tape.registers for law in laws), n_sets * n_runs))
-    bounds = np.zeros((len(laws) + 1, 3), dtype=np.int64)
-    for i, law in enumerate(laws):
-        tape = law.tape
-        bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
-        for at, value in (
-            *tape.constants,
-            *zip(tape.parameters, law.values, strict=True),
-            *zip(tape.memory, law.memory, strict=True),
-            (_MOBILITY, felt[:, i, seen_of.shape[1] // 2 + law.port, None]),
-        ):
-            registers[bounds[i, 0] + at] = np.broadcast_to(value, (n_sets, n_runs)).reshape(-1)
-    tapes = (
-        np.concatenate([law.tape.operations for law in laws]),
-        bounds,
-        np.array([law.tape.first for law in laws]),
-        np.array([m for law in laws for m in law.tape.remembered], dtype=np.int64),
-        np.array([m for law in laws for m in law.tape.memory], dtype=np.int64),
-    )
-    acting = (
-        np.array([law.port for law in laws]),
-        np.array([-1 if law.coil is None else law.coil for law in laws]),
-        inward(push),
-        np.ascontiguousarray(felt),
-        np.stack([law.direct for law in laws], axis=1),
-        np.array([law.tape.force for law in laws]),
-    )
-    seen = np.ascontiguousarray(starts @ seen_of)
-    seen_rows = outward(np.broadcast_to(seen_of, (n_sets, *seen_of.shape)))
-    last = np.zeros((len(laws), *seen.shape))
-    clock = (h, np.ascontiguousarray(late, dtype=float))
-    _march_looped(*common, seen_rows, seen, last, clock, acting, tapes, registers, y)
-    return y.transpose(2, 0, 1, 3)
 
 
 def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.compiled import CHECKED, MOST, RUNAWAY, LoopLaw, Marched, march_modes
+from vlab.diagnose.compiled import CHECKED, MOST, RUNAWAY
+from vlab.diagnose.modal_march import LoopLaw, Marched, march_modes
 from vlab.diagnose.signals import LONG_PREROLL, PREROLL, Signals
 from vlab.diagnose.terms import Term
 from vlab.diagnose.twin import Discrete
@@ -193,9 +194,7 @@ class _Marcher:
                 new = state[..., :width] @ step_of + forces[k] @ into[:, :known] + given[sub] @ into[:, known:]
                 at, after = state[..., width:], new[..., width:]
                 t = self.late + (k * self.h + (sub + 0.5) * step)
-                own = sum(
-                    last.values()
-                )  # forces change by little in a step: the last ones stand for those not known yet
+                own = sum(last.values())  # as in the compiled loop
                 for j, law in laws:
                     now = Step(
                         h=step,
