@@ -183,7 +183,9 @@ def march_modes(
     return y.transpose(2, 0, 1, 3)
 
 
-def _loaded(laws: Sequence[LoopLaw], felt: Array, n_runs: int) -> tuple[tuple[Array, ...], Array]:
+def _loaded(
+    laws: Sequence[LoopLaw], felt: Array, n_runs: int
+) -> tuple[tuple[Array, Array, Array, Array, Array], Array]:
     """Return the laws' tapes one behind the other, and their registers with all that does not change from step to step.
 
     Parameters
