@@ -1,5 +1,7 @@
 """The march of the twin: laws folded into it move it as they do step by step; what a law says of itself is true."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,6 +123,17 @@ def test_a_mass_that_nothing_holds_or_brakes_falls():
     run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 1)), u=np.zeros((n, 1)), at_rest=True, **empty)
     y = march(system, np.full((n, 1, 1, 1), a), 1, [], [], [], np.zeros((2, 1, 2)), [run], 1)
     np.testing.assert_allclose(y[:, 1, 0, 0], 0.5 * a * (H * np.arange(n)) ** 2, rtol=1e-9, atol=1e-12)
+
+
+def test_a_trial_that_no_number_holds_is_marched_without_a_word():
+    rows = ChannelRows(at_q=np.ones((1, 1)), at_v=np.zeros((1, 1)), at_a=np.zeros((1, 1)), rest=np.zeros(1))
+    one = np.ones((1, 1, 1))
+    system = replace(discretise(one, one, one, np.ones((1, 1)), rows, H), A=np.full((1, 2, 2), np.inf))
+    empty = {"load": np.zeros((9, 0)), "noise": np.ones(1), "scale": np.ones(1)}
+    run = Signals(name="r", role="fit", h=H, y=np.zeros((9, 1)), u=np.zeros((9, 1)), at_rest=True, **empty)
+    with np.errstate(all="ignore"):
+        y = march(system, np.ones((9, 1, 1, 1)), 1, [], [], [], np.zeros((1, 1, 2)), [run], 1)
+    assert not np.isfinite(y[-1]).any()
 
 
 def test_modes_are_marched_as_their_matrices_say():
