@@ -246,10 +246,9 @@ def march_looped(
                         for j in range(size):
                             total += state[s, r, j] * seen_rows[s, i, j]
                         after[s, r, i] = total
+                        # forces change by little in a step: the last ones stand for those not known yet
                         known[s, r, i] = 0.0
-                        for law in range(
-                            n_laws
-                        ):  # forces change by little in a step: the last ones stand for those to come
+                        for law in range(n_laws):
                             known[s, r, i] += last[law, s, r, i]
             for law in range(n_laws):
                 z, v, coil = ports[law], sees // 2 + ports[law], coils[law]

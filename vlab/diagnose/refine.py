@@ -437,8 +437,14 @@ class Refiner:
         ]
 
     def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
-        """Return the derivatives of the residual by forward differences; those by channel offsets are known."""
-        steps = self._steps(layout, x, terms)
+        """Return the derivatives of the residual by forward differences; those by channel offsets are known.
+
+        In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
+        slope along directions that the recordings say little of; of laws with edges smaller steps are noise.
+        """
+        steps = self._steps(layout, x)
+        if not any(t.effect.family in EDGED for t in terms):
+            steps[: layout.r + layout.n_channels] = SMOOTH_STEP
         offsets = np.arange(layout.r, layout.r + layout.n_channels) if not self.loose else np.zeros(0, dtype=int)
         others = np.setdiff1d(np.arange(x.size), offsets)
         moved = self._residual(layout, terms, x + np.diag(steps)[others])
@@ -633,14 +639,8 @@ class Refiner:
             at += layout.n_start
         return theta, offsets, starts, X[:, at:]
 
-    def _steps(self, layout: _Layout, x: Array, terms: Sequence[Term] = ()) -> Array:
-        """Return the steps that slopes are taken with.
-
-        In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
-        slope along directions that the recordings say little of; of laws with edges smaller steps are noise.
-        """
-        is_smooth = not any(t.effect.family in EDGED for t in terms)
-        steps = np.full(x.size, SMOOTH_STEP if is_smooth else 1e-2)
+    def _steps(self, layout: _Layout, x: Array) -> Array:
+        steps = np.full(x.size, 1e-2)
         at = layout.r + layout.n_channels
         steps[at : at + layout.n_start * len(layout.free)] = 0.1
         first = x.size - len(layout.effects)

@@ -24,12 +24,11 @@ OPERATIONS: tuple[Any, ...] = (
 )  # fmt: skip
 """What a tape may hold; an operation's code is its index."""
 CODE: dict[Any, int] = {operation: code for code, operation in enumerate(OPERATIONS)} | {
-    np.square: -1,
     np.bitwise_and: OPERATIONS.index(np.logical_and),
     np.bitwise_or: OPERATIONS.index(np.logical_or),
     np.invert: OPERATIONS.index(np.logical_not),
 }
-"""Codes of all that a law may call; a square is a product."""
+"""Codes of all that a law may call, but for squares, which are products."""
 SIGNALS = ("z", "v", "t", "free_velocity", "first_velocity", "command", "mobility")
 """What a law sees of its step, in the first registers; parameters and memory come next."""
 
@@ -120,14 +119,14 @@ class _Symbol(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         """Take a function of numpy down."""
-        code = CODE.get(ufunc)
-        if method != "__call__" or options or code is None:
+        is_square = ufunc is np.square or (
+            ufunc is np.power and not isinstance(inputs[1], _Symbol) and inputs[1] == 2  # as numpy does
+        )
+        if is_square:
+            ufunc, inputs = np.multiply, (inputs[0], inputs[0])
+        if method != "__call__" or options or ufunc not in CODE:
             raise Untraceable(f"{ufunc.__name__} is on no tape")
-        if ufunc is np.power and not isinstance(inputs[1], _Symbol) and inputs[1] == 2:
-            code, inputs = -1, inputs[:1]  # as numpy does
-        if code == -1:
-            return self.writer.take(CODE[np.multiply], (inputs[0], inputs[0]))
-        return self.writer.take(code, inputs)
+        return self.writer.take(CODE[ufunc], inputs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         """Take a choice down."""
