@@ -20,7 +20,7 @@ def rounded(y, step):
     return step * np.round(y / step)
 
 
-@pytest.mark.parametrize("step", [0.03, 0.11, 0.5])
+@pytest.mark.parametrize("step", [0.03, 0.11, 0.5, 1.4])
 def test_the_step_of_rounded_readings_is_found(step):
     runs = [run_of(TIME, {"a": rounded(motion(i), step), "b": motion(i)}, name=str(i)) for i in range(3)]
     (found,) = sensor_steps(runs)
@@ -28,6 +28,14 @@ def test_the_step_of_rounded_readings_is_found(step):
     # values reach over 12 steps at least, and the peak of their characteristic function is a part of 1/12 wide
     assert found.step == pytest.approx(step, rel=2e-3)
     assert abs(found.step - step) < 4 * found.sd
+
+
+def test_a_finer_converter_behind_the_coarse_one_is_in_the_interval():
+    step, fine = 1.4, 0.011
+    runs = [run_of(TIME, {"a": rounded(rounded(motion(i), step), fine)}, name=str(i)) for i in range(3)]
+    (found,) = sensor_steps(runs)
+    assert abs(found.step - step) > 5e-4  # no number of finer steps is a coarse one
+    assert abs(found.step - step) < 2 * found.sd < 0.01
 
 
 def test_steps_are_found_beneath_noise_that_came_after_them():

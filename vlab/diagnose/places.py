@@ -16,7 +16,7 @@ from vlab.signals import Array
 SAME = 1e-6
 """Two ports are one where their rows differ by less than this share."""
 MOST_PORTS = 80
-MOST_PICKED_UP = 4
+MOST_PICKED_UP = 16
 """Beyond this many sensors none is taken to see what another one sees."""
 FREE = 0.1
 """Angular frequency [rad/s] below which a mode is free motion."""

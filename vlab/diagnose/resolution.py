@@ -25,8 +25,9 @@ SHARP, EXACT = 0.42, 0.9
 """Characteristic function at one cycle per step, of the values that move, above which they stand on steps: noise of a fifth of
 the step that comes after it leaves .49. A steady sine has |J0|, which is less than .27 for steps below its rms; larger steps must be
 exact."""
-CLEAR = 4.0
-"""...and by this factor over what it has fallen to before."""
+CLEAR, ALL = 4.0, 0.98
+"""...and by this factor over what it has fallen to before, unless all that moves stands on them: of steps larger than the rms most
+values are zero, and the function falls little in between."""
 BETWEEN, SMOOTH = 0.25, 0.5
 """Values further off their steps than this share of one say how they got there: smoothly where the mean cosine of the turn from the value
 before them, a step being a whole one, is above this."""
@@ -96,7 +97,10 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         and seen[i] >= seen[i + 1]
         and seen[i] - still > wanted[i] * (1.0 - still)
         # values crowd about rest after a decay: then the function is as large all the way
-        and seen[i] > CLEAR * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
+        and (
+            seen[i] - still > ALL * (1.0 - still)
+            or seen[i] > CLEAR * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
+        )
     ]
     steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[:MOST_PEAKS])
     return next((step for step in steps if not _passes_between(values, step[0])), None)
@@ -118,6 +122,7 @@ def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
     k = int(np.argmax(sharp))
     step = float(1.0 / fine[k])
     scatter = np.sqrt(max(-2.0 * np.log(min(float(sharp[k]), 1.0)), 1e-12)) * step / (2 * np.pi)
-    lever = float(np.std(values)) / step
-    sd = max(scatter / (max(lever, 0.5) * np.sqrt(len(values))), 0.25 * step * step * (fine[1] - fine[0]))
+    lever = max(float(np.std(values)) / step, 0.5)
+    different = len(np.unique(values))  # a finer converter behind the coarse one rounds its steps the same way every time
+    sd = max(scatter / (lever * np.sqrt(different)), 0.25 * step * step * (fine[1] - fine[0]))
     return step, float(sd)
