@@ -39,8 +39,9 @@ REFORMED = 3
 """Pairs of which other forms are fitted as well."""
 EXPLAINS = 1.05
 """A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
-ENOUGH_OF_MESH = 1.6
-"""As `ENOUGH`, of one of the two structures, whose meshes err by as much as a small second effect does."""
+ENOUGH_OF_MESH = 0.5
+"""Share of the variance of the model's own error that one of the two structures may leave beside the noise before a second effect is
+sought: a grid with nothing hidden left .4."""
 FINER = 0.5
 """Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
 
@@ -95,7 +96,9 @@ def search(
     plain = [before.long_fit.theta] if before.level < MUCH else []
     most = min(WHOLE_SINGLES, hopeful(singles))
     hypotheses = singles = on_whole_runs(whole, narrow, _worth_long_runs(singles, adds_up=adds_up), most, plain)
-    enough = EXPLAINS * floor_of(whole) if problem.case.structure is None else ENOUGH_OF_MESH
+    enough = EXPLAINS * floor_of(whole)
+    if problem.case.structure is not None:
+        enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
     if singles and wants_a_second(before, singles, enough, whole.directions.shape[1]):
         among = best_places(candidates, SECOND_PLACES)
         doubles = finished(narrow, pairs(screen, rough, singles, shortlist, effects, among, report))
@@ -192,7 +195,8 @@ def _single_effects(
     if adds_up or not (found and found[0].level < EXPLAINS * floor_of(narrow)):
         report(0.25, "screening with slower observers")
         screen.slower = tuple(Screen(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
-        among = best_places(candidates, PLACES)
+        # what acts all the time is seen at quite other places than by a quick observer, which takes it up
+        among = best_places(candidates, PLACES) | {c.label for c in candidates if not c.effect.shapes}
         for slow in screen.slower:
             known = {c.label for c in shortlist}
             slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
