@@ -103,8 +103,11 @@ def structure_parameters(
         out.append(StructureUncertain(name="fittings:mass", kind="mass", sd=sd["mass"], edit=_fittings))
     if any(cable.tension for cable in structure.cable):
         out.append(StructureUncertain(name="tension", kind="tension", sd=sd["tension"], edit=_tension))
+    if any(cable.density for cable in structure.cable):
+        out.append(StructureUncertain(name="cables:mass", kind="mass", sd=sd["mass"], edit=_cables))
     if structure.plate:
         out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
+        out.append(StructureUncertain(name="plates:inertia", kind="mass", sd=sd["mass"], edit=_inertia))
     out.append(StructureUncertain(name=ALL_DAMPING, kind="damping", sd=COMMON * sd["damping"], edit=_damping(None)))
     out += [
         StructureUncertain(name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=OWN * sd["damping"], edit=_damping(i))
@@ -172,15 +175,6 @@ def _fittings(structure: Structure, factor: float) -> Structure:
         mass=tuple(replace(m, mass=m.mass * factor, rotary_inertia=m.rotary_inertia * factor) for m in structure.mass),
         clamp=tuple(replace(c, mass=c.mass * factor) for c in structure.clamp),
         coil=tuple(replace(c, mass=c.mass * factor) for c in structure.coil),
-        cable=tuple(replace(c, density=c.density * factor) for c in structure.cable),
-        plate=tuple(
-            replace(
-                p,
-                inertia_about_beam=p.inertia_about_beam * factor,
-                inertia_about_vertical=p.inertia_about_vertical * factor,
-            )
-            for p in structure.plate
-        ),
     )
 
 
@@ -192,6 +186,25 @@ def _tension(structure: Structure, factor: float) -> Structure:
 
 def _plates(structure: Structure, factor: float) -> Structure:
     return replace(structure, plate=tuple(replace(p, weight_moment=p.weight_moment * factor) for p in structure.plate))
+
+
+def _cables(structure: Structure, factor: float) -> Structure:
+    return replace(structure, cable=tuple(replace(c, density=c.density * factor) for c in structure.cable))
+
+
+def _inertia(structure: Structure, factor: float) -> Structure:
+    # of its own: plates are no fittings, and a mode that is theirs alone would follow what fittings are off by
+    return replace(
+        structure,
+        plate=tuple(
+            replace(
+                p,
+                inertia_about_beam=p.inertia_about_beam * factor,
+                inertia_about_vertical=p.inertia_about_vertical * factor,
+            )
+            for p in structure.plate
+        ),
+    )
 
 
 def _damping(mode: int | None) -> Edit:
