@@ -113,4 +113,5 @@ def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals])
             other[1 : len(run), 0, j] = run.u[:-1, k]
             other[0, 0, j] = 0.0 if run.led is None or not len(run.led) else run.led[-1, k]
     p = {name: np.asarray(value)[:, None] for name, value in own.items()}
-    y[..., i] = term.effect.mix(y[..., i], other, p)
+    with np.errstate(all="ignore"):  # a trial that ran away
+        y[..., i] = term.effect.mix(y[..., i], other, p)
