@@ -123,8 +123,7 @@ def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
     step = float(1.0 / fine[k])
     scatter = np.sqrt(max(-2.0 * np.log(min(float(sharp[k]), 1.0)), 1e-12)) * step / (2 * np.pi)
     lever = max(float(np.std(values)) / step, 0.5)
-    different = len(
-        np.unique(values)
-    )  # a finer converter behind the coarse one rounds its steps the same way every time
+    # a finer converter behind the coarse one rounds its steps the same way every time
+    different = len(np.unique(values))
     sd = max(scatter / (lever * np.sqrt(different)), 0.25 * step * step * (fine[1] - fine[0]))
     return step, float(sd)
