@@ -5,14 +5,15 @@ import shutil
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from command import run
+from scipy import linalg
 
-import vlab.proof.concealing as concealing
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
 from vlab.errors import BadExperiment, BadProof
-from vlab.proof.campaign import run_all
+from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.concealing import conceal_cases, truth_folder, unfinished_folder
 from vlab.proof.prove import ANSWERS, FROZEN, answers_folder, frozen_answers, open_truth, prove, read_commitments
 from vlab.proof.sealing import canonical, opened, sealed
@@ -77,29 +78,29 @@ def test_the_recordings_say_nothing_of_the_truth(cases):
     assert len({p.stat().st_mtime for p in (cases / "case-001").iterdir()}) == 1
 
 
-def test_concealing_that_was_stopped_goes_on_with_its_seed_and_makes_no_case_twice(monkeypatch, tmp_path):
+def test_concealing_that_was_stopped_goes_on_with_its_seed_and_makes_no_case_twice(tmp_path):
     plan = {"suites": ["null"], "count": 3, "benches": ["slider"], "jobs": 1}
-    out, made = tmp_path / "cases", []
-    one = concealing.make_case
+    out = tmp_path / "cases"
 
-    def until_the_third(suite, benches, seed, index):
-        made.append(index)
-        if len(made) == 3:
+    def until_the_second(done, total):
+        if done == 2:
             raise KeyboardInterrupt
-        return one(suite, benches, seed, index)
 
-    monkeypatch.setattr(concealing, "make_case", until_the_third)
     with pytest.raises(KeyboardInterrupt):
-        conceal_cases(out, **plan)
+        conceal_cases(out, **plan, progress=until_the_second)
     assert not out.exists()
     assert not truth_folder(out).exists()
-    (unfinished_folder(out) / "cases" / "case-003").mkdir()  # as one that was being written
+    begun = unfinished_folder(out)
+    whole = sorted(path.stem for path in (begun / "truth").iterdir())
+    assert {"case-001", "case-002"} <= set(whole)
+    before = {name: (begun / "cases" / name / "run1.parquet").stat().st_ino for name in whole}
+    (begun / "cases" / "case-003").mkdir(exist_ok=True)  # as one that was being written
     for other in ({"count": 4}, {"suites": ["in-library"]}, {"seed": 2**40}):
         with pytest.raises(BadExperiment, match="begun with another"):
             conceal_cases(out, **{**plan, **other})
     _, seed = conceal_cases(out, **plan)
-    assert made == [0, 1, 2, 2]
-    assert not unfinished_folder(out).exists()
+    assert {name: (out / name / "run1.parquet").stat().st_ino for name in whole} == before
+    assert not begun.exists()
     conceal_cases(tmp_path / "at once", **plan, seed=seed)
     first, again = (json.loads((folder / "commitments.json").read_text()) for folder in (out, tmp_path / "at once"))
     assert [c["recordings"] for c in first["cases"].values()] == [c["recordings"] for c in again["cases"].values()]
@@ -286,6 +287,22 @@ def square(x: int) -> tuple[int, int]:
 
 def test_work_on_several_cores_is_complete():
     assert dict(run_all(square, range(5), jobs=2)) == {i: i * i for i in range(5)}
+
+
+def bits_of_linear_algebra(x: int) -> tuple[int, bytes]:
+    a = np.random.default_rng(x).standard_normal((60, 60))
+    return x, linalg.eigh(a @ a.T)[1].tobytes()
+
+
+def test_numbers_come_out_with_the_same_bits_whatever_processor_linear_algebra_takes_this_for(monkeypatch):
+    def made(**how):
+        return dict(run_all(bits_of_linear_algebra, range(2), jobs=2, **how))
+
+    here = made(environment=common_instructions())
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
+    if made() == here:
+        pytest.skip("this linear algebra does not choose by the processor")
+    assert made(environment=common_instructions()) == here
 
 
 def test_work_on_dask_is_complete():

@@ -3,15 +3,31 @@
 import multiprocessing
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
-import joblib
+import numpy as np
+from joblib.externals.loky import ProcessPoolExecutor
 
 from vlab.errors import BadExperiment, unknown_name
 
 T = TypeVar("T")
 ENGINES = ("joblib", "dask")
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "MKL", "OMP", "NUMBA", "VECLIB")}
+"""Environment of a worker: cases side by side leave no core for a second thread."""
+
+
+def common_instructions() -> dict[str, str]:
+    """Return an environment in which numpy and OpenBLAS use none but AVX2 of x86-64's extensions, which nearly all have.
+
+    What is left to them, they choose by the processor, and round otherwise on each: where a number has to come out with the same bits
+    elsewhere, it must be made so.
+    """
+    core = getattr(np, "_core", None) or np.core
+    found = getattr(core._multiarray_umath, "__cpu_dispatch__", [])
+    wider = [name for name in found if name.startswith(("AVX512", "X86_V4"))]
+    return {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": " ".join(wider)}
 
 
 def cores() -> int:
@@ -20,7 +36,13 @@ def cores() -> int:
 
 
 def run_all(
-    work: Callable[[Any], T], items: Sequence[Any], *, engine: str = "joblib", jobs: int = 0, scheduler: str = ""
+    work: Callable[[Any], T],
+    items: Sequence[Any],
+    *,
+    engine: str = "joblib",
+    jobs: int = 0,
+    scheduler: str = "",
+    environment: Mapping[str, str] | None = None,
 ) -> Iterator[T]:
     """Yield what `work` makes of every item, in the order in which they are done.
 
@@ -32,9 +54,11 @@ def run_all(
         ``"joblib"``: one process a core, linear algebra on one thread. ``"dask"``: the workers of a cluster, which must
         see the same files.
     jobs : int
-        Processes; all cores by default. One runs everything in this process.
+        Processes; all cores by default. One runs everything in this process, unless it needs an environment.
     scheduler : str
         Address of a running dask scheduler; a cluster on this machine by default.
+    environment : mapping of str to str, optional
+        Variables of the processes that work; those of a cluster have their own.
 
     Raises
     ------
@@ -49,14 +73,26 @@ def run_all(
         yield from _on_dask(work, items, jobs, scheduler)
         return
     count = min(jobs or cores(), max(len(items), 1))
-    if count == 1:
+    if count == 1 and not environment:
         yield from map(work, items)
         return
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1), warnings.catch_warnings():
-        # loky replaces a worker that has grown, between two cases: nothing is lost
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
-        parallel = joblib.Parallel(n_jobs=count, return_as="generator_unordered", batch_size=1)
-        yield from parallel(joblib.delayed(_alone)(work, item) for item in items)
+    yield from _on_cores(work, items, count, {**ONE_THREAD, **(environment or {})})
+
+
+def _on_cores(
+    work: Callable[[Any], T], items: Sequence[Any], count: int, environment: Mapping[str, str]
+) -> Iterator[T]:
+    executor = ProcessPoolExecutor(max_workers=count, env=dict(environment))
+    is_done = False
+    try:
+        with warnings.catch_warnings():
+            # loky replaces a worker that has grown, between two cases: nothing is lost
+            warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
+            for future in as_completed([executor.submit(_alone, work, item) for item in items]):
+                yield future.result()
+        is_done = True
+    finally:  # a run that is stopped does not wait for the cases that nobody will ask for
+        executor.shutdown(wait=True, kill_workers=not is_done)
 
 
 def _alone(work: Callable[[Any], T], item: Any) -> T:
@@ -69,7 +105,8 @@ def _alone(work: Callable[[Any], T], item: Any) -> T:
 
 def _on_dask(work: Callable[[Any], T], items: Sequence[Any], jobs: int, scheduler: str) -> Iterator[T]:
     try:
-        from dask.distributed import Client, LocalCluster, as_completed
+        from dask.distributed import Client, LocalCluster
+        from dask.distributed import as_completed as done_of
     except ImportError as error:
         raise BadExperiment("dask is not installed; install it with pip install 'vlab[dask]', or use joblib") from error
     try:
@@ -81,7 +118,7 @@ def _on_dask(work: Callable[[Any], T], items: Sequence[Any], jobs: int, schedule
         raise BadExperiment(f"the dask scheduler {scheduler or 'on this machine'} does not answer: {error}") from error
     with client:
         futures = client.map(work, list(items), pure=False, retries=1)
-        for future in as_completed(futures):
+        for future in done_of(futures):
             yield future.result()
     if here is not None:
         here.close()

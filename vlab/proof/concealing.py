@@ -10,7 +10,7 @@ from typing import Any
 
 from vlab.errors import BadExperiment, BadProof
 from vlab.outputs import output_folder, write_manifest
-from vlab.proof.campaign import run_all
+from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.manifest import generator_digest
 from vlab.proof.sealing import COMMITMENTS, FORMAT, folder_digest, opened, read_json, sealed, write_json
 from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
@@ -72,8 +72,9 @@ def conceal_cases(
         left = [item for item in items if not _is_whole(begun, item[2])]
         progress(count - len(left), count)
         work = partial(_one_kept, folder=begun.resolve(), benches=tuple(benches), seed=plan["seed"])
+        made = run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
         try:
-            for done, _ in enumerate(run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler)):
+            for done, _ in enumerate(made):
                 progress(count - len(left) + done + 1, count)
         finally:
             if not any((begun / "truth").iterdir()):  # nothing to go on from
@@ -195,7 +196,8 @@ def regenerate_cases(
     changed = plan.get("generator", "") != generator_digest()
     with output_folder(out) as cases:
         work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
-        for done, (name, _) in enumerate(run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler)):
+        made = run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
+        for done, (name, _) in enumerate(made):
             if folder_digest(cases / name) != document["cases"][name]["recordings"]:
                 raise BadProof(
                     f"{name}: the recordings come out with other bits than those that were sealed; "
