@@ -174,9 +174,7 @@ class FitProblem:
         V = V - Q @ product(Q, V)
         onto = product(V, in_blocks(stacked(state.errors), area)).reshape(len(trial), 2, -1)
         pair = V.reshape(-1, len(trial), 2)
-        gram = np.einsum("fmi,fmj->mij", pair, pair)
-        gram += (1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(2)
-        return np.sum(onto * np.linalg.solve(gram, onto), axis=(1, 2))
+        return _quadratic(np.einsum("fmi,fmj->mij", pair, pair), onto)
 
 
 def pole_mac(p: ComplexArray, q: ComplexArray) -> Array:
@@ -187,7 +185,13 @@ def pole_mac(p: ComplexArray, q: ComplexArray) -> Array:
 def _gains(inverse: Array, pairs: Array) -> Array:
     """Return for each pole what the sum of squares gains when its two coefficients are set to zero."""
     rows = inverse[: 2 * len(pairs)].reshape(len(pairs), 2, len(inverse))
-    return np.sum(pairs * np.linalg.solve(rows @ np.swapaxes(rows, 1, 2), pairs), axis=(1, 2))
+    return _quadratic(rows @ np.swapaxes(rows, 1, 2), pairs)
+
+
+def _quadratic(gram: Array, columns: Array) -> Array:
+    """Return the trace of B' A^-1 B of each Gram matrix A (pole, 2, 2) and B (pole, 2, column); A may be singular to rounding."""
+    least = 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-300
+    return np.sum(columns * np.linalg.solve(gram + least * np.eye(2), columns), axis=(1, 2))
 
 
 def _descend(problem: FitProblem, theta: Array, steps: int = 40) -> FitState:
