@@ -129,6 +129,8 @@ PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "viscous-damping": ("joint:b", {"damping": 1.5}),
     "quadratic-drag": ("joint:a", {"coefficient": 8.0}),
     "cubic-stiffness": ("joint:a", {"k3": 4e5}),
+    "cubic-quintic-stiffness": ("joint:a", {"k3": 2e5, "k5": 1e9}),
+    "string-stiffness": ("joint:a", {"stiffness": 100.0, "bend": 5e-3}),
     "quadratic-stiffness": ("joint:a", {"k2": 8e3}),
     "quadratic-cubic-stiffness": ("joint:a", {"k2": 5e3, "k3": 2e5}),
     "coulomb-friction": ("joint:a", {"force": 1.5}),

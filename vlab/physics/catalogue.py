@@ -19,6 +19,8 @@ EFFECTS: dict[str, Effect] = {
         port_linear.ViscousDamping(),
         port_nonlinear.QuadraticDrag(),
         port_nonlinear.CubicStiffness(),
+        port_nonlinear.QuinticStiffness(),
+        port_nonlinear.StringStiffness(),
         port_nonlinear.QuadraticStiffness(),
         port_nonlinear.PolynomialStiffness(),
         port_nonlinear.CoulombFriction(),

@@ -69,6 +69,42 @@ class PolynomialStiffness(PortEffect):
         return -p["k2"] * z * z - p["k3"] * z * z * z, memory
 
 
+class QuinticStiffness(PortEffect):
+    """Hardening that comes on more steeply than by stretching, or a cubic spring with its next term."""
+
+    name = "cubic-quintic-stiffness"
+    form_of = "cubic-stiffness"
+    family = "nonlinear-stiffness"
+    law = "F = -k3 z^3 - k5 z^5"
+    words = "a symmetric spring that hardens or softens, and does so more or less steeply in large motion"
+    parameters: ClassVar = (
+        Parameter(name="k3", unit="N/m^3", low=1e-6, high=1e12, signed=True),
+        Parameter(name="k5", unit="N/m^5", low=1e-6, high=1e20, signed=True),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -(p["k3"] + p["k5"] * z * z) * z * z * z, memory
+
+
+class StringStiffness(PortEffect):
+    """A wire, a cable or a sheet across the motion: it hardens by stretching, and pulls straight back in large motion."""
+
+    name = "string-stiffness"
+    form_of = "cubic-stiffness"
+    family = "nonlinear-stiffness"
+    law = "F = -k z^3/(z^2 + d^2)"
+    words = "hardening by stretching that comes to an end: about cubic up to a deflection d, about linear beyond"
+    parameters: ClassVar = (
+        Parameter(name="stiffness", unit="N/m", low=1e-3, high=1e9, signed=True),
+        Parameter(name="bend", unit="m", low=0.1, high=2.0, role="shape", reference="displacement", grid=(0.25, 0.7)),
+    )
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        return -p["stiffness"] * z * z * z / (z * z + p["bend"] * p["bend"]), memory
+
+
 def _any(flags: Any) -> bool:
     """Return whether any of some flags may be set; a single one is no array, as in a step of MuJoCo, a symbol's value is not known."""
     if isinstance(flags, np.ndarray):
