@@ -12,13 +12,20 @@ from vlab.diagnose.modes import SEEN, KeptModes, as_stepped, kept_modes
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.signals import Feedthrough, signals_of, uniform
-from vlab.diagnose.twin import Part, Shift, Twin
+from vlab.diagnose.twin import ModalDamping, Part, Shift, Twin
 from vlab.diagnose.uncertain import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import carried, structure_parameters, structure_parts, structure_shifts
+from vlab.diagnose.uncertain_structure import (
+    carried,
+    damping_of_structure,
+    structure_parameters,
+    structure_parts,
+    structure_shifts,
+)
 from vlab.diagnose.wired import Wired, limited, recorded_commands, wired_runs
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
+from vlab.plants.base import Plant
 from vlab.signals import Array
 from vlab.structure import Structure
 
@@ -43,6 +50,8 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     parameters, parts, shifts = _uncertain(case, wired, modes)
     pushes = np.hstack([actuator_forces(plant), plant.port_rows(wired.load_ports).T.reshape(plant.model.nv, -1)])
     twin = replace(_twin(case, wired, modes, pushes, parameters, parts), shifts=shifts)
+    if case.structure is not None:
+        twin = replace(twin, damping=_damping(case.structure, plant, modes, twin, parameters))
     feedthrough = _feedthrough(case, wired, modes, pushes, twin)
     hums, found = find_hum(wired.runs), places_of(plant, twin, wired.names, wired.driven)
     signals = tuple(
@@ -89,9 +98,8 @@ def _uncertain(case: Case, wired: Wired, modes: KeptModes) -> _Uncertainty:
 
 def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, modes: KeptModes) -> _Uncertainty:
     plant, basis, kept = case.plant, modes.basis, modes.kept
-    at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ modes.shapes
     among = np.cumsum(kept) - 1
-    tuned = [int(among[j]) if kept[j] else -1 for j in driven_modes(at_coils)]
+    tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
     # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
     in_band = modes.omega[kept] <= 2 * np.pi * BAND * wired.highest_hz
     last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
@@ -104,6 +112,19 @@ def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, mode
     carry = carried(fe, at_points, modes.omega[kept], points)
     parts = structure_parts(fe, carry, parameters, modes.omega[kept], tuned)
     return tuple(parameters), parts, structure_shifts(fe, carry, parameters)
+
+
+def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
+    """Return which of all modes the coils drive."""
+    return driven_modes(plant.port_rows([coil.at for coil in structure.coil]) @ modes.shapes)
+
+
+def _damping(
+    structure: Structure, plant: Plant, modes: KeptModes, twin: Twin, parameters: Sequence[Uncertain]
+) -> ModalDamping:
+    places = [i for i, j in enumerate(_driven(structure, plant, modes)) if modes.kept[j]]
+    at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ modes.basis
+    return damping_of_structure(structure, parameters, twin.M, twin.K, at_coils, places)
 
 
 def _twin(

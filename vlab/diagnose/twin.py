@@ -1,15 +1,20 @@
 """The linear twin: a plant about rest in its own modes, with everything uncertain as parameters, for many sets at once."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.linear_view import ChannelRows
+from vlab.fe.damping import driven_modes
 from vlab.signals import Array
 
 MOST = 3.0
 """Log-factors beyond this size are taken for it."""
+SLOPE = 0.01
+"""Step of the derivatives of damping, in standard deviations of the priors."""
 LEAST_SEEN = 3e-4
 """Share of the fastest mode's motion that a channel must see of another one."""
 
@@ -82,6 +87,81 @@ class Part:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ModalDamping:
+    """Damping that is stated in ratios of the modes in order of their frequencies, whichever modes these are.
+
+    Of two modes that lie close together, a stiffness that is off by a hundredth turns one into the other, and each takes the damping
+    that belongs to its place in the order: a damping matrix that follows in proportion is off by as much as the two ratios differ.
+
+    Parameters
+    ----------
+    M, K : (m, m) array
+        Of the twin.
+    at_coils : (n_coils, m) array
+        Motion at the coils per modal coordinate: modes that no coil drives have the ratio of the higher ones.
+    places : (k,) array
+        Which of all driven modes those of the twin are.
+    ratios : (n,) array
+        Of the first driven modes.
+    higher : float
+        Of all other modes.
+    common : tuple of int
+        Indices of the uncertain parameters that multiply all ratios.
+    own : mapping of int to int
+        Of driven modes, by their number from zero, the parameter that multiplies theirs.
+    """
+
+    M: Array
+    K: Array
+    at_coils: Array
+    places: Array
+    ratios: Array
+    higher: float
+    common: tuple[int, ...]
+    own: Mapping[int, int]
+
+    def change(self, M: Array, K: Array, theta: Array) -> Array:
+        """Return what uncertain parameters (n_sets, n_changes) add to the damping, (n_sets, m, m).
+
+        Parameters
+        ----------
+        M, K : (n_sets, m, m) array
+            What they add to mass and stiffness.
+        """
+        return self._matrix(self.M + M, self.K + K, theta) - self._nominal
+
+    @cached_property
+    def _nominal(self) -> Array:
+        most = max((*self.common, *self.own.values()), default=0)
+        return self._matrix(self.M[None], self.K[None], np.zeros((1, most + 1)))[0]
+
+    def _matrix(self, M: Array, K: Array, theta: Array) -> Array:
+        theta = np.clip(theta, -MOST, MOST)
+        root = np.linalg.cholesky(M)
+        half = np.linalg.solve(root, K)
+        squares, turned = np.linalg.eigh(np.linalg.solve(root, half.swapaxes(1, 2)))
+        shapes = np.linalg.solve(root.swapaxes(1, 2), turned)
+        zeta = self._ratios(shapes, theta)
+        momenta = root @ turned  # M times the shapes
+        size = 2.0 * zeta * np.sqrt(np.maximum(squares, 0.0))
+        return np.asarray((momenta * size[:, None, :]) @ momenta.swapaxes(1, 2))
+
+    def _ratios(self, shapes: Array, theta: Array) -> Array:
+        """Return the ratio of every mode, (n_sets, m)."""
+        by_place = np.full((len(theta), max(len(self.ratios), int(self.places.max(initial=-1)) + 1) + 1), self.higher)
+        by_place[:, : len(self.ratios)] = self.ratios
+        for place, i in self.own.items():
+            by_place[:, place] *= np.exp(theta[:, i])
+        by_place *= np.exp(theta[:, self.common].sum(axis=1))[:, None]
+        out = np.empty(shapes.shape[::2])
+        for i, own in enumerate(shapes):
+            driven = driven_modes(self.at_coils @ own)[: len(self.places)]
+            out[i] = by_place[i, -1]
+            out[i, driven] = by_place[i, self.places[: len(driven)]]
+        return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Twin:
     """The plant near rest.
 
@@ -105,6 +185,8 @@ class Twin:
         What that multiplies of the matrices.
     shifts : tuple of Shift
         What it moves of the sensors.
+    damping : ModalDamping or None
+        Of a structure whose damping is stated in ratios of its modes.
     """
 
     omega: Array
@@ -118,6 +200,7 @@ class Twin:
     changes: tuple[Change, ...]
     parts: tuple[Part, ...] = ()
     shifts: tuple[Shift, ...] = ()
+    damping: ModalDamping | None = None
 
     @property
     def m(self) -> int:
@@ -143,7 +226,10 @@ class Twin:
             for whole, own in zip(out, part.matrices, strict=True):
                 if own is not None:
                     whole += more * own
-        return out[0], out[1], out[2], *self.gains(theta)
+        M, C, K = out
+        if self.damping is not None:
+            C = C + self.damping.change(M - self.M, K - self.K, theta)
+        return M, C, K, *self.gains(theta)
 
     def gains(self, theta: Array) -> tuple[Array, Array]:
         """Return actuator gains and channel gains (n_sets, ...) for parameter sets (n_sets, n_changes)."""
@@ -179,6 +265,13 @@ class Twin:
                     if own is not None:
                         before = out[i][k]
                         out[i][k] = factor * own if before is None else before + factor * own
+        if self.damping is not None:
+            n = len(self.changes)
+            step = SLOPE * np.diag(self.prior)
+            C = self.matrices(np.vstack([theta + step, theta - step]))[1]
+            for i, change in enumerate((C[:n] - C[n:]) / (2.0 * SLOPE)):
+                if self.prior[i] > 0 and np.any(change):
+                    out[i][1] = change / self.prior[i]
         return [(M, C, K) for M, C, K in out]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.modes import as_stepped
-from vlab.diagnose.twin import Part, Shift, Twin
+from vlab.diagnose.twin import ModalDamping, Part, Shift, Twin
 from vlab.diagnose.uncertain import COMMON, DEFAULT_SD, OWN, Uncertain
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
@@ -312,7 +312,7 @@ def structure_parts(
     omega: Array,
     driven: Sequence[int] = (),
 ) -> tuple[Part, ...]:
-    """Return what the uncertain parameters of a structure multiply in a plant's modes.
+    """Return what the uncertain parameters of a structure multiply in a plant's modes, but for damping: see `damping_of_structure`.
 
     The derivatives are the FE model's; they are carried over to the plant's modes by the shapes at the points, which both
     know and which agree (`vlab modes`).
@@ -336,13 +336,30 @@ def structure_parts(
             own = np.zeros((len(omega), len(omega)))
             own[mode, mode] = 1.0 if mode >= 0 else 0.0
             out.append(Part(by=(i, i), K=omega[mode] ** 2 * own))  # the square of a frequency
-            out.append(Part(by=(i,), C=(carry.T @ fe.linear.C @ carry) * own))
             continue
         high, low = (build_fe_model(edit(structure, np.exp(s)), variant).linear for s in (STEP, -STEP))
-        pairs = ((high.M, low.M), (high.C, low.C), (high.K, low.K))  # ratios are prescribed: C follows the frequencies
-        M, C, K = (carry.T @ ((a - b) / (2 * STEP)) @ carry for a, b in pairs)
-        out.append(Part(by=(i,), M=M if np.abs(M).max() > 1e-9 else None, C=C, K=K))
-    return (*out, *_damping_parts(fe, [p.name for p in parameters], carry, omega))
+        M, K = (carry.T @ ((a - b) / (2 * STEP)) @ carry for a, b in ((high.M, low.M), (high.K, low.K)))
+        out.append(Part(by=(i,), M=M if np.abs(M).max() > 1e-9 else None, K=K))
+    return tuple(out)
+
+
+def damping_of_structure(
+    structure: Structure, parameters: Sequence[Uncertain], M: Array, K: Array, at_coils: Array, places: Sequence[int]
+) -> ModalDamping:
+    """Return the damping of a structure's twin; see `vlab.diagnose.twin.ModalDamping`."""
+    index = {p.name: i for i, p in enumerate(parameters)}
+    count = len(structure.damping.ratios)
+    own = {k: index[name] for k in range(count) if (name := f"{ALL_DAMPING}:mode{k + 1}") in index}
+    return ModalDamping(
+        M=M,
+        K=K,
+        at_coils=at_coils,
+        places=np.asarray(places, dtype=int),
+        ratios=np.array(structure.damping.ratios),
+        higher=structure.damping.higher,
+        common=(index[ALL_DAMPING],) if ALL_DAMPING in index else (),
+        own=own,
+    )
 
 
 def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain]) -> tuple[Shift, ...]:
@@ -359,25 +376,6 @@ def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain])
                 Shift(by=i, sensor=parameter.beside, at_q=none if is_rate else row, at_v=row if is_rate else none)
             )
     return tuple(out)
-
-
-def _damping_parts(fe: FeModel, names: Sequence[str], carry: Array, omega: Array) -> list[Part]:
-    """Return the damping of every mode with a factor of its own, and of the others; a common factor multiplies them all."""
-    common = tuple(i for i, name in enumerate(names) if name == ALL_DAMPING)
-    left = np.einsum("ij,ik,kj->j", carry, fe.linear.C, carry)
-    driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
-    out = []
-    for i, name in enumerate(names):
-        number = name.removeprefix(f"{ALL_DAMPING}:mode")
-        if not number.isdigit() or int(number) > len(driven):
-            continue
-        target = fe.linear.M @ fe.linear.eigen[1][:, driven[int(number) - 1]]
-        own = np.abs(np.abs(carry.T @ target) - 1.0) < 1e-6
-        out.append(Part(by=(*common, i), C=np.diag(np.where(own, left, 0.0))))
-        left = np.where(own, 0.0, left)
-    if common:
-        out.append(Part(by=common, C=np.diag(left)))
-    return out
 
 
 def carried(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[str]) -> Array:

@@ -12,9 +12,16 @@ from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.places import Place, places_of
 from vlab.diagnose.twin import Twin
 from vlab.diagnose.uncertain import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import adjusted_structure, carried, structure_parameters, structure_parts
+from vlab.diagnose.uncertain_structure import (
+    adjusted_structure,
+    carried,
+    damping_of_structure,
+    structure_parameters,
+    structure_parts,
+)
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -159,6 +166,7 @@ def _uncertain(
     else:
         listed = structure_parameters(structure, given, wires.names, driven)
     parameters = [p for p in listed if measures_damping or p.kind != "damping"]
+    damping = None
     if structure is None:
         parts = parts_of(plant, parameters, view.shapes)
     else:
@@ -166,6 +174,9 @@ def _uncertain(
         at_points = plant.port_rows(points) @ view.shapes
         fe = build_fe_model(structure, case.table.model.variant)
         parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
+        at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ view.shapes
+        places = range(len(driven_modes(at_coils)))
+        damping = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))
@@ -180,6 +191,7 @@ def _uncertain(
         rows=view.rows,
         changes=changes_of(parameters),
         parts=parts,
+        damping=damping,
     )
     return tuple(parameters), twin
 
