@@ -122,14 +122,29 @@ def _needs_rest(effect: Effect) -> bool:
     return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
 
 
+def independent_values(noise: float, error: float, samples: float) -> float:
+    """Return as how many independent values recordings count whose noise averages out and whose model's own error does not.
+
+    With noise of variance f and an error of the model of variance m spread over `WORTH` directions, the log-likelihood that a
+    smaller difference gains is its decrease over twice f/n + m/`WORTH`, n the samples.
+
+    Parameters
+    ----------
+    noise, error : float
+        The variances, in the same unit.
+    samples : float
+        Independent values that the recordings hold.
+    """
+    return float((noise + error) / (noise / samples + error / WORTH))
+
+
 def weighed(
     hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float, least_error: float = 0.0
 ) -> list[Hypothesis]:
     """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
 
-    With noise of variance f and an error of the model of variance m spread over `WORTH` directions, the log-likelihood that a
-    smaller difference gains is its decrease over twice f/n + m/`WORTH`, n the samples; so all n count where noise is all that the
-    best hypothesis leaves, and no more than `WORTH` where the model's error is.
+    So all samples count where noise is all that the best hypothesis leaves, and no more than `WORTH` where the model's error is;
+    see `independent_values`.
 
     Parameters
     ----------
@@ -146,7 +161,7 @@ def weighed(
         return list(hypotheses)
     least = min(h.level for h in hypotheses)
     error = max(error, least**2 - (1.0 + NOISE_KNOWN) * noise)
-    worth = (noise + error) / (noise / samples + error / WORTH)
+    worth = independent_values(noise, error, samples)
     floor = 0.5 * float(np.log(max(noise + least_error, 1e-300))) if least_error else -np.inf
     return [replace(h, worth=float(worth), misfit=max(h.misfit, floor)) for h in hypotheses]
 

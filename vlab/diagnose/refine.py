@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from vlab.diagnose.hypothesis import WORTH, independent_values
 from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
@@ -48,7 +49,7 @@ REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
 LOOSE_START = 0.03
 """Spread of the states that windows start from, as a share of their rms over all windows."""
-MOST_DIRECTIONS = 40
+MOST_DIRECTIONS = 100
 MOST_STARTED = 6
 """Modes whose first state is fitted."""
 PRIOR_BOUND = 6.0
@@ -124,6 +125,10 @@ class Refiner:
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((INTEGRATION_ERROR * scale / self.sigma) ** 2))
+        self.believed = self.worth
+        if self.problem.case.structure is not None and self.worth > WORTH:
+            # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
+            self.believed = independent_values(self.noise_share, self.error_share, self.worth)
         self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
         self.active = self._active()
         self.loose: dict[int, tuple[Array, Array, Array]] = {}
@@ -340,7 +345,7 @@ class Refiner:
 
     def unlikeliness(self, fit: Fit) -> float:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
-        return self.worth * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
+        return self.believed * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
     def _descend(
         self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
@@ -513,7 +518,7 @@ class Refiner:
         hypothesis is.
         """
         priors = layout.r + layout.n_channels
-        worth = self.worth / max(raw.size - priors, 1)
+        worth = self.believed / max(raw.size - priors, 1)
         spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
         out = np.full(raw.size, np.sqrt(worth / spread))
         out[:priors] = 1.0

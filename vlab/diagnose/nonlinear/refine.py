@@ -94,7 +94,7 @@ class MovingRefiner(Refiner):
         self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in runs])
         samples = sum(run.y.size for run in runs)
         self.noise_share = 1.0  # what its own error may be counts as noise: a smaller difference is worth nothing
-        self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        self.believed = self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]
