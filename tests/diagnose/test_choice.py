@@ -1,12 +1,14 @@
 """What a smaller difference is worth, and when more physics is believed in."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from vlab.diagnose.choose import ALIKE, LAPSE, choose
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, scored, weighed
+from vlab.diagnose.choose import ALIKE, LAPSE, choose, is_of_priors
+from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, independent_values, scored, weighed
+from vlab.diagnose.second import FAR_OFF, wants_a_second
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.words import next_measurement
 from vlab.physics.catalogue import EFFECTS
@@ -31,6 +33,38 @@ def test_noise_averages_out_and_a_models_own_error_does_not():
     far = weighed([hypothesis(20.0), hypothesis(30.0)], 1.0, 0.0, 30_000)[0].worth
     assert far == pytest.approx(WORTH, rel=0.01)  # what the best one leaves is the model's error
     assert weighed(noisy, 1.0, 0.0, WORTH)[0].worth == WORTH  # few values: frequency responses
+
+
+def test_recordings_count_all_samples_of_noise_and_few_of_an_error():
+    assert independent_values(1.0, 0.0, 30_000) == pytest.approx(30_000)
+    assert independent_values(0.0, 1.0, 30_000) == pytest.approx(WORTH)
+    assert (
+        independent_values(1.0, 0.01, 30_000) < 0.5 * 30_000
+    )  # an error of a tenth of the noise is soon all that matters
+
+
+def test_a_second_effect_is_sought_where_the_first_takes_a_parameter_that_nobody_believes():
+    prior = np.array([0.02, 0.05])
+
+    def single(off, level=1.0):
+        found = hypothesis(level, "coulomb-friction", force=1.0)
+        return replace(found, fit=replace(found.fit, theta=off * prior))
+
+    def wants(*fitted):
+        return wants_a_second(hypothesis(2.0), fitted, enough=1.05, usual=2, prior=prior)
+
+    assert not wants(single(np.array([1.0, 2.0])))
+    assert wants(single(np.array([0.0, -FAR_OFF - 0.1])))
+    assert wants(
+        single(np.zeros(2)), single(np.array([FAR_OFF + 0.1, 0.0]), level=0.99)
+    )  # the closest as well as the best
+    assert not wants(single(np.zeros(2)), single(np.array([FAR_OFF + 0.1, 0.0]), level=1.5))
+
+
+def test_most_of_a_gain_may_be_what_priors_ask_for():
+    plain = hypothesis(1.01, price=30.0)
+    assert is_of_priors(hypothesis(1.0, "added-mass", mass=0.1, price=2.0), plain)
+    assert not is_of_priors(hypothesis(0.5, "added-mass", mass=0.1, price=2.0), plain)
 
 
 def test_to_leave_less_than_integration_does_is_no_merit():

@@ -23,7 +23,7 @@ every further parameter: the refitted model may fit as well, but only with param
 is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
 shapes are looked at at all places, but only a dozen linear ones."""
 OF_PAIRS = 6.0
-"""...and this much more for two of them: of a thousand pairs the best one gains 7 by chance."""
+"""...and this much more for two of them at once: of a thousand pairs the best one gains 7 by chance."""
 LAPSE = 0.04
 """Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere.
 Counted on the named effects of an earlier campaign of concealed cases."""
@@ -73,6 +73,11 @@ class Choice:
         return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
 
 
+def is_of_priors(more: Hypothesis, less: Hypothesis) -> bool:
+    """Return whether most of what a hypothesis gains over another is what the other's uncertain parameters are less likely."""
+    return less.price - more.price > more.worth * (less.misfit - more.misfit)
+
+
 def _excess(hypothesis: Hypothesis) -> float:
     return max(hypothesis.level**2 - 1.0, 0.0)
 
@@ -83,10 +88,12 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
         _is_of_mains(t.values["frequency"]) for t in more.terms if t.effect.name in ("sinusoidal-force", "mains-hum")
     ):
         return -np.inf
-    count = sum(len(t.effect.parameters) for t in more.terms) - sum(len(t.effect.parameters) for t in less.terms)
-    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in more.terms)
+    known = {t.label for t in less.terms}
+    added = [t for t in more.terms if t.label not in known]
+    count = sum(len(t.effect.parameters) for t in added)
+    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in added)
     enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
-    enough += OF_PAIRS if len(more.terms) > 1 else 0.0
+    enough += OF_PAIRS if len(added) > 1 else 0.0
     return more.score - less.score + more.complexity - less.complexity - enough
 
 
@@ -129,7 +136,7 @@ def choose(found: Found) -> Choice:
         places=_places(found, best),
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
         gained=_beyond(best, before),
-        is_of_priors=before.price - best.price > best.worth * (before.misfit - best.misfit),
+        is_of_priors=is_of_priors(best, before),
     )
 
 

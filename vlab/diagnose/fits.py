@@ -9,6 +9,7 @@ from vlab.diagnose.hypothesis import Hypothesis, scored
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.terms import Candidate, Fit, Term, is_meant, of_element
+from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array
 
 QUICK, FINISHED = 5, 4
@@ -40,6 +41,11 @@ def floor_of(refiner: Refiner) -> float:
 def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
     """Return a refiner's fit as a hypothesis with its score."""
     return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor_of(refiner))
+
+
+def remembers(effect: Effect) -> bool:
+    """Return whether a law has a memory of the motion."""
+    return isinstance(effect, PortEffect) and effect.memory((1,)) is not None
 
 
 def fitted(
@@ -123,6 +129,8 @@ def on_whole_runs(
     most: int = WHOLE_FINISHED,
     thetas: Sequence[Array] = (),
     iterations: int = WHOLE_ITERATIONS,
+    screened: Sequence[Candidate] = (),
+    start: Fit | None = None,
 ) -> list[Hypothesis]:
     """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
 
@@ -135,11 +143,23 @@ def on_whole_runs(
     thetas : sequence of (n_changes,) arrays
         Uncertain parameters to start from besides: short windows leave frequencies open by more than whole runs forgive, for
         half a cycle further on a fit is lost.
+    screened : sequence of Candidate
+        The screening's values, from which a law that remembers starts as well, with all else as `start` has it: in windows it knows
+        nothing of what came before, and a set that one event left is there in all that follow.
     """
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    fits = side_by_side(lambda h: whole.fit(h.terms, h.fit, iterations, thetas), chosen)
+    told = {c.label: c for c in reversed(screened) if remembers(c.effect)}
+
+    def fitted_on(h: Hypothesis) -> Fit:
+        own = whole.fit(h.terms, h.fit, iterations, thetas)
+        fresh = told.get(h.label)
+        if fresh is None or scored_by(whole, own).level <= ENOUGH:
+            return own
+        return min(own, whole.fit(terms_of([fresh]), start), key=whole.unlikeliness)
+
+    fits = side_by_side(fitted_on, chosen)
     fits = _on_from_the_best(whole, fits)
     both = []
     for h, fit in zip(chosen, fits, strict=True):

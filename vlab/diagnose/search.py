@@ -24,7 +24,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
-from vlab.diagnose.second import MUCH, SECOND_PLACES, in_other_forms, pairs, wants_a_second
+from vlab.diagnose.second import MUCH, SECOND_PLACES, in_other_forms, pairs, parts_alone, wants_a_second
 from vlab.diagnose.shortlist import akin, best_of_effects, best_places, shortlisted
 from vlab.diagnose.terms import Candidate
 from vlab.diagnose.window_refiner import WindowRefiner
@@ -36,7 +36,7 @@ that are fitted because they gained most with one."""
 WHOLE_SINGLES, WHOLE_PAIRS = 7, 4
 """Single effects and pairs that are fitted over whole runs."""
 REFORMED = 3
-"""Pairs of which other forms are fitted as well."""
+"""Pairs of which other forms are fitted as well, and every effect alone."""
 EXPLAINS = 1.05
 """A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
 ENOUGH_OF_MESH = 0.5
@@ -95,16 +95,30 @@ def search(
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
     plain = [before.long_fit.theta] if before.level < MUCH else []
     most = min(WHOLE_SINGLES, hopeful(singles))
-    hypotheses = singles = on_whole_runs(whole, narrow, _worth_long_runs(singles, adds_up=adds_up), most, plain)
+    hypotheses = singles = on_whole_runs(
+        whole,
+        narrow,
+        _worth_long_runs(singles, adds_up=adds_up),
+        most,
+        plain,
+        screened=[*shortlist, *candidates],
+        start=before.long_fit,
+    )
     enough = EXPLAINS * floor_of(whole)
     if problem.case.structure is not None:
         enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
-    if singles and wants_a_second(before, singles, enough, whole.directions.shape[1]):
+    if singles and wants_a_second(before, singles, enough, whole.directions.shape[1], whole.twin.prior):
         among = best_places(candidates, SECOND_PLACES)
         doubles = finished(narrow, pairs(screen, rough, singles, shortlist, effects, among, report))
         doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
         report(0.85, "fitting whole recordings")
-        hypotheses = by_score(singles, on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain))
+        doubles = on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain)
+        alone = parts_alone(narrow, doubles[:REFORMED], singles)
+        hypotheses = by_score(
+            [h for h in singles if h.label not in {a.label for a in alone}],
+            on_whole_runs(whole, narrow, alone, len(alone), plain),
+            doubles,
+        )
     shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)
     before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
     hypotheses = by_score(hypotheses)

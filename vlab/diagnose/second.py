@@ -17,7 +17,7 @@ from vlab.diagnose.group import Group
 from vlab.diagnose.hypothesis import Hypothesis
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.refine import Refiner
+from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
 from vlab.diagnose.shortlist import LEAST_GAIN, plain_form, siblings
 from vlab.diagnose.signals import Signals
@@ -38,23 +38,33 @@ SECOND_PLACES, MOST_PAIRS = 10, 14
 PART, MUCH = 0.2, 3.0
 """A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
 the noise..."""
-FAR_FETCHED = 20.0
-"""...or where one takes uncertain parameters that are less likely than their priors' means by e to this power."""
+FAR_FETCHED, FAR_OFF = 20.0, 4.0
+"""...or where one takes uncertain parameters that are less likely than their priors' means by e to this power, or one of them that is
+this many standard deviations away: a mass or a damper beside what was found hides there."""
 
 
-def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float, usual: int) -> bool:
+def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float, usual: int, prior: Array) -> bool:
     """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it.
 
     Parameters
     ----------
     usual : int
         Directions of the uncertain parameters: their squares' sum where they are as likely as can be.
+    prior : (n_changes,) array
+        Standard deviations of the uncertain parameters.
     """
-    least = min(h.level for h in fitted)
-    if fitted[0].calibration > FAR_FETCHED + 0.5 * usual:
+    closest = min(fitted, key=lambda h: h.level)
+    least = closest.level
+    if any(_is_far_fetched(h, usual, prior) for h in (fitted[0], closest)):
         return True
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
     return least > enough and (explained > PART or before.level > MUCH)
+
+
+def _is_far_fetched(hypothesis: Hypothesis, usual: int, prior: Array) -> bool:
+    return hypothesis.calibration > FAR_FETCHED + 0.5 * usual or bool(
+        np.any(np.abs(hypothesis.long_fit.theta) > FAR_OFF * prior)
+    )
 
 
 def pairs(
@@ -89,6 +99,20 @@ def pairs(
     known = set(list(found)[:MOST_PAIRS])
     akin = [c for c in siblings(rows, second) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(refiner, [(seed, c) for c in akin if frozenset((seed.label, c.label)) not in known])
+
+
+def parts_alone(refiner: Refiner, doubles: Sequence[Hypothesis], singles: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return fits of every effect of some pairs alone, from where the pair left the rest, that were not fitted to whole runs: what was
+    found as the second of two may do without the first, for which something uncertain then makes up."""
+    known = {h.label for h in singles if h.whole is not None}
+    alone: dict[str, tuple[Hypothesis, Term]] = {}
+    for pair in doubles:
+        for term in pair.long_fit.terms:
+            if term.label not in known:
+                alone.setdefault(term.label, (pair, term))
+    return side_by_side(
+        lambda item: fitted(refiner, [item[1]], item[0].long_fit, ITERATIONS, item[0].gain), list(alone.values())
+    )
 
 
 def in_other_forms(

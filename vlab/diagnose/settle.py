@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.choose import Choice, choose, is_of_priors
 from vlab.diagnose.final_fit import final_fit, loudest_and_quietest
 from vlab.diagnose.fits import by_score, scored_by
 from vlab.diagnose.hypothesis import Hypothesis
@@ -133,8 +133,11 @@ class Settling:
             return settled
         parts = {t.label for t in both.terms}
         alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
-        if not choose(alone).best.terms:
+        single = choose(alone).best
+        if not single.terms:
             return settled
+        if self.problem.case.structure is None and is_of_priors(both, single):
+            return settled  # one alone leaves as little, but with uncertain parameters that nobody believes
         one = self.settled(alone)
         left = []
         for which in (settled, one):

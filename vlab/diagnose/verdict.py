@@ -25,7 +25,8 @@ NO_WORSE, BETTER = 1.02, 0.998
 """A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for; and
 better where it leaves at most that one: hum within the noise has another phase in every recording, and fits none kept aside."""
 BETTER_OF_MESH = 0.9
-"""...of a structure, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain hundredths."""
+"""...of a structure beside its noise, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain
+hundredths."""
 NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
 LOST = 1.0
@@ -60,9 +61,11 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = NO_WORSE if choice.is_of_priors else BETTER
+    before, after = errors["before"], errors["after"]
     if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
         no_gap, least = no_gap or not _is_unexplained(errors, is_structure=True), BETTER_OF_MESH
-    return choice.gained > 0 and (choice.is_of_priors or no_gap) and errors["after"] <= least * errors["before"]
+        before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
+    return choice.gained > 0 and (choice.is_of_priors or no_gap) and after <= least * before
 
 
 def _is_unexplained(errors: dict[str, float], *, is_structure: bool) -> bool:
