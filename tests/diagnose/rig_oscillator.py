@@ -68,6 +68,7 @@ EFFECTS = {
     "quadratic-stiffness": Effect(place="tendon:spring1", parameters={"k2": 6e4}),
     "dead-band": Effect(place="tendon:spring3", parameters={"gap": 2e-4}),
     "jenkins-slip": Effect(place="tendon:spring2", parameters={"force": 0.4, "slip": 1.3e-3}),
+    "plastic-set": Effect(place="tendon:spring2", parameters={"yield": 0.006}),
     "one-sided-stiffness": Effect(place="joint:mass3", parameters={"stiffness": 1000.0, "gap": 0.006}),
     "added-mass": Effect(place="joint:mass2", parameters={"mass": 0.05}),
     "lost-stiffness": Effect(place="tendon:spring3", parameters={"share": 0.1}),
@@ -117,6 +118,9 @@ def _law(name: str, p: dict[str, float], stiffness: float) -> Force | None:
         "dead-band": lambda d, v: stiffness * np.clip(d, -p["gap"], p["gap"]),
         "one-sided-stiffness": lambda d, v: -p["stiffness"] * np.maximum(d - p["gap"], 0.0),
     }
+    if name == "plastic-set":  # the whole spring slips, in place of the one that does not
+        own = _jenkins(stiffness * p["yield"], p["yield"])
+        return lambda d, v, accept=False: stiffness * d + own(d, v, accept)
     return _jenkins(**p) if name == "jenkins-slip" else laws.get(name)
 
 

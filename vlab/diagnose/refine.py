@@ -343,6 +343,19 @@ class Refiner:
             best = min(best, self._descend(layout, terms, x, iterations, settled), key=self.unlikeliness)
         return best
 
+    def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
+        """Return the least that a term leaves with any of some values, as a fit's `cost` with its priors, and the term with these.
+
+        All else is as `start` has it; nothing is fitted.
+        """
+        terms = [replace(term, values=dict(own)) for own in values]
+        layout = self._layout(terms[:1])
+        costs = self._costs(
+            layout, terms[:1], np.array([self._initial(layout, [t], start.theta, start) for t in terms])
+        )
+        best = int(np.argmin(costs))
+        return float(costs[best]), terms[best]
+
     def unlikeliness(self, fit: Fit) -> float:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
         return self.believed * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost

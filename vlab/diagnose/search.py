@@ -20,6 +20,7 @@ from vlab.diagnose.fits import (
     scored_by,
 )
 from vlab.diagnose.hypothesis import Found, Hypothesis, weighed
+from vlab.diagnose.lasting import lasting
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
@@ -94,11 +95,14 @@ def search(
     report(0.4, "fitting whole recordings")
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
     plain = [before.long_fit.theta] if before.level < MUCH else []
-    most = min(WHOLE_SINGLES, hopeful(singles))
+    events = lasting(whole, narrow, in_windows.fit, candidates) if adds_up else []
+    told = {h.label for h in events}
+    singles = [h for h in singles if h.label not in told]
+    most = min(WHOLE_SINGLES, hopeful(singles)) + len(events)
     hypotheses = singles = on_whole_runs(
         whole,
         narrow,
-        _worth_long_runs(singles, adds_up=adds_up),
+        [*events, *_worth_long_runs(singles, adds_up=adds_up)],
         most,
         plain,
         screened=[*shortlist, *candidates],

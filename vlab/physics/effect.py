@@ -154,6 +154,9 @@ class PortEffect(Effect):
     response: ClassVar[Literal["any", "linear", "none"]] = "any"
     """How the force depends on the port's motion. ``"linear"``: force and memory are linear in the motion and the memory, the same
     at all times and under every command; ``"none"``: the force depends on time alone. Such laws are simulated much faster."""
+    lasts: ClassVar[bool] = False
+    """Whether an event leaves something for good: what begins after it, from the motion as it is, need not show it. The law's size is
+    then a stiffness, of the element that the event befalls."""
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """Return the law's memory before anything happened, a state of this shape each; None for a law without memory."""

@@ -132,6 +132,7 @@ class PlasticSet(PortEffect):
         Parameter(name="yield", unit="m", low=0.1, high=0.99, role="shape", reference="displacement", grid=(0.5, 0.8)),
     )
     needs = ("stiffness",)
+    lasts = True
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
         """See `PortEffect`: the set."""
