@@ -109,6 +109,9 @@ class ModalDamping:
         Indices of the uncertain parameters that multiply all ratios.
     own : mapping of int to int
         Of driven modes, by their number from zero, the parameter that multiplies theirs.
+    follows_shapes : bool
+        Every mode takes the ratios of the nominal modes in the shares in which it is made of their shapes, whatever its place in the
+        order: smooth, and what measured modes suggest. A structure that is built anew follows the order.
     """
 
     M: Array
@@ -119,6 +122,7 @@ class ModalDamping:
     higher: float
     common: tuple[int, ...]
     own: Mapping[int, int]
+    follows_shapes: bool = False
 
     def change(self, M: Array, K: Array, theta: Array) -> Array:
         """Return what uncertain parameters (n_sets, n_changes) add to the damping, (n_sets, m, m).
@@ -137,12 +141,14 @@ class ModalDamping:
 
     def _matrix(self, M: Array, K: Array, theta: Array) -> Array:
         theta = np.clip(theta, -MOST, MOST)
-        root = np.linalg.cholesky(M)
-        half = np.linalg.solve(root, K)
-        squares, turned = np.linalg.eigh(np.linalg.solve(root, half.swapaxes(1, 2)))
-        shapes = np.linalg.solve(root.swapaxes(1, 2), turned)
-        zeta = self._ratios(shapes, theta)
-        momenta = root @ turned  # M times the shapes
+        squares, shapes, momenta = _modes(M, K)
+        if self.follows_shapes:
+            nominal = _modes(self.M[None], self.K[None])[1]
+            shares = (nominal.swapaxes(1, 2) @ momenta) ** 2
+            zeta = np.einsum("kj,kji->ki", self._ratios(nominal.repeat(len(theta), axis=0), theta), shares)
+            zeta /= shares.sum(axis=1)
+        else:
+            zeta = self._ratios(shapes, theta)
         size = 2.0 * zeta * np.sqrt(np.maximum(squares, 0.0))
         return np.asarray((momenta * size[:, None, :]) @ momenta.swapaxes(1, 2))
 
@@ -159,6 +165,14 @@ class ModalDamping:
             out[i] = by_place[i, -1]
             out[i, driven] = by_place[i, self.places[: len(driven)]]
         return out
+
+
+def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
+    """Return squared frequencies (n, m), mass-normalised shapes, and M times the shapes, (n, m, m), of many systems."""
+    root = np.linalg.cholesky(M)
+    half = np.linalg.solve(root, K)
+    squares, turned = np.linalg.eigh(np.linalg.solve(root, half.swapaxes(1, 2)))
+    return squares, np.linalg.solve(root.swapaxes(1, 2), turned), root @ turned
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

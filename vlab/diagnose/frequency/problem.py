@@ -176,7 +176,8 @@ def _uncertain(
         parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
         at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ view.shapes
         places = range(len(driven_modes(at_coils)))
-        damping = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
+        ordered = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
+        damping = replace(ordered, follows_shapes=True)  # a step that changes the order must not be a jump
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))
