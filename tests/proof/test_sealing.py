@@ -227,6 +227,17 @@ def test_a_changed_manifest_is_refused(cases, answered):
         frozen_answers(out, read_commitments(cases))
 
 
+def test_the_first_cases_can_be_answered_alone_and_no_others_left_out(cases, answered):
+    out = answers_folder(cases)
+    (truth_folder(cases) / "case-002.json").rename(truth_folder(cases) / "kept.json")  # it is not asked for
+    assert prove(cases, out, first=1, jobs=1)["cases"] == 1
+    assert len(answered) == 1
+    assert prove(cases, out, jobs=1)["cases"] == 1  # frozen is frozen
+    edit(out / FROZEN, lambda d: d["answers"].update({"case-002": d["answers"].pop("case-001")}))
+    with pytest.raises(BadProof, match="answers were left out"):
+        prove(cases, out, jobs=1)
+
+
 def test_changed_recordings_are_refused(cases):
     path = cases / "case-001" / "run1.parquet"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
@@ -240,7 +251,7 @@ def test_answers_of_other_cases_are_refused(cases, answered):
     with pytest.raises(BadProof, match="given to other cases"):
         prove(cases, answers_folder(cases), jobs=1)
     with pytest.raises(BadProof, match=r"plan\.json"):
-        open_truth(truth_folder(cases), read_commitments(cases))
+        open_truth(truth_folder(cases), read_commitments(cases), ["case-001"])
 
 
 def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
@@ -319,6 +330,7 @@ def test_work_on_dask_is_complete():
         (["conceal", "--seed", "-1", "--out", "x"], "the seed is -1"),
         (["conceal", "--benches", "boat", "--out", "x"], "unknown bench 'boat'"),
         (["conceal", "--jobs", "-2", "--out", "x"], "jobs is -2"),
+        (["prove", "x", "--first", "-1"], "first is -1"),
         (["conceal", "--only", "case-001", "--out", "x"], "--only belongs to --again"),
         (["prove", "nowhere"], "there is no such file"),
         (["prove"], "name a folder of concealed cases, or say --quick"),

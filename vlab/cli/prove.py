@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", help="folder of the truth; CASES-truth by default")
     parser.add_argument("--out", help="folder of the answers and the score; CASES-answers by default")
     parser.add_argument(
+        "--first", type=int, default=0, metavar="N", help="answer and score only the first N; their order is drawn"
+    )
+    parser.add_argument(
         "--baselines",
         type=int,
         metavar="N",
@@ -43,6 +46,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
     if arguments.baselines is not None and arguments.baselines < 0:
         raise BadExperiment(f"baselines is {arguments.baselines}; accepted: 0 or more cases for mujoco.sysid")
+    if arguments.first < 0:
+        raise BadExperiment(f"first is {arguments.first}; accepted: 1 or more cases, 0 for all")
     if not arguments.quick and arguments.seed is not None:
         raise BadExperiment("--seed belongs to --quick; the cases of a folder have theirs already")
     if not arguments.quick:
@@ -72,6 +77,7 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             cases,
             out,
             truth=Path(arguments.truth) if arguments.truth else None,
+            first=arguments.first,
             baselines=arguments.baselines,
             reports=arguments.reports,
             report=_write_report,

@@ -1,6 +1,6 @@
 """From a folder of concealed cases to a score: answers without the truth, frozen by their hashes, then the truth opened."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,6 +59,7 @@ def prove(
     out: Path,
     *,
     truth: Path | None = None,
+    first: int = 0,
     baselines: int | None = None,
     reports: int = 0,
     report: Report | None = None,
@@ -78,6 +79,9 @@ def prove(
         Folder of the answers.
     truth : Path, optional
         Folder of the truth; beside the cases by default. It is not touched before all answers are frozen.
+    first : int
+        Answer only so many cases and score these; their order is drawn, so it says nothing of them. All by default, and once they
+        are frozen those that were answered.
     baselines : int, optional
         The simple methods answer as well; the one that takes minutes a case, mujoco.sysid, only so many of the cases.
     reports : int
@@ -90,18 +94,18 @@ def prove(
     """
     commitments = read_commitments(cases, recordings=not (out / FROZEN).exists())
     if not (out / FROZEN).exists():
-        _answer(cases, out, commitments, baselines, engine, jobs, scheduler, progress)
-        freeze(out, commitments)
+        names = sorted(commitments["cases"])[: first or None]
+        _answer(cases, out, commitments, names, baselines, engine, jobs, scheduler, progress)
+        freeze(out, commitments, names)
     answers = frozen_answers(out, commitments)
     is_first = _note_opening(truth or truth_folder(cases), digest(read_json(out / FROZEN)))
-    truths = open_truth(truth or truth_folder(cases), commitments)
-    judged = [judge(truths[name], answers[name]) for name in commitments["cases"]]
+    truths = open_truth(truth or truth_folder(cases), commitments, answers)
+    judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(
-        {e.physics for e in EFFECTS.values()}
-        - {e for n in commitments["cases"] for h in truths[n]["hidden"] for e in h["accepted"]}
+        {e.physics for e in EFFECTS.values()} - {e for n in answers for h in truths[n]["hidden"] for e in h["accepted"]}
     )
     found["answered_with"] = read_json(out / MANIFEST)
     found["counted_with"] = scoring_digest()
@@ -154,6 +158,7 @@ def _answer(
     cases: Path,
     out: Path,
     commitments: dict[str, Any],
+    names: Sequence[str],
     baselines: int | None,
     engine: str,
     jobs: int,
@@ -167,7 +172,6 @@ def _answer(
     else:
         (out / ANSWERS).mkdir(parents=True, exist_ok=True)
         write_json(out / MANIFEST, now)
-    names = list(commitments["cases"])
     left = [(n, (cases / n).resolve()) for n in names if not (out / ANSWERS / f"{n}.json").exists()]
     progress(len(names) - len(left), len(names))
     done = len(names) - len(left)
@@ -190,15 +194,15 @@ def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
             )
 
 
-def freeze(out: Path, commitments: dict[str, Any]) -> None:
-    """Write the hashes of all answers: from here on they cannot change unnoticed.
+def freeze(out: Path, commitments: dict[str, Any], names: Sequence[str]) -> None:
+    """Write the hashes of the answers to some cases: from here on they cannot change unnoticed, and no others are counted.
 
     Raises
     ------
     BadProof
         An answer is missing.
     """
-    hashes = {name: digest(read_json(out / ANSWERS / f"{name}.json")) for name in commitments["cases"]}
+    hashes = {name: digest(read_json(out / ANSWERS / f"{name}.json")) for name in names}
     frozen = {"answers": hashes, "manifest": digest(read_json(out / MANIFEST)), "commitments": digest(commitments)}
     write_json(out / FROZEN, frozen)
 
@@ -216,11 +220,14 @@ def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
         raise BadProof(f"{out}: these answers were given to other cases; name another folder with --out")
     if frozen.get("manifest") != digest(read_json(out / MANIFEST)):
         raise BadProof(f"{out / MANIFEST}: the manifest was changed after the answers were frozen; restore it")
+    names = sorted(frozen["answers"])
+    if names != sorted(commitments["cases"])[: len(names)]:
+        raise BadProof(f"{out}: answers were left out that belong among those that are frozen; restore {out / FROZEN}")
     answers = {}
-    for name in commitments["cases"]:
+    for name in names:
         path = out / ANSWERS / f"{name}.json"
         answers[name] = read_json(path)
-        if digest(answers[name]) != frozen["answers"].get(name):
+        if digest(answers[name]) != frozen["answers"][name]:
             raise BadProof(f"{path}: the answer was changed after it was frozen; restore it, or answer all cases anew")
     return answers
 
@@ -244,8 +251,8 @@ def _note_opening(folder: Path, frozen: str) -> bool:
     return not known or known[0] == frozen
 
 
-def open_truth(folder: Path, commitments: dict[str, Any]) -> dict[str, Any]:
-    """Return the truth of every case by name, and the plan, after checking them against their commitments.
+def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Return the truth of some cases by name, and the plan, after checking them against their commitments.
 
     Raises
     ------
@@ -255,7 +262,7 @@ def open_truth(folder: Path, commitments: dict[str, Any]) -> dict[str, Any]:
     out = {}
     for name, commitment in [
         ("plan", commitments["plan"]),
-        *((n, c["truth"]) for n, c in commitments["cases"].items()),
+        *((name, commitments["cases"][name]["truth"]) for name in names),
     ]:
         path = folder / f"{name}.json"
         out[name] = opened(read_json(path), commitment, where=str(path))
