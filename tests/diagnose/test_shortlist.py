@@ -30,5 +30,18 @@ def test_beside_an_effect_no_other_form_of_it_is_a_second_one():
         candidate("rate-limit", 300.0), candidate("smooth-friction", 200.0), candidate("coulomb-friction", 190.0),
         candidate("soft-saturation", 100.0),
     ]  # fmt: skip
-    assert names(best_of_families(table, EFFECTS["slew-limit"])) == ["coulomb-friction", "soft-saturation"]
-    assert names(best_of_families(table, EFFECTS["smooth-friction"])) == ["rate-limit"]
+    assert names(best_of_families(table, candidate("slew-limit", 0.0))) == ["coulomb-friction", "soft-saturation"]
+    assert names(best_of_families(table, candidate("smooth-friction", 0.0))) == ["rate-limit"]
+
+
+def test_two_laws_of_what_slips_at_one_place_are_one_friction():
+    table = [
+        candidate("jenkins-slip", 300.0),
+        candidate("cubic-stiffness", 200.0),
+        candidate("jenkins-slip", 100.0, "joint:b"),
+    ]
+    found = best_of_families(table, candidate("coulomb-friction", 0.0))
+    assert [(c.effect.name, c.place.name) for c in found] == [
+        ("cubic-stiffness", "joint:a"),
+        ("jenkins-slip", "joint:b"),
+    ]

@@ -33,6 +33,8 @@ ROWS = 0.5
 SEEDS, SECONDS, MOST_SECONDS = 2, 3, 60
 """Hypotheses that a second effect is sought beside, besides the best; second effects, of a family each, tried on top of each;
 and the candidates of their screening that count."""
+SLIPS = {"friction", "hysteresis"}
+"""Families of laws that are friction of some kind."""
 SECOND_PLACES, MOST_PAIRS = 10, 14
 """Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
 PART, MUCH = 0.2, 3.0
@@ -86,7 +88,7 @@ def pairs(
     owners = [seed for seed in seeds for _ in range(2)]
     found: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
     for seed, table in zip(owners, tables, strict=True):
-        for second in best_of_families(table, seed.terms[0].effect)[:SECONDS]:
+        for second in best_of_families(table, seed.terms[0])[:SECONDS]:
             if second.gain > LEAST_GAIN:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")
@@ -181,17 +183,22 @@ def besides(
     runs = [run.first(most) for run in problem.in_role("fit")]
     second = Screen(problem, runs, like=screen, theta=fit.theta, trust=trust)
     table = second.candidates(effects, among=among)
-    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0].effect)[:ZOOMED]}
+    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0])[:ZOOMED]}
     return [sharp.get(c.label, c) for c in table]
 
 
-def best_of_families(table: Sequence[Candidate], first: Effect) -> list[Candidate]:
-    """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly."""
+def best_of_families(table: Sequence[Candidate], first: Term) -> list[Candidate]:
+    """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly, and two
+    laws of what slips at one place are one friction between them."""
     best: dict[str, Candidate] = {}
     for candidate in table:
-        if candidate.effect.physics != first.physics:
+        if candidate.effect.physics != first.effect.physics and not _are_one_friction(candidate, first):
             best.setdefault(candidate.effect.family, candidate)
     return [plain_form(candidate, table) for candidate in best.values()]
+
+
+def _are_one_friction(one: Term, other: Term) -> bool:
+    return one.place.name == other.place.name and {one.effect.family, other.effect.family} <= SLIPS
 
 
 def with_effects(screen: Screen, fit: Fit) -> Problem:
