@@ -139,11 +139,15 @@ class ModalDamping:
         most = max((*self.common, *self.own.values()), default=0)
         return self._matrix(self.M[None], self.K[None], np.zeros((1, most + 1)))[0]
 
+    @cached_property
+    def _nominal_shapes(self) -> Array:
+        return _modes(self.M[None], self.K[None])[1]
+
     def _matrix(self, M: Array, K: Array, theta: Array) -> Array:
         theta = np.clip(theta, -MOST, MOST)
         squares, shapes, momenta = _modes(M, K)
         if self.follows_shapes:
-            nominal = _modes(self.M[None], self.K[None])[1]
+            nominal = self._nominal_shapes
             shares = (nominal.swapaxes(1, 2) @ momenta) ** 2
             zeta = np.einsum("kj,kji->ki", self._ratios(nominal.repeat(len(theta), axis=0), theta), shares)
             zeta /= shares.sum(axis=1)
