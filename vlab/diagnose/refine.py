@@ -14,6 +14,7 @@ from scipy import linalg
 
 from vlab.diagnose.hypothesis import WORTH, independent_values
 from vlab.diagnose.problem import INTEGRATION_ERROR
+from vlab.diagnose.scales import exponent, motion_scale
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
 from vlab.diagnose.simulation import EDGED, channels, mix
@@ -364,6 +365,7 @@ class Refiner:
         self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
     ) -> Fit:
         damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
+        is_edged = any(t.effect.family in EDGED for t in terms)
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
@@ -381,6 +383,8 @@ class Refiner:
             lams = damping * np.array([1.0, 1e2, 1e5])
             steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
             trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
+            if is_edged:
+                trials = np.vstack([trials, self._rescaled(layout, terms, x)])
             trials = self._bounded(layout, trials)
             residuals = self._residual(layout, terms, trials)
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
@@ -399,7 +403,8 @@ class Refiner:
             slopes = carried_on(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
-            damping = max(0.1 * (damping if pick < len(PARTS) else lams[pick - len(PARTS)]), 1e-8)
+            is_damped = len(PARTS) <= pick < len(PARTS) + len(lams)
+            damping = max(0.1 * (lams[pick - len(PARTS)] if is_damped else damping), 1e-8)
             is_cheap = cost - costs[pick] < CHEAPER  # no longer do the uncertain parameters come nearer to their priors
             if small >= 2 and shapes_too:
                 break
@@ -416,6 +421,18 @@ class Refiner:
                 slopes = self._jacobian_by_strength(layout, terms, x, raw, slopes)
             slopes = self._with_scale(layout, terms, x, slopes)
         return self._result(layout, terms, x, raw, self._normal(layout, slopes, self._weight(layout, raw)))
+
+    def _rescaled(self, layout: _Layout, terms: Sequence[Term], x: Array) -> Array:
+        """Return an entry with all motions on the scale that the priors like best; see `scales`."""
+        along, ours = self.along(motion_scale(self.problem)), slice(0, layout.r)
+        grown = -float(along @ x[ours]) / max(float(along @ along), 1e-12)
+        out, first = x.copy(), x.size - len(layout.effects)
+        out[ours] += grown * along
+        out[layout.r + layout.n_channels : first] *= np.exp(grown)
+        for k, (i, parameter) in enumerate(layout.effects, start=first):
+            power = grown * exponent(terms[i].effect, parameter)
+            out[k] = out[k] * np.exp(power) if parameter.signed else out[k] + power
+        return out
 
     def _normal(self, layout: _Layout, slopes: Array, weight: Array) -> Array:
         """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
