@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
@@ -57,23 +58,36 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
     start : (n, n) array
         Covariance of the state at the first sample.
     """
-    A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
+    A, B, C, D = (np.ascontiguousarray(part[0]) for part in (system.A, system.B, system.C, system.D))
     Q, N = intensity * B @ B.T, intensity * B @ D.T
     R = np.diag(noise**2) + intensity * D @ D.T
-    P, gains = start, []
-    for _ in range(MOST_RICCATI):
-        S = C @ P @ C.T + R
-        K = np.linalg.solve(S, (A @ P @ C.T + N).T).T
-        gains.append((K, S, P))
-        new = A @ P @ A.T + Q - K @ S @ K.T
+    K, S, P = _riccati(A, C, Q, N, R, np.ascontiguousarray(start, dtype=float))
+    return Gains(K=K, S=S, P=P)
+
+
+@njit(cache=True)
+def _riccati(
+    A: Array, C: Array, Q: Array, N: Array, R: Array, start: Array
+) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+    """Return gains, innovations' and states' covariances from a first one on until they settle."""
+    n, p = A.shape[0], C.shape[0]
+    Ks, Ss, Ps = np.empty((MOST_RICCATI, n, p)), np.empty((MOST_RICCATI, p, p)), np.empty((MOST_RICCATI, n, n))
+    AT, CT = np.ascontiguousarray(A.T), np.ascontiguousarray(C.T)
+    P, count = start, 0
+    while count < MOST_RICCATI:
+        PC, AP = np.dot(P, CT), np.dot(A, P)
+        S = np.dot(C, PC) + R
+        KT = np.linalg.solve(S, np.ascontiguousarray((np.dot(AP, CT) + N).T))
+        K = np.ascontiguousarray(KT.T)
+        Ks[count], Ss[count], Ps[count] = K, S, P
+        count += 1
+        new = np.dot(AP, AT) + Q - np.dot(np.dot(K, S), KT)
         new = 0.5 * (new + new.T)
         settled = np.abs(new - P).max() <= SETTLED * np.abs(new).max()
         P = new
         if settled:
             break
-    return Gains(
-        K=np.array([g[0] for g in gains]), S=np.array([g[1] for g in gains]), P=np.array([g[2] for g in gains])
-    )
+    return Ks[:count].copy(), Ss[:count].copy(), Ps[:count].copy()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,7 +25,15 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
-from vlab.diagnose.second import MUCH, SECOND_PLACES, in_other_forms, pairs, parts_alone, wants_a_second
+from vlab.diagnose.second import (
+    MUCH,
+    SECOND_PLACES,
+    are_far_fetched,
+    in_other_forms,
+    pairs,
+    parts_alone,
+    wants_a_second,
+)
 from vlab.diagnose.shortlist import akin, best_of_effects, best_places, shortlisted
 from vlab.diagnose.terms import Candidate
 from vlab.diagnose.window_refiner import WindowRefiner
@@ -111,9 +119,11 @@ def search(
     enough = EXPLAINS * floor_of(whole)
     if problem.case.structure is not None:
         enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
-    if singles and wants_a_second(before, singles, enough, whole.directions.shape[1], whole.twin.prior):
-        among = best_places(candidates, SECOND_PLACES)
-        doubles = finished(narrow, pairs(screen, rough, singles, shortlist, effects, among, report))
+    is_odd = bool(singles) and are_far_fetched(singles, whole.directions.shape[1], whole.twin.prior)
+    if singles and (is_odd or wants_a_second(before, singles, enough)):
+        among, is_clear = best_places(candidates, SECOND_PLACES), not is_odd and singles[0].level <= ENOUGH
+        found = pairs(screen, rough, singles, shortlist, effects, among, report, is_clear=is_clear)
+        doubles = finished(narrow, found)
         doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
         report(0.85, "fitting whole recordings")
         doubles = on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain)

@@ -37,6 +37,8 @@ SLIPS = {"friction", "hysteresis"}
 """Families of laws that are friction of some kind."""
 SECOND_PLACES, MOST_PAIRS = 10, 14
 """Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
+CLOSER = 0.98
+"""A hypothesis leaves less than another one where it leaves no more than this share of it."""
 PART, MUCH = 0.2, 3.0
 """A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
 the noise..."""
@@ -45,8 +47,8 @@ FAR_FETCHED, FAR_OFF = 20.0, 4.0
 this many standard deviations away: a mass or a damper beside what was found hides there."""
 
 
-def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float, usual: int, prior: Array) -> bool:
-    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it.
+def are_far_fetched(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
+    """Return whether the best single effect, or the one that leaves least, needs uncertain parameters that nobody believes.
 
     Parameters
     ----------
@@ -55,18 +57,23 @@ def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: flo
     prior : (n_changes,) array
         Standard deviations of the uncertain parameters.
     """
-    closest = min(fitted, key=lambda h: h.level)
-    least = closest.level
-    if any(_is_far_fetched(h, usual, prior) for h in (fitted[0], closest)):
-        return True
+    return any(
+        h.calibration > FAR_FETCHED + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > FAR_OFF * prior))
+        for h in _of_interest(fitted)
+    )
+
+
+def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
+    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
+    least = min(h.level for h in fitted)
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
     return least > enough and (explained > PART or before.level > MUCH)
 
 
-def _is_far_fetched(hypothesis: Hypothesis, usual: int, prior: Array) -> bool:
-    return hypothesis.calibration > FAR_FETCHED + 0.5 * usual or bool(
-        np.any(np.abs(hypothesis.long_fit.theta) > FAR_OFF * prior)
-    )
+def _of_interest(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the best of hypotheses by score, and the one that leaves least where that is another and leaves less."""
+    best, closest = fitted[0], min(fitted, key=lambda h: h.level)
+    return [best, closest] if closest.level < CLOSER * best.level else [best]
 
 
 def pairs(
@@ -77,10 +84,18 @@ def pairs(
     effects: Sequence[Effect],
     among: set[str],
     report: Callable[[float, str], None],
+    *,
+    is_clear: bool,
 ) -> list[Hypothesis]:
-    """Return fits of a second effect on top of the best single ones, by what it gains beside them."""
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them.
+
+    Parameters
+    ----------
+    is_clear : bool
+        Whether the best one is part of it without doubt.
+    """
     report(0.55, "screening for a second effect")
-    seeds = _seeds(screen, singles, shortlist)
+    seeds = _seeds(screen, singles, shortlist, is_clear=is_clear)
     tables = side_by_side(
         lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[:MOST_SECONDS],
         [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
@@ -147,15 +162,18 @@ def _is_form_of(one: Term, other: Term) -> bool:
     )
 
 
-def _seeds(screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate]) -> list[Hypothesis]:
-    """Return what a second effect is sought beside: the best fit, the one that leaves least, and as screened the forces that
-    stood out there.
+def _seeds(
+    screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate], *, is_clear: bool
+) -> list[Hypothesis]:
+    """Return what a second effect is sought beside: the best fit, the one that leaves least, and, where the first one is not clear, as
+    screened the forces that stood out there.
 
     Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
     constant force that carries a free mass away.
     """
-    least = min(singles, key=lambda h: h.level)
-    out = [singles[0]] if least is singles[0] else [singles[0], least]
+    out = _of_interest(singles)
+    if is_clear:
+        return out
     known = {h.label: h for h in singles}
     for candidate in shortlist:
         alone = known.get(candidate.label)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -41,6 +42,18 @@ def _delay_taps(samples: float) -> tuple[int, list[float]]:
     nodes = first + np.arange(4)
     weights = [float(np.prod([(samples - b) / (a - b) for b in nodes if b != a])) for a in nodes]
     return first, weights
+
+
+@lru_cache(maxsize=256)
+def _resonance(frequency: float, damping_ratio: float, h: float) -> tuple[Array, Array]:
+    """Return the coefficients of a resonance, exact for straight lines between samples.
+
+    A bilinear transform keeps the resonance in place at the cost of its delay below, which is what most recordings show. A fit asks for
+    the same ones for every window.
+    """
+    w = 2 * np.pi * frequency
+    b, a, _ = signal.cont2discrete(([1.0], [1.0 / w**2, 2 * damping_ratio / w, 1.0]), h, method="foh")
+    return b.ravel(), a
 
 
 def _over(t: Any, y: Array) -> Any:
@@ -346,7 +359,7 @@ class SensorResonance(SensorEffect):
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`."""
-        return np.asarray(signal.lfilter(*self._filter(p, h), y, axis=0))
+        return np.asarray(signal.lfilter(*_resonance(float(p["frequency"]), float(p["damping_ratio"]), h), y, axis=0))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`: below the resonance; what lies far above it is noise, and is not magnified without end."""
@@ -360,7 +373,8 @@ class SensorResonance(SensorEffect):
 
     def stepper(self, p: Values, h: float) -> SensorStep:
         """See `SensorEffect`."""
-        (b0, b1, b2), (_, a1, a2) = (c.tolist() for c in self._filter(p, h))
+        coefficients = _resonance(float(p["frequency"]), float(p["damping_ratio"]), h)
+        (b0, b1, b2), (_, a1, a2) = (c.tolist() for c in coefficients)
         first, second = 0.0, 0.0
 
         def step(y: float) -> float:
@@ -370,16 +384,6 @@ class SensorResonance(SensorEffect):
             return out
 
         return _alone(step)
-
-    @staticmethod
-    def _filter(p: Values, h: float) -> tuple[Array, Array]:
-        """Return the coefficients of the resonance, exact for straight lines between samples.
-
-        A bilinear transform keeps the resonance in place at the cost of its delay below, which is what most recordings show.
-        """
-        w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
-        b, a, _ = signal.cont2discrete(([1.0], [1.0 / w**2, 2 * damping / w, 1.0]), h, method="foh")
-        return b.ravel(), a
 
 
 class Crosstalk(PickUp):
