@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab.cases.wiring import Compared, Run, compared_names
-from vlab.recordings.quality import findings, flat_tops, held_samples, long_step
+from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step
 from vlab.signals import Array
 
 MOST_LOST = 0.2
@@ -62,12 +62,15 @@ class SensorLimit:
         Of the samples of all recordings that stand there.
     tops : int
         Lower and upper ends of recordings that stand at exactly that magnitude.
+    beyond : float
+        How far the signal would have gone beyond it, in steps of its readings.
     """
 
     channel: str
     limit: float
     share: float
     tops: int
+    beyond: float
 
 
 def assess(runs: Sequence[Run]) -> Damage:
@@ -99,7 +102,8 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         if at_limit >= MOST_AT_LIMIT * counts.sum() and largest <= 1.01 * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             share, same = float(np.mean(np.concatenate(reached))), int(np.count_nonzero(sizes >= limit * (1 - 1e-9)))
-            out.append(SensorLimit(channel=channel, limit=limit, share=share, tops=same))
+            beyond = max(cut_off(run.measured[channel], at) for run, at in tops)
+            out.append(SensorLimit(channel=channel, limit=limit, share=share, tops=same, beyond=beyond))
     return tuple(out)
 
 

@@ -17,9 +17,10 @@ from vlab.diagnose.zeros import Zero
 
 BENIGN_HUM, HUM_OVER_NOISE = 0.03, 2.0
 """Hum below this share of its channel's rms, or this multiple of its noise, is what every laboratory has."""
-BENIGN_STOP, SAME_TOPS = 0.002, 2
+BENIGN_STOP, SAME_TOPS, BEYOND = 0.002, 2, 10.0
 """A sensor that stands at its limit for a smaller share of the samples is said among the recordings' defects only, unless that many ends
-of recordings stand at exactly the same: a single flat top may be a coarse reading of a smooth one."""
+of recordings stand at exactly the same, or the signal came and went so fast that it would have gone that many steps further: a single
+flat top may be a coarse reading of a smooth one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +82,11 @@ def look(problem: Problem, damage: Damage) -> Seen:
         noise = float(np.median([noise_levels(run, [hum.channel]) for run in runs]))
         matters = hum.share > BENIGN_HUM and hum.rms > HUM_OVER_NOISE * noise
         (big if matters else small).append(hum)
-    stops = tuple(stop for stop in sensor_limits(runs) if stop.share > BENIGN_STOP or stop.tops >= SAME_TOPS)
+    stops = tuple(
+        stop
+        for stop in sensor_limits(runs)
+        if stop.share > BENIGN_STOP or stop.tops >= SAME_TOPS or stop.beyond > BEYOND
+    )
     limit = find_limit(problem.case.plant, runs)
     steps = tuple(step for step in sensor_steps(runs) if step.channel not in {stop.channel for stop in stops})
     return Seen(limit=limit, stops=stops, steps=steps, hums=tuple(big), benign_hums=tuple(small), damage=damage)

@@ -132,14 +132,26 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     step = _step(values)
     for side, extreme in (("lower", values.min()), ("upper", values.max())):
         at_extreme = values == extreme
-        first, last = runs(at_extreme)
-        inside = (first >= 2) & (last + 1 < values.size)
-        first, last = first[inside], last[inside]
-        speed = np.minimum(np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last]))
-        flat = (last - first >= CLIPPED_RUN) & (speed > 3 * step)
-        if flat.any() and at_extreme.mean() <= 0.5:
+        lengths, speeds = _flats(values, at_extreme)
+        if np.any((lengths >= CLIPPED_RUN) & (speeds > 3 * step)) and at_extreme.mean() <= 0.5:
             out[side] = at_extreme
     return out
+
+
+def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
+    """Return how far a signal would have gone beyond a limit that it stands at, in its steps: a parabola that is as long above it, and
+    as fast at the ends."""
+    lengths, speeds = _flats(values, at_limit)
+    return float(np.max(0.25 * lengths * speeds, initial=0.0)) / max(_step(values), 1e-300)
+
+
+def _flats(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the lengths in samples of the flat tops inside a series, and the smaller of the speeds at their ends [a sample]."""
+    first, last = runs(at_extreme)
+    inside = (first >= 2) & (last + 1 < values.size)
+    first, last = first[inside], last[inside]
+    before, after = np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last])
+    return np.asarray(last - first, dtype=float), np.minimum(before, after)
 
 
 def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
