@@ -8,7 +8,7 @@ import pytest
 
 from vlab.diagnose.choose import ALIKE, LAPSE, choose, is_of_priors
 from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, independent_values, scored, weighed
-from vlab.diagnose.second import FAR_OFF, are_far_fetched
+from vlab.diagnose.second import OUTLYING, are_far_fetched
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.words import next_measurement
 from vlab.physics.catalogue import EFFECTS
@@ -54,12 +54,12 @@ def test_a_second_effect_is_sought_where_the_first_takes_a_parameter_that_nobody
         return are_far_fetched(fitted, usual=2, prior=prior)
 
     assert not wants(single(np.array([1.0, 2.0])))
-    assert wants(single(np.array([0.0, -FAR_OFF - 0.1])))
+    assert wants(single(np.array([0.0, -OUTLYING - 0.1])))
     assert wants(
-        single(np.zeros(2)), single(np.array([FAR_OFF + 0.1, 0.0]), level=0.97)
+        single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.97)
     )  # the closest as well as the best
-    assert not wants(single(np.zeros(2)), single(np.array([FAR_OFF + 0.1, 0.0]), level=1.5))
-    assert not wants(single(np.zeros(2)), single(np.array([FAR_OFF + 0.1, 0.0]), level=0.995))  # hardly closer
+    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=1.5))
+    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.995))  # hardly closer
 
 
 def test_most_of_a_gain_may_be_what_priors_ask_for():

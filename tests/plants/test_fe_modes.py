@@ -32,7 +32,7 @@ def like(beam):
 
 def modes(fe, plant):
     """Return frequencies and shapes of the modes that the coils drive, of the FE model and of a plant, alike in sign."""
-    linear, at_coils = plant.linearise(), plant.port_rows([coil.at for coil in fe.structure.coil])
+    linear, at_coils = plant.linearise(), plant.port_rows(fe.structure.coil_places)
     out = []
     for model, rows in ((fe.linear, fe.coils.T), (linear, at_coils)):
         omega, shapes = model.eigen

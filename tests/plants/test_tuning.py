@@ -50,7 +50,7 @@ def test_frequencies_of_the_fe_model_are_multiplied(beam, tuned):
 def test_every_plant_has_them(beam, tuned, plant):
     own = dataclasses.replace(beam, tuning=Tuning(of_fe=7))
     before, after = (build_plant(s, plant, "physical") for s in (own, tuned))
-    rows = before.port_rows([coil.at for coil in beam.coil])
+    rows = before.port_rows(beam.coil_places)
     (w0, z0, _), (w1, z1, _) = (heard(p.linearise(), rows) for p in (before, after))
     assert w1 / w0 == pytest.approx((*FACTORS, 1.0), rel=1e-6)
     assert z1 == pytest.approx(z0, rel=1e-6)
@@ -65,7 +65,7 @@ def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
         *(build_plant(s, "composite", "physical") for s in (structure, like)),
     )
     points = [p.name for p in structure.point if p.name in after.ports]
-    at_coils = after.port_rows([coil.at for coil in structure.coil])
+    at_coils = after.port_rows(structure.coil_places)
     shapes = []
     for linear, coils, rows in (
         (fe.linear, fe.coils.T, fe.deflections(points)),
@@ -89,7 +89,7 @@ def test_the_grid_answers_as_the_fe_model_does():
     bare, like = (
         build_plant(dataclasses.replace(grid, tuning=t), "composite", "physical") for t in (None, Tuning(of_fe=15))
     )
-    sensors, coils = [sensor.at for sensor in grid.sensor], [coil.at for coil in grid.coil]
+    sensors, coils = [sensor.at for sensor in grid.sensor], grid.coil_places
 
     def mobility(linear, forces, rows):
         omega, phi = (part[..., :60] for part in linear.eigen)  # up to 60 Hz and more

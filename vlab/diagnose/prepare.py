@@ -116,14 +116,14 @@ def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, mode
 
 def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
     """Return which of all modes the coils drive."""
-    return driven_modes(plant.port_rows([coil.at for coil in structure.coil]) @ modes.shapes)
+    return driven_modes(plant.port_rows(structure.coil_places) @ modes.shapes)
 
 
 def _damping(
     structure: Structure, plant: Plant, modes: KeptModes, twin: Twin, parameters: Sequence[Uncertain]
 ) -> ModalDamping:
     places = [i for i, j in enumerate(_driven(structure, plant, modes)) if modes.kept[j]]
-    at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ modes.basis
+    at_coils = plant.port_rows(structure.coil_places) @ modes.basis
     return damping_of_structure(structure, parameters, twin.M, twin.K, at_coils, places)
 
 

@@ -26,7 +26,7 @@ ITERATIONS = 12
 FROZEN = 2
 """Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
 at once moves to where the law does nothing."""
-EXPLAINED, FAR_OFF = 1.7, 1.5
+EXPLAINED, DISTANT = 1.7, 1.5
 """Mean square of the weighted difference below which a fit needs no second start, and square of the uncertain parameters' distance
 from their priors' means over what is usual, above which it has one all the same."""
 NEAR_ENOUGH, EXACT = 1.0, 0.02
@@ -339,7 +339,7 @@ class Refiner:
         for x in (
             others
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
-            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < FAR_OFF * layout.r:
+            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * layout.r:
                 break
             best = min(best, self._descend(layout, terms, x, iterations, settled), key=self.unlikeliness)
         return best
@@ -583,7 +583,7 @@ class Refiner:
         costs = self._costs(layout, terms, X)
         together, small = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
         first = [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
-        if start is None or start.chi2 - start.cost < FAR_OFF * layout.r:
+        if start is None or start.chi2 - start.cost < DISTANT * layout.r:
             return first
         # far from its priors the other fit has made up for what is missing
         own = [known.get(term.label, term) for term in terms]

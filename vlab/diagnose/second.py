@@ -42,7 +42,7 @@ CLOSER = 0.98
 PART, MUCH = 0.2, 3.0
 """A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
 the noise..."""
-FAR_FETCHED, FAR_OFF = 20.0, 4.0
+FAR_FETCHED, OUTLYING = 20.0, 4.0
 """...or where one takes uncertain parameters that are less likely than their priors' means by e to this power, or one of them that is
 this many standard deviations away: a mass or a damper beside what was found hides there."""
 
@@ -58,7 +58,7 @@ def are_far_fetched(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> b
         Standard deviations of the uncertain parameters.
     """
     return any(
-        h.calibration > FAR_FETCHED + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > FAR_OFF * prior))
+        h.calibration > FAR_FETCHED + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > OUTLYING * prior))
         for h in _of_interest(fitted)
     )
 

@@ -296,7 +296,7 @@ def frequencies_of_twin(
     step = structure.tuning.at_step if structure.tuning is not None and structure.tuning.at_step else plant.timestep
     mass, _, stiffness = (np.diag(added) for added in as_stepped(plant, linear, shapes[:, same], step))
     shown = (linear.eigen[0][same] ** 2 + stiffness) / (1.0 + mass)
-    driven = list(driven_modes(plant.port_rows([coil.at for coil in structure.coil]) @ shapes))
+    driven = list(driven_modes(plant.port_rows(structure.coil_places) @ shapes))
     index, out = {p.name: i for i, p in enumerate(parameters)}, theta.copy()
     for mode, wanted, own in zip(same, squares, shown, strict=True):
         i = index.get(f"{FREQUENCY}{driven.index(mode) + 1}") if mode in driven else None

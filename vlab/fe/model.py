@@ -114,7 +114,7 @@ class FeModel:
     @property
     def coils(self) -> Array:
         """Load distribution of the coils, (n, n_coils), in the order of the structure file."""
-        return self.deflections([coil.at for coil in self.structure.coil]).T
+        return self.deflections(self.structure.coil_places).T
 
 
 def bending_map(direction: tuple[float, float]) -> Array:

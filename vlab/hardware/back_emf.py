@@ -31,7 +31,7 @@ def brake_model(fe: FeModel, hardware: Hardware) -> FeModel:
     structure, linear = fe.structure, fe.linear
     for damping, places in (
         (hardware.velocity_sensor.back_emf_damping, [sensor.at for sensor in structure.sensor]),
-        (hardware.coil.back_emf_damping, [coil.at for coil in structure.coil]),
+        (hardware.coil.back_emf_damping, structure.coil_places),
     ):
         if damping > 0:
             linear = linear.with_rate_feedback(fe.deflections(places).T, damping * np.eye(len(places)))

@@ -73,7 +73,7 @@ class FeModes:
         places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
         sets = []
         for model, at_places, at_coils in (
-            (linear, plant.port_rows(places), plant.port_rows([coil.at for coil in structure.coil])),
+            (linear, plant.port_rows(places), plant.port_rows(structure.coil_places)),
             (fe.linear, fe.deflections(places), fe.coils.T),
         ):
             omega, shapes = model.eigen

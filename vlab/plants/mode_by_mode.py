@@ -56,7 +56,7 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
         It is tuned to more modes than the plant and the FE model have.
     """
     linear = plant.linearise()
-    coils = plant.port_rows([coil.at for coil in structure.coil])
+    coils = plant.port_rows(structure.coil_places)
     restoring = dissipation = None
     if structure.tuning is not None:
         restoring = np.zeros((linear.n, linear.n))
@@ -64,7 +64,7 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
             modes = FeModes.of(plant, linear, structure, variant)
             restoring += modes.stiffness
             plant = modes.seen_at_places(plant)
-            coils = plant.port_rows([coil.at for coil in structure.coil])
+            coils = plant.port_rows(structure.coil_places)
         meshed = replace(linear, K=linear.K + restoring)
         restoring += meshed.tuning_stiffness(modal_factors(structure.tuning, coils @ meshed.eigen[1]))
         linear = replace(linear, K=linear.K + restoring)

@@ -391,9 +391,14 @@ class Structure:
             raise BadStructure(f"bar {bar.name!r} is not straight with its points in order: {', '.join(bar.points)}")
 
     @property
+    def coil_places(self) -> list[str]:
+        """The point of every coil, in their order."""
+        return [coil.at for coil in self.coil]
+
+    @property
     def transducer_places(self) -> list[str]:
         """Every point with a coil, a sensor or a probe, once."""
-        places = [c.at for c in self.coil] + [s.at for s in (*self.sensor, *self.probe)]
+        places = self.coil_places + [s.at for s in (*self.sensor, *self.probe)]
         return list(dict.fromkeys(places))
 
     def position(self, point: str) -> tuple[float, float]:

@@ -29,8 +29,8 @@ def response_figures(fe: FeModel, force: str, places: Sequence[str] = ()) -> dic
     UnknownName
         No such place.
     """
-    known = list(dict.fromkeys([*(p.name for p in fe.structure.point), *(coil.at for coil in fe.structure.coil)]))
-    places = list(places) or [coil.at for coil in fe.structure.coil]
+    known = list(dict.fromkeys([*(p.name for p in fe.structure.point), *fe.structure.coil_places]))
+    places = list(places) or fe.structure.coil_places
     for place in (force, *places):
         if place not in known:
             raise unknown_name("place", place, known, where=f"structure {fe.structure.name!r}")

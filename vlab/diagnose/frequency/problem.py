@@ -174,7 +174,7 @@ def _uncertain(
         at_points = plant.port_rows(points) @ view.shapes
         fe = build_fe_model(structure, case.table.model.variant)
         parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
-        at_coils = plant.port_rows([coil.at for coil in structure.coil]) @ view.shapes
+        at_coils = plant.port_rows(structure.coil_places) @ view.shapes
         places = range(len(driven_modes(at_coils)))
         ordered = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
         damping = replace(ordered, follows_shapes=True)  # a step that changes the order must not be a jump
