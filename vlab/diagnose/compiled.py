@@ -24,12 +24,12 @@ _ARCTAN, _POWER, _HYPOT, _FLOOR = (CODE[f] for f in (np.arctan, np.power, np.hyp
 _LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal))
 _EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
 _NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
-_Z, _V, _T, _FREE, _FIRST, _COMMAND, MOBILITY = range(len(SIGNALS))
+AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS))
 """Registers of what a law sees of its step."""
 
 
 @njit(cache=True, error_model="numpy")
-def _play(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
+def play(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
     """Do a tape's operations on registers (n_registers, n)."""
     n = registers.shape[1]
     for line in range(operations.shape[0]):
@@ -128,11 +128,11 @@ def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: 
         out[e] = y
 
 
-_sums = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+in_any_order = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 """Compiles loops whose sums may be taken in any order, several terms at a time."""
 
 
-@_sums
+@in_any_order
 def march_free(
     turn: Array,
     dense: Array,
@@ -181,7 +181,7 @@ def march_free(
                                 x[j] += u * into[s, i, j]
 
 
-@_sums
+@in_any_order
 def march_looped(
     turn: Array,
     dense: Array,
@@ -257,12 +257,12 @@ def march_looped(
                     of = min(s, inputs.shape[2] - 1)
                     for r in range(n_runs):
                         e = s * n_runs + r
-                        own[_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
-                        own[_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
-                        own[_T, e] = late[r] + (k * substeps + sub + 0.5) * h
-                        own[_FREE, e], own[_FIRST, e] = after[s, r, v], seen[s, r, v]
-                        own[_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
-                _play(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
+                        own[AT_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
+                        own[AT_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
+                        own[AT_T, e] = late[r] + (k * substeps + sub + 0.5) * h
+                        own[AT_FREE, e], own[AT_FIRST, e] = after[s, r, v], seen[s, r, v]
+                        own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
+                play(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
                     own[recalled[i]] = own[remembers[i]]
                 for s in range(n_sets):
@@ -297,11 +297,47 @@ def _series(
     for k in range(n):
         for i in range(count):
             registers[i] = signals[k, i]
-        _play(operations, first, registers)
+        play(operations, first, registers)
         for i in range(len(recalled)):
             registers[recalled[i]] = registers[remembers[i]]
         out[k] = registers[result]
     return out
+
+
+Tapes = tuple[Array, Array, Array, Array, Array]
+"""Operations of several tapes one behind the other; where each one's registers, operations and memory begin, (n + 1, 3); the registers
+of their first results; those of what they remember after a step, and before it."""
+
+
+def loaded(
+    tapes: Sequence[Tape], values: Sequence[Sequence[Any]], memories: Sequence[Sequence[Any]], shape: tuple[int, int]
+) -> tuple[Tapes, Array]:
+    """Return laws' tapes one behind the other, and their registers with all that does not change from step to step.
+
+    Parameters
+    ----------
+    values : sequence of sequence of array
+        Of every law its parameters in the order of its class, each of the shape or what broadcasts to it.
+    memories : sequence of sequence of array
+        What every law remembers at first.
+    shape : (int, int)
+        Sets and runs that are marched side by side.
+    """
+    registers = np.zeros((sum(tape.registers for tape in tapes), shape[0] * shape[1]))
+    bounds = np.zeros((len(tapes) + 1, 3), dtype=np.int64)
+    for i, (tape, own, memory) in enumerate(zip(tapes, values, memories, strict=True)):
+        bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
+        given = (*tape.constants, *zip(tape.parameters, own, strict=True), *zip(tape.memory, memory, strict=True))
+        for at, value in given:
+            registers[bounds[i, 0] + at] = np.broadcast_to(value, shape).reshape(-1)
+    found = (
+        np.concatenate([np.zeros((0, 4), dtype=np.int64), *(tape.operations for tape in tapes)]),
+        bounds,
+        np.array([tape.first for tape in tapes], dtype=np.int64),
+        np.array([m for tape in tapes for m in tape.remembered], dtype=np.int64),
+        np.array([m for tape in tapes for m in tape.memory], dtype=np.int64),
+    )
+    return found, registers
 
 
 def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:

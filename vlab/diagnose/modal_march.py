@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.compiled import MOBILITY, march_free, march_looped
+from vlab.diagnose.compiled import AT_MOBILITY, loaded, march_free, march_looped
 from vlab.physics.tape import Tape
 from vlab.signals import Array
 
@@ -167,7 +167,11 @@ def march_modes(
         return y.transpose(2, 0, 1, 3)
     push = np.stack([law.push for law in laws], axis=1)
     felt = np.ascontiguousarray(push @ system.seen)
-    tapes, registers = _loaded(laws, felt, n_runs)
+    tapes, registers = loaded(
+        [law.tape for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
+    )
+    for i, law in enumerate(laws):
+        registers[tapes[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
     acting = (
         np.array([law.port for law in laws]),
         np.array([-1 if law.coil is None else law.coil for law in laws]),
@@ -182,36 +186,3 @@ def march_modes(
     clock = (h, np.ascontiguousarray(late, dtype=float))
     march_looped(*common, seen_rows, seen, last, clock, acting, tapes, registers, y)
     return y.transpose(2, 0, 1, 3)
-
-
-def _loaded(
-    laws: Sequence[LoopLaw], felt: Array, n_runs: int
-) -> tuple[tuple[Array, Array, Array, Array, Array], Array]:
-    """Return the laws' tapes one behind the other, and their registers with all that does not change from step to step.
-
-    Parameters
-    ----------
-    felt : (n_sets, n_laws, 2 n_ports) array
-        What a unit force over a substep adds to what the ports see.
-    """
-    shape = (len(felt), n_runs)
-    registers = np.zeros((sum(law.tape.registers for law in laws), shape[0] * shape[1]))
-    bounds = np.zeros((len(laws) + 1, 3), dtype=np.int64)
-    for i, law in enumerate(laws):
-        tape = law.tape
-        bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
-        for at, value in (
-            *tape.constants,
-            *zip(tape.parameters, law.values, strict=True),
-            *zip(tape.memory, law.memory, strict=True),
-            (MOBILITY, felt[:, i, felt.shape[2] // 2 + law.port, None]),
-        ):
-            registers[bounds[i, 0] + at] = np.broadcast_to(value, shape).reshape(-1)
-    tapes = (
-        np.concatenate([law.tape.operations for law in laws]),
-        bounds,
-        np.array([law.tape.first for law in laws]),
-        np.array([m for law in laws for m in law.tape.remembered], dtype=np.int64),
-        np.array([m for law in laws for m in law.tape.memory], dtype=np.int64),
-    )
-    return tapes, registers

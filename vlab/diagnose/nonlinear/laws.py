@@ -28,6 +28,8 @@ class Path:
         What forces held over a step add.
     weight : (k,) array
         As `vlab.diagnose.nonlinear.screen.Lines` has it.
+    even : float or None
+        Length of all steps, where they are the same.
     """
 
     rows: Array
@@ -36,6 +38,7 @@ class Path:
     h: Array
     G: Array
     weight: Array
+    even: float | None
 
     @property
     def steps(self) -> int:
@@ -43,7 +46,17 @@ class Path:
         return len(self.z) - 1
 
 
-def path_of(rows: Array, z: Array, v: Array, defect: Array, h: Array, G: Array, weight: Array, steps: int) -> Path:
+def path_of(
+    rows: Array,
+    z: Array,
+    v: Array,
+    defect: Array,
+    h: Array,
+    G: Array,
+    weight: Array,
+    steps: int,
+    even: float | None = None,
+) -> Path:
     """Return a place's path between the samples: cubic between the states at both ends.
 
     Parameters
@@ -57,6 +70,8 @@ def path_of(rows: Array, z: Array, v: Array, defect: Array, h: Array, G: Array, 
         Sample intervals.
     G : array
         Of a step.
+    even : float or None
+        Length of all sample intervals, where they are the same.
     """
     m = rows.shape[-1]
     later = np.minimum(np.arange(1, rows.shape[1] + 1), rows.shape[1] - 1)
@@ -75,7 +90,8 @@ def path_of(rows: Array, z: Array, v: Array, defect: Array, h: Array, G: Array, 
         )
         slope = 6 * s * (1 - s) * (z1 - z) / h
         at_v.append(slope + (1 - s) * (1 - 3 * s) * v + s * (3 * s - 2) * v1)
-    return Path(rows=np.array(at_rows), z=np.array(at_z), v=np.array(at_v), h=h / steps, G=G, weight=weight)
+    even = None if even is None else even / steps
+    return Path(rows=np.array(at_rows), z=np.array(at_z), v=np.array(at_v), h=h / steps, G=G, weight=weight, even=even)
 
 
 class Law:
@@ -99,6 +115,7 @@ class Law:
         self.is_linear = isinstance(term.effect, LinearPortEffect)
         self.is_last = term.effect.family == "friction"  # sticking answers all other forces
         self.is_single = path.rows.shape[1] == 1
+        self.step = path.even
         m = path.rows.shape[-1]
         middle = 0.5 * (path.rows[0] + path.rows[-1])
         into = np.einsum("kwan,lkwn->lkwa", path.G, middle, optimize=True)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from vlab.diagnose.nonlinear.laws import Law, Path, path_of
+from vlab.diagnose.nonlinear.march import CHECK_EVERY, FAR, march_with, tapes_of
 from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
 from vlab.diagnose.nonlinear.tangent import FINE, stacked
 from vlab.diagnose.places import Place
@@ -36,10 +37,8 @@ PAD = 400
 """Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
 SETTLINGS, MOST_MOVE = 2, 3.0
 """Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""
-CHECK_EVERY = 8
-"""Steps between two looks for trials that run away."""
-FAR = 1e6
-"""Deviations stop growing here: such a trial is worth its large residual, and no more."""
+EVEN = 1e-6
+"""Intervals that differ by no more than this share are the same."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,9 @@ class MovingRefiner(Refiner):
         self.A, self.G, self.C, self.D = (self._cut(x) for x in (s.A, s.G, s.C, s.D))
         self.fine_A, self.fine_G = self._cut(s.fine_A), self._cut(s.fine_G)
         self.defect, self.h = self._cut(s.defect), self._cut(s.h)
-        self.h[self.h <= 0] = 1.0
+        inside = self.h > 0
+        self.even = float(self.h[0, 0]) if np.ptp(self.h[inside]) <= EVEN * self.h[0, 0] else None
+        self.h[~inside] = 1.0
         self.t = self._cut(stacked([c.time for c in screen.moving.courses]))
         self.read = self._cut(stacked([a.read for a in screen.alongs]))
         self.changes = self._cut(screen.changes)
@@ -215,7 +216,22 @@ class MovingRefiner(Refiner):
         laws = [self._law(term, own, G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
-        x, seen = starts.copy(), bool(np.any(self.D))
+        seen = bool(np.any(self.D))
+        tapes = tapes_of(laws)
+        if tapes is None:
+            states = self._as_written(laws, A, drive, starts, forces, steps, seen=seen)
+        else:
+            states = march_with(laws, tapes, A, drive, self.defect, starts, forces if seen else forces[:0], steps)
+        y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
+        if seen:
+            y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
+        return np.asarray(np.clip(np.nan_to_num(y, nan=FAR), -FAR, FAR))
+
+    def _as_written(
+        self, laws: Sequence[Law], A: Array, drive: Array, starts: Array, forces: Array, steps: int, *, seen: bool
+    ) -> Array:
+        """March with the laws evaluated as they are written: one of them does what no tape can hold. See `march_with`."""
+        x = starts.copy()
         states = np.zeros((self.length, *x.shape))
         for k in range(self.length):
             states[k] = x
@@ -229,10 +245,7 @@ class MovingRefiner(Refiner):
             x = x - self.defect[k]
             if k % CHECK_EVERY == 0:
                 x = np.clip(np.nan_to_num(x, nan=FAR), -FAR, FAR)
-        y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
-        if seen:
-            y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
-        return np.asarray(np.clip(np.nan_to_num(y, nan=FAR), -FAR, FAR))
+        return states
 
     def _drive(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
@@ -251,7 +264,7 @@ class MovingRefiner(Refiner):
         rows, z, v, weight = self.lines(term.place)
         path = self._paths.get((term.place.name, steps))
         if path is None:
-            path = path_of(rows, z, v, self.defect, self.h, G, weight, steps)
+            path = path_of(rows, z, v, self.defect, self.h, G, weight, steps, self.even)
             self._paths[term.place.name, steps] = path
         command = None if term.place.coil is None else self._cut(self.moving.commands(term.place.coil))
         memory = self._remembered(term, own) if isinstance(term.effect, PortEffect) else None

@@ -1,0 +1,59 @@
+"""The compiled march along a motion against the laws as they are written."""
+
+import numpy as np
+import pytest
+from rig_swinging import driven_arm
+
+from vlab.cases import load_case
+from vlab.diagnose.nonlinear import refine
+from vlab.diagnose.nonlinear.prepare import prepare_moving
+from vlab.diagnose.nonlinear.refine import MovingRefiner
+from vlab.diagnose.nonlinear.screen import MovingScreen
+from vlab.diagnose.places import admissible
+from vlab.diagnose.terms import Term
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import LinearPortEffect
+
+LAWS = {
+    "coulomb-friction": {"force": 0.1},
+    "stribeck-friction": {"force": 0.05, "excess": 0.05, "speed": 0.3},
+    "lugre-friction": {"force": 0.05, "excess": 0.05, "speed": 0.3, "bristle": 0.02},
+    "jenkins-slip": {"force": 0.2, "slip": 0.05},
+    "bouc-wen": {"force": 0.2, "yield": 0.05},
+    "cubic-stiffness": {"k3": 0.5},
+    "stop": {"stiffness": 8.0, "gap": 0.2},
+    "quadratic-drag": {"coefficient": 0.2},
+    "sinusoidal-force": {"sine": 0.1, "cosine": -0.2, "frequency": 1.3},
+    "viscous-damping": {"damping": 0.1},
+    "added-mass": {"mass": 0.1},
+}
+
+
+@pytest.fixture(scope="module")
+def refiner(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    driven_arm(folder)
+    problem, moving = prepare_moving(load_case(folder))
+    return MovingRefiner(MovingScreen(problem, moving))
+
+
+@pytest.mark.parametrize(
+    "names", [*((name,) for name in LAWS), ("coulomb-friction", "stop"), ("bouc-wen", "added-mass")]
+)
+def test_compiled_laws_move_a_model_as_they_do_as_written(refiner, names, monkeypatch):
+    terms = []
+    for name in names:
+        effect, places = EFFECTS[name], refiner.problem.places
+        several = isinstance(effect, LinearPortEffect)
+        place = max((p for p in places if admissible(effect, p)), key=lambda p: len(p.rows) if several else 0)
+        terms.append(Term(effect=effect, place=place, values=LAWS[name]))
+    values = [{k: v * np.array([1.0, 0.5]) for k, v in t.values.items()} for t in terms]
+    theta = np.repeat(refiner.moving.theta[None], 2, axis=0)
+    starts = np.repeat(np.array([run.start for run in refiner.runs])[None], 2, axis=0)
+    fast = refiner.simulate(refiner.runs, terms, theta, values, starts)
+    monkeypatch.setattr(refine, "tapes_of", lambda laws: None)
+    slow = refiner.simulate(refiner.runs, terms, theta, values, starts)
+    bare = refiner.simulate(refiner.runs, (), theta, [], starts)
+    size = np.abs(slow).max()
+    assert np.abs(slow - bare).max() > 1e-4 * size  # the laws act
+    np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-9 * size)
