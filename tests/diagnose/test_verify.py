@@ -16,7 +16,7 @@ from vlab.cases import load_case, simulate
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.verdict import closes, is_needed
-from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total
+from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total, with_finer_steps
 from vlab.diagnose.zeros import said_zeros
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
@@ -140,10 +140,15 @@ def test_a_start_is_read_off_the_motion_and_not_off_a_sensor_that_is_off(tmp_pat
 def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
     coarse, run = swing(tmp_path / "coarse", step=0.01, integrator="Euler")
     fine, _ = swing(tmp_path / "fine")
-    words = [coarse_steps(model, check([run], model, None)[0], run) for model in (coarse, fine)]
+    words, left = [], []
+    for model in (coarse, fine):
+        own, finer = (check([run], m, None) for m in (model, with_finer_steps(model)))
+        words.append(coarse_steps(model, own, finer))
+        left.append((own[0].before, finer[0].before))
     assert "2.5 ms instead of 10 ms" in words[0]
     assert "RK4" in words[0]
     assert words[1] == ""
+    assert left[0][1] < 0.6 * left[0][0]  # of first order: a quarter, and what the reading of the start leaves
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():

@@ -25,7 +25,7 @@ from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verdict import closes, is_needed, verdict_on
-from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps
+from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, with_finer_steps
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
@@ -109,10 +109,18 @@ def diagnose(
     nominal = Amended(plant=given)
     checked = check(runs, before, after if is_amended else None, seen.benign_hums, nominal=nominal)
     verdict = verdict_on(choice, checked, seen, is_structure=is_structure)
+    coarse = ""
+    if verdict == "none-of-these" and not is_structure:
+        models = [None if m is None else with_finer_steps(m) for m in (before, after if is_amended else None, nominal)]
+        finer = check(runs, models[0] or before, models[1], seen.benign_hums, nominal=models[2])
+        coarse = coarse_steps(before, checked, finer)
+        said = verdict_on(choice, finer, seen, is_structure=False)
+        if coarse and said != verdict:
+            verdict, checked, before, after = said, finer, with_finer_steps(before), with_finer_steps(after)
+            coarse += "; the verdict is on the shorter ones"
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
-    coarse = coarse_steps(before, checked[0], runs[0]) if verdict == "none-of-these" and not is_structure else ""
     notes = (
         *([coarse] if coarse else []),
         *(s.line for s in standoffs),

@@ -205,23 +205,36 @@ def check(
     ]
 
 
-def coarse_steps(model: Amended, checked: Checked, run: Run) -> str:
-    """Return what is to be said of a model's own integration where shorter steps change a run by more than its noise; "" else.
+def with_finer_steps(model: Amended) -> Amended:
+    """Return a model whose plant takes steps a fraction as long."""
+    return replace(model, plant=at_timestep(model.plant, model.plant.timestep / FINER))
+
+
+def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
+    """Return what is to be said of a model's own integration where shorter steps change runs by more than their noise; "" else.
 
     What steps do to a motion no physics makes up for.
+
+    Parameters
+    ----------
+    checked, finer : sequence of Checked
+        Of the same runs with the refitted model as it is, and with finer steps.
     """
-    own, plant = checked.simulated[1], model.plant
-    finer = _try(replace(model, plant=at_timestep(plant, plant.timestep / FINER)), run)
-    if own is None or finer is None:
+    worst, where = 0.0, ""
+    for own, other in zip(checked, finer, strict=True):
+        one, two = own.simulated[1], other.simulated[1]
+        if one is None or two is None:
+            continue
+        moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
+        size = float(np.sqrt(np.mean(np.square(moved))))
+        if size >= max(own.noise, COARSE * own.before) and size > worst:
+            worst, where = size, own.name
+    if not where:
         return ""
-    other = replace(own, data=finer)
-    moved = [_rms(own[name] - other[name]) / np.std(run.measured[name]) for name in checked.channels]
-    size = float(np.sqrt(np.mean(np.square(moved))))
-    if size < max(checked.noise, COARSE * checked.before):
-        return ""
+    step = model.plant.timestep
     return (
-        f"steps of {1e3 * plant.timestep / FINER:.3g} ms instead of {1e3 * plant.timestep:.3g} ms change what the model does in "
-        f"{run.name} by {100 * size:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
+        f"steps of {1e3 * step / FINER:.3g} ms instead of {1e3 * step:.3g} ms change what the model does in "
+        f"{where} by {100 * worst:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
         'integrator "RK4"'
     )
 
