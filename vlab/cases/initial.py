@@ -31,11 +31,6 @@ AT_REST, STILL = 0.02, 5
 alone, where so many samples are."""
 AT_UNSTABLE_REST = 1e-3
 """The same where the rest is unstable: all that follows grows out of how it begins."""
-PASSING, CLEARLY, QUICK = (1, 2, 4, 8, 16), 8.0, 0.1
-"""Samples in whose number a motion shows above this multiple of the noise, the first that do tell whether it passes rest at speed: at this
-share of the largest one at least."""
-NORMAL = float(0.6745 * np.sqrt(6.0))
-"""Median magnitude of the second differences of white noise, in its standard deviations."""
 REFINEMENTS = 4
 WORTH, ENOUGH = 1.1, 0.02
 """The estimate is refined on the model where it leaves this much more there than on the linearisation, which says that
@@ -200,21 +195,7 @@ def begins_at_rest(deviation: Array, slow: Array, plant: Plant) -> bool:
     first, share = (deviation[:1, slow], largest[slow]) if np.any(slow) else (deviation[:STILL], largest)
     if not np.all(np.abs(first) <= AT_REST * share):
         return False
-    if any(_passes_through(column) for column in deviation[:, slow].T):
-        return False
     return bool(np.all(np.abs(first) <= AT_UNSTABLE_REST * share)) or not _is_unstable(plant)
-
-
-def _passes_through(column: Array) -> bool:
-    """Return whether a channel that begins where it rests passes it: it goes on as fast as it began, where what is pushed away from rest
-    goes three times as far in the second half of a short time."""
-    noise = float(np.median(np.abs(np.diff(column, 2)))) / NORMAL if len(column) > 2 * PASSING[-1] else np.inf
-    for half in PASSING if np.isfinite(noise) else ():
-        one, two = column[half] - column[0], column[2 * half] - column[half]
-        if abs(one) > CLEARLY * noise:
-            fastest = float(np.abs(column[half:] - column[:-half]).max())
-            return bool(abs(one) > QUICK * fastest and one * two > 0 and abs(two) < 2.0 * abs(one))
-    return False
 
 
 def _is_unstable(plant: Plant) -> bool:

@@ -86,8 +86,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except VlabError as error:
         print("error: " + " ".join(str(error).split()), file=sys.stderr)
         return 1 if isinstance(error, Diverged) else 2
+    except PermissionError as error:
+        print(
+            f"error: {error.filename}: not permitted ({error.strerror}); change its rights or the path", file=sys.stderr
+        )
+        return 2
     except KeyboardInterrupt as stop:
-        print(f"error: interrupted; {stop if stop.args else 'nothing was written'}", file=sys.stderr)
+        print(f"error: interrupted; {stop if stop.args else 'nothing half-written was left'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         return 141

@@ -73,8 +73,14 @@ class SensorLimit:
     beyond: float
 
 
-def assess(runs: Sequence[Run]) -> Damage:
-    """Say what is wrong with some runs."""
+def assess(runs: Sequence[Run], fitted: Sequence[Run] = ()) -> Damage:
+    """Say what is wrong with some runs.
+
+    Parameters
+    ----------
+    fitted : sequence of Run
+        Those of them that the model is fitted to, in which every sensor must move; all by default.
+    """
     warnings: list[str] = []
     notes: list[str] = []
     for run in runs:
@@ -83,7 +89,7 @@ def assess(runs: Sequence[Run]) -> Damage:
             (warnings if is_damage else notes).append(f"{run.name}: {finding.text}")
     lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
     fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > MOST_LOST else []
-    return Damage(fatal=(*fatal, *_dead(runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes))
+    return Damage(fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes))
 
 
 def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
@@ -149,8 +155,8 @@ def _dead(runs: Sequence[Run]) -> list[str]:
         c: any(np.ptp(run.measured[c]) > 0 for run in runs if c in run.measured.names) for c in compared_names(runs)
     }
     if not any(moves.values()):
-        return ["no sensor moves in any recording"]
-    return [f"{channel} stands still in every recording" for channel, moving in moves.items() if not moving]
+        return ["no sensor moves in any recording to fit"]
+    return [f"{channel} stands still in every recording to fit" for channel, moving in moves.items() if not moving]
 
 
 def _copies(runs: Sequence[Run]) -> list[str]:

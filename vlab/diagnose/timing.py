@@ -7,6 +7,7 @@ half the sample rate it turns phases by a right angle.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -38,7 +39,7 @@ EXPLAINED = 0.003
 """It must explain this share of what the refitted model leaves."""
 HINT, MUCH_LESS = 0.5, 0.7
 """Where the innovations gain but so much from another hold, a refit to whole recordings has the word: where it leaves this share of the
-mean square with it."""
+mean square with it. So has a fit of what was found in the end."""
 MOST_PASSES = 2
 """What is wrong with the readings hides what is wrong with the inputs: the filter takes it for unknown forces."""
 BESIDE = 12
@@ -127,6 +128,42 @@ def timed(
         lines += likely.lines
         screen = other
     return screen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Another way to read a case, where it leaves something open.
+
+    Parameters
+    ----------
+    words : str
+        What it takes to be so.
+    of : callable
+        Returns a case read so.
+    """
+
+    words: str
+    of: Callable[[Case], Case]
+
+
+def other_readings(problem: Problem) -> list[Reading]:
+    """Return how else a case may be read: its inputs straight or standing, whichever it is not taken to mean, where the recordings could
+    tell and have not; and its recordings begun in motion, where they were taken to begin at rest for beginning in its place."""
+    if problem.case.structure is not None:
+        return []
+    out = []
+    if not problem.timing and _shows(problem):
+        holds = [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
+        out += [Reading(words=f'{WORDS[h]} (hold = "{h}")', of=partial(with_hold, hold=h)) for h in holds]
+    starts = {table.initial for table in problem.case.table.recording}
+    if "auto" in starts and any(run.at_rest for run in problem.signals):
+        out.append(Reading(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion))
+    return out
+
+
+def _begun_in_motion(case: Case) -> Case:
+    tables = tuple(replace(t, initial="estimated") if t.initial == "auto" else t for t in case.table.recording)
+    return replace(case, table=replace(case.table, recording=tables))
 
 
 def said(lines: Sequence[str]) -> str:
@@ -262,12 +299,18 @@ def _shows(problem: Problem) -> bool:
 def _others(case: Case) -> Iterator[tuple[Hold, Case]]:
     """Yield the other conventions that a case leaves open, and the case with each of them."""
     for hold in WORDS:
-        tables = [
-            replace(table, channel=tuple(_with(channel, hold) for channel in table.channel))
-            for table in case.table.recording
-        ]
-        if any(table != given for table, given in zip(tables, case.table.recording, strict=True)):
-            yield hold, replace(case, table=replace(case.table, recording=tuple(tables)))
+        other = with_hold(case, hold)
+        if other.table != case.table:
+            yield hold, other
+
+
+def with_hold(case: Case, hold: Hold) -> Case:
+    """Return a case whose inputs act in a certain way where it leaves that open."""
+    tables = [
+        replace(table, channel=tuple(_with(channel, hold) for channel in table.channel))
+        for table in case.table.recording
+    ]
+    return replace(case, table=replace(case.table, recording=tuple(tables)))
 
 
 def _with(channel: ChannelTable, hold: Hold) -> ChannelTable:

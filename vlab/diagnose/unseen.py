@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.playback import plan_clock
 from vlab.cases.wiring import Run
+from vlab.diagnose.wired import LEAST_SAMPLES
 from vlab.errors import BadCase
 
 
@@ -55,6 +56,10 @@ def held_out(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> He
             )
         if not moves(run):
             notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
+            continue
+        if len(run.measured) < LEAST_SAMPLES:
+            few = len(run.measured)
+            notes.append(f"{run.name}: {few} samples verify nothing, so it is left out; at least {LEAST_SAMPLES} do")
             continue
         runs.append(run)
         absent = [name for name in names if name not in run.measured.names]

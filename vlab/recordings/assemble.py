@@ -75,11 +75,13 @@ class ColumnSpec:
     def channel_and_factor(self) -> tuple[Channel, float]:
         """Return the label in SI and what a number of the file is multiplied by.
 
-        With a scale, a channel of a free kind is in the model's own unit, which the file does not know: it has no unit.
+        With a scale, a channel of a free kind, and a voltage or current that drives an actuator, is in the model's own unit, which the
+        file does not know: it has no unit.
         """
         si = KIND_UNITS[self.kind]
         if self.scale is not None:
-            unit, factor = si or "", float(self.scale)
+            is_electric = self.is_input and self.kind in ("voltage", "current")  # scaled to what the actuator takes
+            unit, factor = "" if is_electric else si or "", float(self.scale)
         else:
             unit = si or own_si(self.unit)
             factor = units.factor(self.unit, unit)
