@@ -9,8 +9,8 @@ from scipy import signal
 from test_timing import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFNESS, case, recorded
 
 from vlab.diagnose.engine import diagnose
+from vlab.diagnose.readings import other_readings
 from vlab.diagnose.roads import road_of
-from vlab.diagnose.timing import other_readings
 
 DELAY = 0.030
 

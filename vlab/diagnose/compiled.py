@@ -310,7 +310,7 @@ of their first results; those of what they remember after a step, and before it.
 
 
 def loaded(
-    tapes: Sequence[Tape], values: Sequence[Sequence[Any]], memories: Sequence[Sequence[Any]], shape: tuple[int, int]
+    tapes: Sequence[Tape], values: Sequence[Sequence[Any]], memories: Sequence[Sequence[Any]], shape: tuple[int, ...]
 ) -> tuple[Tapes, Array]:
     """Return laws' tapes one behind the other, and their registers with all that does not change from step to step.
 
@@ -320,10 +320,10 @@ def loaded(
         Of every law its parameters in the order of its class, each of the shape or what broadcasts to it.
     memories : sequence of sequence of array
         What every law remembers at first.
-    shape : (int, int)
-        Sets and runs that are marched side by side.
+    shape : tuple of int
+        Of what is marched side by side: sets and runs.
     """
-    registers = np.zeros((sum(tape.registers for tape in tapes), shape[0] * shape[1]))
+    registers = np.zeros((sum(tape.registers for tape in tapes), int(np.prod(shape))))
     bounds = np.zeros((len(tapes) + 1, 3), dtype=np.int64)
     for i, (tape, own, memory) in enumerate(zip(tapes, values, memories, strict=True)):
         bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
@@ -342,12 +342,7 @@ def loaded(
 
 def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
     """Return a law's force along given motion, all (n, ...), from what it remembers at first."""
-    shape = z.shape[1:]
-    registers = np.zeros((tape.registers, int(np.prod(shape))))
-    given = (*tape.constants, *zip(tape.parameters, values, strict=True), *zip(tape.memory, memory, strict=True))
-    for at, value in given:
-        registers[at] = np.broadcast_to(value, shape).reshape(-1)
+    (operations, _, (first,), remembers, recalled), registers = loaded([tape], [values], [memory], z.shape[1:])
     signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
-    remembers, recalled = (np.array(some, dtype=np.int64) for some in (tape.remembered, tape.memory))
-    out = _series(tape.operations, tape.first, registers, signals, remembers, recalled, tape.force)
+    out = _series(operations, first, registers, signals, remembers, recalled, tape.force)
     return np.asarray(out.reshape(z.shape))

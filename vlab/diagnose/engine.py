@@ -9,22 +9,22 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.misfit import misfit
-from vlab.diagnose.choose import Choice, choose
+from vlab.diagnose.choose import Choice
 from vlab.diagnose.damage import assess
 from vlab.diagnose.diagnosis import Diagnosis, Verdict
 from vlab.diagnose.findings import alternatives, of_terms
-from vlab.diagnose.fits import ENOUGH
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.mesh import with_modes_of_fe
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.roads import AlongMotion, NearRest, is_of_clock, left_with, road_of
+from vlab.diagnose.readings import read_otherwise
+from vlab.diagnose.roads import road_of
 from vlab.diagnose.search import TimeFound
 from vlab.diagnose.seen import Seen, look
 from vlab.diagnose.settle import Settling
 from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
-from vlab.diagnose.timing import GAIN, MUCH_LESS, Reading, other_readings, said
+from vlab.diagnose.timing import said
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verdict import closes, is_needed, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, with_finer_steps
@@ -32,9 +32,6 @@ from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
-
-NO_MORE = 1.01
-"""What leaves this multiple of a mean square leaves no more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,33 +72,34 @@ def diagnose(
     """
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)
-    return _diagnosed(case, list(effects) or list(EFFECTS.values()), progress or (lambda share, what: None))
+    effects = list(effects) or list(EFFECTS.values())
+    return _diagnosed(case, effects, progress or (lambda share, what: None), time.monotonic())
 
 
 def _diagnosed(
-    case: Case, effects: Sequence[Effect], report: Callable[[float, str], None], told: str = ""
+    whole_case: Case, effects: Sequence[Effect], report: Callable[[float, str], None], began: float, told: str = ""
 ) -> Diagnosed:
     """Diagnose a case of recordings.
 
     Parameters
     ----------
+    began : float
+        When the clock of all of it started [s].
     told : str
         What the recordings told of it before.
     """
-    began = time.monotonic()
     report(0.0, "reading")
-    whole_case = case
-    given = case.plant
-    case, standoffs = without_standoffs(with_modes_of_fe(case))
+    given = whole_case.plant
+    case, standoffs = without_standoffs(with_modes_of_fe(whole_case))
     road = road_of(case, effects)
     problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
     seen = look(problem, assess([*problem.runs, *unseen.runs], problem.runs))
     found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
-    other = _read_otherwise(road, found) if not (told or seen.damage.fatal) else None
+    other = read_otherwise(road, found) if not (told or seen.damage.fatal) else None
     if other is not None:
-        return _diagnosed(other.of(whole_case), effects, report, said([other.words]))
+        return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]))
     settling = Settling(
         problem=problem,
         whole=found.whole,
@@ -131,13 +129,14 @@ def _diagnosed(
     verdict = verdict_on(choice, checked, seen, is_structure=is_structure)
     coarse = ""
     if verdict == "none-of-these" and not is_structure:
-        models = [None if m is None else with_finer_steps(m) for m in (before, after if is_amended else None, nominal)]
-        finer = check(runs, models[0] or before, models[1], seen.benign_hums, nominal=models[2])
-        coarse = coarse_steps(before, checked, finer)
-        second = verdict_on(choice, finer, seen, is_structure=False)
-        if coarse and second != verdict:
-            verdict, checked, before, after = second, finer, with_finer_steps(before), with_finer_steps(after)
-            coarse += "; the verdict is on the shorter ones"
+        finer, finer_after, finer_nominal = (with_finer_steps(model) for model in (before, after, nominal))
+        coarse = coarse_steps(before, checked, check(runs, finer, None))
+        if coarse:
+            again = check(runs, finer, finer_after if is_amended else None, seen.benign_hums, nominal=finer_nominal)
+            second = verdict_on(choice, again, seen, is_structure=False)
+            if second != verdict:
+                verdict, checked, before, after = second, again, finer, finer_after
+                coarse += "; the verdict is on the shorter ones"
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
@@ -155,23 +154,6 @@ def _diagnosed(
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
     )
-
-
-def _read_otherwise(road: NearRest | AlongMotion, found: TimeFound) -> Reading | None:
-    """Return how a case is to be read where the recordings tell it only beside what was found: a strong effect hides such things, and a
-    delay, a lag or a hold of commands may stand for them."""
-    best = choose(found).best.long_fit
-    left = best.cost / sum(run.y.size for run in found.whole.runs)
-    of_clock = any(is_of_clock(t) for t in best.terms)
-    if left <= ENOUGH**2 and not of_clock:
-        return None
-    chosen, least = None, np.inf
-    for other in other_readings(road.problem):
-        now, timeless = left_with(road, found, other.of(road.problem.case), best)
-        is_likelier = of_clock and 0.5 * found.whole.worth * np.log(left / now) > GAIN
-        if now < least and (now < MUCH_LESS * left or is_likelier or (of_clock and timeless < NO_MORE * left)):
-            chosen, least = other, now
-    return chosen
 
 
 def _say(

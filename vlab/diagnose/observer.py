@@ -17,7 +17,8 @@ from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete, Twin, discretise
 from vlab.signals import Array
 
-MOST_RICCATI = 4000
+MOST_RICCATI, FEW = 4000, 64
+"""Samples after which covariances are taken as settled, and those that there is room for at first: a hundred modes fill 320 kB each."""
 SETTLED = 1e-6
 """Change of the covariance from one sample to the next, as a share of its largest entry, at which it has settled."""
 TUNING_SAMPLES = 2500
@@ -71,7 +72,7 @@ def _riccati(
 ) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
     """Return gains, innovations' and states' covariances from a first one on until they settle."""
     n, p = A.shape[0], C.shape[0]
-    Ks, Ss, Ps = np.empty((MOST_RICCATI, n, p)), np.empty((MOST_RICCATI, p, p)), np.empty((MOST_RICCATI, n, n))
+    Ks, Ss, Ps = np.empty((FEW, n, p)), np.empty((FEW, p, p)), np.empty((FEW, n, n))
     AT, CT = np.ascontiguousarray(A.T), np.ascontiguousarray(C.T)
     P, count = start, 0
     while count < MOST_RICCATI:
@@ -79,6 +80,8 @@ def _riccati(
         S = np.dot(C, PC) + R
         KT = np.linalg.solve(S, np.ascontiguousarray((np.dot(AP, CT) + N).T))
         K = np.ascontiguousarray(KT.T)
+        if count == len(Ks):
+            Ks, Ss, Ps = _with_room(Ks), _with_room(Ss), _with_room(Ps)
         Ks[count], Ss[count], Ps[count] = K, S, P
         count += 1
         new = np.dot(AP, AT) + Q - np.dot(np.dot(K, S), KT)
@@ -88,6 +91,14 @@ def _riccati(
         if settled:
             break
     return Ks[:count].copy(), Ss[:count].copy(), Ps[:count].copy()
+
+
+@njit(cache=True)
+def _with_room(kept: Array) -> Array:  # pragma: no cover - compiled
+    """Return matrices with room for as many more."""
+    out = np.empty((2 * len(kept), kept.shape[1], kept.shape[2]))
+    out[: len(kept)] = kept
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

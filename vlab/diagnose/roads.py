@@ -19,7 +19,6 @@ from vlab.diagnose.refine import Refiner
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.search import TimeFound, search
 from vlab.diagnose.signals import Signals
-from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.timing import timed
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
@@ -50,6 +49,11 @@ class NearRest:
         """Search what is missing; see `vlab.diagnose.search.search`."""
         return search(self.screen, effects, report)
 
+    def whole_runs_of(self, case: Case, model_error: float) -> Refiner | None:
+        """Return what fits whole recordings of the same case read otherwise; None where that is far from linear."""
+        screen = _near_rest(case, "")
+        return None if screen is None else Refiner(screen, screen.problem.in_role("fit"), model_error)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AlongMotion:
@@ -69,6 +73,10 @@ class AlongMotion:
     def search(self, effects: Sequence[Effect], report: Report) -> TimeFound:
         """Search what is missing; see `vlab.diagnose.search.search`."""
         return search_moving(self.screen, effects, report)
+
+    def whole_runs_of(self, case: Case, model_error: float) -> Refiner:
+        """Return what fits whole recordings of the same case read otherwise; the model's error is the screening's."""
+        return MovingRefiner(_along_motion(case), whole=True)
 
 
 def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> NearRest | AlongMotion:
@@ -137,28 +145,6 @@ def _left_along_motion(screen: MovingScreen) -> float:
 def _left(refiner: Refiner) -> float:
     """Return the mean square that a refit to whole recordings leaves, over that of noise and model error."""
     return refiner.fit((), None, WHOLE_ITERATIONS).cost / sum(run.y.size for run in refiner.runs)
-
-
-def left_with(road: NearRest | AlongMotion, found: TimeFound, case: Case, start: Fit) -> tuple[float, float]:
-    """Return the mean square that a fit's terms leave in whole recordings of a case read otherwise, over that of noise and model error,
-    and what they leave without those that say when commands act; infinite where it cannot be searched."""
-    refiner: Refiner
-    if road.is_linear:
-        screen = _near_rest(case, "")
-        if screen is None:
-            return float("inf"), float("inf")
-        refiner = Refiner(screen, screen.problem.in_role("fit"), found.whole.model_error)
-    else:
-        refiner = MovingRefiner(_along_motion(case), whole=True)
-    options = (start.terms, tuple(t for t in start.terms if not is_of_clock(t)))
-    fits = side_by_side(lambda own: refiner.fit(own, replace(start, terms=own), WHOLE_ITERATIONS), options)
-    samples = sum(run.y.size for run in refiner.runs)
-    return min(fit.cost for fit in fits) / samples, fits[1].cost / samples
-
-
-def is_of_clock(term: Term) -> bool:
-    """Return whether a term says when commands act: half a sample of a file's convention may be what it stands for."""
-    return term.effect.kind == "actuator" and term.effect.family == "timing"
 
 
 def _along_motion(case: Case, timing: str = "") -> MovingScreen:

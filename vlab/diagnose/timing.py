@@ -7,7 +7,6 @@ half the sample rate it turns phases by a right angle.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -78,7 +77,7 @@ class _Convention:
     @property
     def lines(self) -> list[str]:
         """It in words."""
-        out = [f'{WORDS[self.hold]} (hold = "{self.hold}")'] if self.hold else []
+        out = [in_words(self.hold)] if self.hold else []
         if self.skew_s:
             out.append(
                 f"positions and accelerations stand {1e3 * self.skew_s:.3g} ms ahead, as steps of a simulation leave them (delay_s)"
@@ -130,40 +129,17 @@ def timed(
     return screen
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reading:
-    """Another way to read a case, where it leaves something open.
-
-    Parameters
-    ----------
-    words : str
-        What it takes to be so.
-    of : callable
-        Returns a case read so.
-    """
-
-    words: str
-    of: Callable[[Case], Case]
-
-
-def other_readings(problem: Problem) -> list[Reading]:
-    """Return how else a case may be read: its inputs straight or standing, whichever it is not taken to mean, where the recordings could
-    tell and have not; and its recordings begun in motion, where they were taken to begin at rest for beginning in its place."""
-    if problem.case.structure is not None:
+def open_holds(problem: Problem) -> list[Hold]:
+    """Return whether inputs run straight or stand, whichever a case without a word on it is not taken to mean; nothing where the recordings
+    have told, or cannot."""
+    if problem.timing or problem.case.structure is not None or not _shows(problem):
         return []
-    out = []
-    if not problem.timing and _shows(problem):
-        holds = [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
-        out += [Reading(words=f'{WORDS[h]} (hold = "{h}")', of=partial(with_hold, hold=h)) for h in holds]
-    starts = {table.initial for table in problem.case.table.recording}
-    if "auto" in starts and any(run.at_rest for run in problem.signals):
-        out.append(Reading(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion))
-    return out
+    return [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
 
 
-def _begun_in_motion(case: Case) -> Case:
-    tables = tuple(replace(t, initial="estimated") if t.initial == "auto" else t for t in case.table.recording)
-    return replace(case, table=replace(case.table, recording=tables))
+def in_words(hold: Hold) -> str:
+    """Return what a hold of inputs is, and how a case says it."""
+    return f'{WORDS[hold]} (hold = "{hold}")'
 
 
 def said(lines: Sequence[str]) -> str:

@@ -115,7 +115,6 @@ class Law:
         self.is_linear = isinstance(term.effect, LinearPortEffect)
         self.is_last = term.effect.family == "friction"  # sticking answers all other forces
         self.is_single = path.rows.shape[1] == 1
-        self.step = path.even
         m = path.rows.shape[-1]
         middle = 0.5 * (path.rows[0] + path.rows[-1])
         into = np.einsum("kwan,lkwn->lkwa", path.G, middle, optimize=True)

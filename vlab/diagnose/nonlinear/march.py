@@ -34,7 +34,7 @@ def tapes_of(laws: Sequence[Law]) -> list[Tape | None] | None:
             out.append(None)
             continue
         assert isinstance(law.effect, PortEffect)
-        tape = None if law.step is None else tape_of(law.effect, law.step, _SEEN)
+        tape = None if law.path.even is None else tape_of(law.effect, law.path.even, _SEEN)
         if tape is None:
             return None
         out.append(tape)
