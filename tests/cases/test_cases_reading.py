@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vlab.cases import load_case
+from vlab.cases.description import ChannelTable
 from vlab.errors import BadCase, BadRecording, BadStructure, UnknownName, VlabError
 
 RIG = """
@@ -110,6 +111,23 @@ def test_a_case_is_read_labelled_and_wired(folder):
     assert case.runs(("holdout",)) == []
 
 
+@pytest.mark.parametrize(
+    ("word", "unit", "kind"),
+    [
+        ("position", "mm", "displacement"),
+        ("position", "deg", "angle"),
+        ("speed", "rad/s", "angular-velocity"),
+        ("torque", "N m", "moment"),
+        ("Angular velocity", "deg/s", "angular-velocity"),
+        ("angular_acceleration", "rad/s^2", "angular-acceleration"),
+    ],
+)
+def test_other_words_for_a_kind_are_understood(word, unit, kind):
+    channel = ChannelTable(column="x", at="laser", kind=word, unit=unit)
+    assert channel.kind == kind
+    assert channel.spec().kind == kind
+
+
 def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
     (folder / "case.toml").rename(folder / "second.toml")
     assert load_case(folder / "second.toml").table.title == "cart"
@@ -150,7 +168,12 @@ def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
         ('unit = "N"', 'unit = "V"', "takes N, the column 'u' is in V; give scale = N per V"),
         ('unit = "mm"', 'unit = "V"', "cannot be converted to 'm'.*the kind is 'voltage', not 'displacement'"),
         ('unit = "mm"', 'unit = "deg"', "the kind is 'angle', not 'displacement'"),
-        ('kind = "displacement"', 'kind = "position"', "here it is 'displacement', or 'angle'"),
+        (
+            'kind = "displacement"\nunit = "mm"',
+            'kind = "position"',
+            "may be 'displacement' or 'angle'; say which, or give the unit",
+        ),
+        ('kind = "displacement"', 'kind = "places"', "unknown kind of channel 'places'.*accepted"),
         ("input = true\n", 'at = "geared"\n', "malformed TOML"),
         ('unit = "N"\ninput = true', 'unit = "N"\nname = "laser"\ninput = true', "two channels are called 'laser'"),
         ('sensors = ["pickup"]', 'sensors = ["pickop"]', "recording.0..controller: unknown sensor 'pickop'"),

@@ -239,6 +239,14 @@ def test_bad_input_is_one_line_and_status_2(capsys, tmp_path, monkeypatch, words
     assert list(tmp_path.iterdir()) == []  # nothing half-written
 
 
+def test_what_is_no_rerun_recording_is_not_given_to_the_viewer(capsys, tmp_path):
+    cut = tmp_path / "cut.rrd"
+    cut.write_bytes(b"RR")
+    status, out, err = run(capsys, "show", str(cut))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "it does not begin as one" in err
+
+
 def test_a_truncated_run_is_refused(capsys, run_folder, tmp_path):
     copy = tmp_path / "run"
     copy.mkdir()

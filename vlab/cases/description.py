@@ -35,12 +35,15 @@ Hold = Literal["", "zero", "zero-first", "past", "linear"]
 
 
 OTHER_WORDS = {
-    "torque": "'moment'",
-    "position": "'displacement', or 'angle' of a rotation",
-    "speed": "'velocity', or 'angular-velocity' of a rotation",
-    "rotation": "'angle'",
+    "torque": ("moment",),
+    "position": ("displacement", "angle"),
+    "speed": ("velocity", "angular-velocity"),
+    "rotation": ("angle",),
+    "angular-rate": ("angular-velocity",),
+    "angular-position": ("angle",),
+    "angular-displacement": ("angle",),
 }
-"""Words for kinds of channels that other programs use."""
+"""Words for kinds of channels that other programs use, and the kind that each may mean; the unit says which."""
 LEAST_SCALE = 1e-30
 MOST_HZ = 1e9
 """No laboratory samples faster."""
@@ -54,6 +57,28 @@ def _same_length(what: str, values: tuple[object, ...], n: int, against: str) ->
 def check_unit(unit: str, si: str) -> None:
     """Refuse a unit that is unknown or not of the dimension of `si`."""
     units.factor(unit, si)
+
+
+def known_kind(word: str, unit: str) -> str:
+    """Return the kind of channel that a word means, itself where it is one: blanks, underscores and others' words count too.
+
+    Raises
+    ------
+    UnknownName
+        No kind.
+    BadCase
+        The word may mean several kinds and the unit does not say which.
+    """
+    word = word.strip().lower().replace(" ", "-").replace("_", "-")
+    if word in KIND_UNITS:
+        return word
+    if word not in OTHER_WORDS:
+        raise unknown_name("kind of channel", word, KIND_UNITS)
+    meant = OTHER_WORDS[word]
+    fitting = [k for k in meant if unit and units.same_dimension(unit, KIND_UNITS[k] or unit)]
+    if len(meant) > 1 and len(fitting) != 1:
+        raise BadCase(f"kind {word!r} may be {' or '.join(map(repr, meant))}; say which, or give the unit")
+    return fitting[0] if fitting else meant[0]
 
 
 def check_unit_of_kind(unit: str, kind: str, si: str) -> None:
@@ -144,10 +169,7 @@ class ChannelTable:
     hold: Hold = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in KIND_UNITS:
-            if self.kind in OTHER_WORDS:
-                raise BadCase(f"kind {self.kind!r} is not known; here it is {OTHER_WORDS[self.kind]}")
-            raise unknown_name("kind of channel", self.kind, KIND_UNITS)
+        object.__setattr__(self, "kind", known_kind(self.kind, self.unit))
         if self.scale is not None and not LEAST_SCALE <= abs(self.scale) <= 1.0 / LEAST_SCALE:
             raise BadCase(
                 f"the scale is {self.scale:g}; it must be model unit per file unit, and no such unit is that far off"

@@ -8,10 +8,13 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.errors import BadRecording, OutputRefused
 
-NOT_SHOWN = (
-    "the viewer ended with status {status}, and says why above; it needs a display. The file is whole: it opens on any machine "
-    "with a screen and the same version of Rerun (rerun run.rrd)"
-)
+NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
+ELSEWHERE = "The file opens on any machine with a screen and the same version of Rerun (rerun run.rrd)"
+SAVE_IT = "With --save FILE.rrd what would be shown is written, and opens on any machine with a screen"
+
+
+RRD = b"RRF"
+"""How Rerun's recordings begin, whatever their version."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +35,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if len(paths) == 1:
         if arguments.save:
             raise BadRecording("--save is for two runs; of one run the file is there: run.rrd in its folder")
-        return _shown(_rrd(paths[0]))
+        rrd = _rrd(paths[0])
+        return _shown(rrd, str(rrd), ELSEWHERE)
     from vlab.views.two_runs import load_two, write_two_runs
 
     runs = load_two(paths)
@@ -43,21 +47,26 @@ def run(arguments: argparse.Namespace) -> Outcome:
         write_two_runs(target, runs)
         return Outcome(document={"rrd": str(target)}, text=f"written: {target}   (vlab show {target})")
     with tempfile.TemporaryDirectory(prefix="vlab-") as folder:
-        return _shown(write_two_runs(Path(folder) / "two-runs.rrd", runs))
+        return _shown(write_two_runs(Path(folder) / "two-runs.rrd", runs), " and ".join(map(str, paths)), SAVE_IT)
 
 
 def _rrd(path: Path) -> Path:
     rrd = path / "run.rrd" if path.is_dir() else path
     if not rrd.is_file() or rrd.suffix != ".rrd":
         raise BadRecording(f"{path}: no run.rrd here; give a run folder written by vlab experiment, or an .rrd file")
+    with rrd.open("rb") as file:
+        if file.read(len(RRD)) != RRD:
+            raise BadRecording(
+                f"{path}: named as a Rerun recording, but it does not begin as one; is it cut, or another format?"
+            )
     return rrd
 
 
-def _shown(rrd: Path) -> Outcome:
+def _shown(rrd: Path, what: str, remedy: str) -> Outcome:
     from vlab.views.viewer import start_viewer
 
     with start_viewer(rrd) as viewer, contextlib.suppress(KeyboardInterrupt):
         viewer.wait()
     status = viewer.returncode
-    text = f"{rrd} shown" if status == 0 else f"{rrd}: {NOT_SHOWN.format(status=status)}"
+    text = f"{what} shown" if status == 0 else f"{what}: {NOT_SHOWN.format(status=status)} {remedy}"
     return Outcome(document={"rrd": str(rrd), "viewer_status": status}, text=text, holds=status == 0)

@@ -47,16 +47,16 @@ def evidence_figure(found: Mapping[str, Any]) -> str:
 
 def _rates(
     measures: Sequence[Mapping[str, Any]],
-) -> list[tuple[str, int, int, tuple[float, float], float | None, bool]]:
-    """Return the rows of `rates_figure`: what was counted at least once; of a target from - to its lower end."""
+) -> list[tuple[str, int, int, tuple[float, float], tuple[float | None, float | None]]]:
+    """Return the rows of `rates_figure`: what was counted at least once."""
     rows = []
     for m in measures:
         if "count" not in m or not m["of"]:
             continue
-        words = m["target"].replace(" to ", " ").split()
-        target = next((float(word) for word in words if word not in (">=", "<=")), None)
-        low, high = m["ci95"]
-        rows.append((m["measure"], m["count"], m["of"], (low, high), target, m["target"].startswith("<=")))
+        ends = [float(word) for word in m["target"].strip("<>= ").split(" to ") if word]
+        least = None if not ends or m["target"].startswith("<=") else ends[0]
+        most = ends[-1] if len(ends) > 1 or m["target"].startswith("<=") else None
+        rows.append((m["measure"], m["count"], m["of"], tuple(m["ci95"]), (least, most)))
     return rows
 
 

@@ -15,23 +15,25 @@ SIZE_BINS = 6
 
 
 @styled
-def rates_figure(rows: Sequence[tuple[str, int, int, tuple[float, float], float | None, bool]]) -> Figure:
+def rates_figure(
+    rows: Sequence[tuple[str, int, int, tuple[float, float], tuple[float | None, float | None]]],
+) -> Figure:
     """Draw counted rates with their intervals and targets.
 
     Parameters
     ----------
-    rows : sequence of (name, count, of, interval, target, is_at_most)
-        Target None where there is none.
+    rows : sequence of (name, count, of, interval, (least, most))
+        Of the target its ends; None where it has none.
     """
     figure = Figure(figsize=(7.2, 1.2 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()
     handles: dict[str, Any] = {}
-    for i, (_, count, of, (low, high), target, is_at_most) in enumerate(rows):
+    for i, (_, count, of, (low, high), target) in enumerate(rows):
         handles["counted, with its exact 95 % interval"] = axes.plot([low, high], [i, i], color=COLOURS[0], lw=2.2)[0]
         axes.plot(count / max(of, 1), i, "o", color=COLOURS[0], ms=6)
-        if target is not None:
-            marker, name = ("<", "target: at most") if is_at_most else (">", "target: at least")
-            (handles[name],) = axes.plot(target, i, marker, color=COLOURS[1], ms=6, linestyle="none")
+        for end, marker, name in zip(target, "><", ("target: at least", "target: at most"), strict=True):
+            if end is not None:
+                (handles[name],) = axes.plot(end, i, marker, color=COLOURS[1], ms=6, linestyle="none")
         axes.text(1.03, i, f"{count}/{of}", va="center", fontsize=8)
     axes.set(
         xlim=(-0.01, 1.01),
@@ -54,7 +56,7 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
     figure = Figure(figsize=(2.4 + 0.2 * len(answers), 2.2 + 0.19 * len(truths)), layout="constrained")
     axes = figure.subplots()
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.6, aspect="auto")
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=2.5, aspect="auto")  # pale: the numbers stand on it
     for i, truth in enumerate(truths):
         for j in map(int, np.flatnonzero(counts[i])):
             axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7, color=INK)
