@@ -131,6 +131,24 @@ def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
     assert "other bits than those that were sealed" in err
 
 
+def test_a_truth_whose_salt_was_lost_is_made_again_with_its_recordings(cases, answered, tmp_path, capsys):
+    again, lost = tmp_path / "again", truth_folder(cases) / "case-002.json"
+    known = json.loads(lost.read_text())
+    lost.unlink()
+    words = ["--only", "case-002", "--with-truth", "--out", str(again), "--jobs", "1"]
+    assert run(capsys, "conceal", "--again", str(cases), *words)[0] == 0
+    remade = json.loads((truth_folder(again) / "case-002.json").read_text())
+    assert remade["truth"] == known["truth"]
+    shutil.copy(truth_folder(again) / "case-002.json", lost)
+    found = prove(cases, answers_folder(cases), jobs=1)
+    assert found["truths_made_again"] == ["case-002"]
+    write_proof(found, tmp_path / "report.html")
+    assert "its salts were lost" in (tmp_path / "report.html").read_text()
+    edit(lost, lambda d: d.update(recordings="0" * 64))
+    with pytest.raises(BadProof, match="with other recordings than those"):
+        prove(cases, answers_folder(cases), jobs=1)
+
+
 def test_sealed_cases_are_not_written_over(cases, tmp_path, capsys):
     before = (cases / "commitments.json").read_bytes()
     for words in (["--suite", "null", "--n", "1"], ["--again", str(cases), "--only", "case-001"]):
@@ -332,6 +350,7 @@ def test_work_on_dask_is_complete():
         (["conceal", "--jobs", "-2", "--out", "x"], "jobs is -2"),
         (["prove", "x", "--first", "-1"], "first is -1"),
         (["conceal", "--only", "case-001", "--out", "x"], "--only belongs to --again"),
+        (["conceal", "--with-truth", "--out", "x"], "--with-truth belongs to --again"),
         (["prove", "nowhere"], "there is no such file"),
         (["prove"], "name a folder of concealed cases, or say --quick"),
         (["prove", "x", "--quick"], "one of the two"),

@@ -22,6 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
     parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
     parser.add_argument("--only", default="", help="with --again: names of cases, separated by commas; all by default")
+    parser.add_argument(
+        "--with-truth",
+        action="store_true",
+        help="with --again: what was hidden, too, into OUT-truth, where its salts were lost",
+    )
     add_engine(parser)
 
 
@@ -36,8 +41,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Conceal cases."""
     if not arguments.out:
         raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
-    if arguments.only and not arguments.again:
-        raise BadExperiment("--only belongs to --again, which makes sealed cases again")
+    for option, given in (("--only", arguments.only), ("--with-truth", arguments.with_truth)):
+        if given and not arguments.again:
+            raise BadExperiment(f"{option} belongs to --again, which makes sealed cases again")
     if arguments.again:
         return _again(Path(arguments.again), Path(arguments.out), arguments)
     out = Path(arguments.out)
@@ -71,6 +77,7 @@ def _again(sealed: Path, out: Path, arguments: argparse.Namespace) -> Outcome:
             sealed,
             out,
             only=[name for name in arguments.only.split(",") if name],
+            with_truth=arguments.with_truth,
             engine=arguments.engine,
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,

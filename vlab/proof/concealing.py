@@ -1,5 +1,6 @@
 """Making a folder of concealed cases and, apart from it, the sealed truth."""
 
+import contextlib
 import os
 import secrets
 import shutil
@@ -12,7 +13,7 @@ from vlab.errors import BadExperiment, BadProof
 from vlab.outputs import output_folder, write_manifest
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.manifest import generator_digest
-from vlab.proof.sealing import COMMITMENTS, FORMAT, folder_digest, opened, read_json, sealed, write_json
+from vlab.proof.sealing import COMMITMENTS, FORMAT, folder_digest, made_again, opened, read_json, sealed, write_json
 from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
 from vlab.proof.writing import write_case
 
@@ -160,6 +161,7 @@ def regenerate_cases(
     *,
     only: Sequence[str] = (),
     truth: Path | None = None,
+    with_truth: bool = False,
     engine: str = "joblib",
     jobs: int = 0,
     scheduler: str = "",
@@ -175,6 +177,9 @@ def regenerate_cases(
         Names of the cases wanted; all by default.
     truth : Path, optional
         Where the truth is, which holds the seed.
+    with_truth : bool
+        Write what was hidden, too, into the `truth_folder` of `out`: it follows from the seed as the recordings do. For truth that
+        was lost with its salts.
 
     Raises
     ------
@@ -194,10 +199,12 @@ def regenerate_cases(
     items = _items(plan["suites"], len(document["cases"]), plan["seed"])
     items = [item for item in items if not only or item[2] in only]
     changed = plan.get("generator", "") != generator_digest()
-    with output_folder(out) as cases:
+    with contextlib.ExitStack() as folders:
+        truths = folders.enter_context(output_folder(truth_folder(out))) if with_truth else None
+        cases = folders.enter_context(output_folder(out))
         work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
         made = run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
-        for done, (name, _) in enumerate(made):
+        for done, (name, found) in enumerate(made):
             if folder_digest(cases / name) != document["cases"][name]["recordings"]:
                 raise BadProof(
                     f"{name}: the recordings come out with other bits than those that were sealed; "
@@ -207,7 +214,11 @@ def regenerate_cases(
                         else "another processor may round otherwise"
                     )
                 )
+            if truths is not None:
+                write_json(truths / f"{name}.json", made_again(found, document["cases"][name]["recordings"]))
             progress(done + 1, len(items))
+        if truths is not None:
+            shutil.copyfile(path, truths / "plan.json")
         document = {**document, "cases": {item[2]: document["cases"][item[2]] for item in items}}
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")

@@ -13,7 +13,16 @@ from vlab.proof.concealing import truth_folder
 from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.sealing import COMMITMENTS, FORMAT, digest, folder_digest, opened, read_json, write_json
+from vlab.proof.sealing import (
+    COMMITMENTS,
+    FORMAT,
+    digest,
+    folder_digest,
+    is_made_again,
+    opened,
+    read_json,
+    write_json,
+)
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
 OPENED = "opened.json"
@@ -99,7 +108,7 @@ def prove(
         freeze(out, commitments, names)
     answers = frozen_answers(out, commitments)
     is_first = _note_opening(truth or truth_folder(cases), digest(read_json(out / FROZEN)))
-    truths = open_truth(truth or truth_folder(cases), commitments, answers)
+    truths, remade = open_truth(truth or truth_folder(cases), commitments, answers)
     judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
     found["baselines"] = baseline_rows(judged, answers, truths)
@@ -110,6 +119,8 @@ def prove(
     found["answered_with"] = read_json(out / MANIFEST)
     found["counted_with"] = scoring_digest()
     found["is_answered_first"] = is_first
+    if remade:
+        found["truths_made_again"] = remade
     found["is_counted_as_set_down"] = found["answered_with"].get("scoring") == found["counted_with"]
     found["judged"] = [_row(j) for j in judged]
     for row in found["worst"]:
@@ -251,22 +262,37 @@ def _note_opening(folder: Path, frozen: str) -> bool:
     return not known or known[0] == frozen
 
 
-def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
+def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
     """Return the truth of some cases by name, and the plan, after checking them against their commitments.
+
+    Returns
+    -------
+    truths : dict
+    made_again : list of str
+        Cases whose truth was made again from the seed of the plan because its salt was lost (`regenerate_cases`): of these the
+        recordings that came with it are compared with those that were committed to. Anyone can make them again.
 
     Raises
     ------
     BadProof
         A truth is missing or is not what was committed to.
     """
-    out = {}
-    for name, commitment in [
-        ("plan", commitments["plan"]),
-        *((name, commitments["cases"][name]["truth"]) for name in names),
-    ]:
-        path = folder / f"{name}.json"
-        out[name] = opened(read_json(path), commitment, where=str(path))
-    return out
+    path = folder / "plan.json"
+    out = {"plan": opened(read_json(path), commitments["plan"], where=str(path))}
+    remade = []
+    for name in names:
+        path, committed = folder / f"{name}.json", commitments["cases"][name]
+        kept = read_json(path)
+        if is_made_again(kept):
+            if kept["recordings"] != committed["recordings"]:
+                raise BadProof(
+                    f"{path}: this truth was made again with other recordings than those that were committed to"
+                )
+            out[name] = kept["truth"]
+            remade.append(name)
+        else:
+            out[name] = opened(kept, committed["truth"], where=str(path))
+    return out, remade
 
 
 def _row(j: Judged) -> dict[str, Any]:

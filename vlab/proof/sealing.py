@@ -52,6 +52,16 @@ def opened(kept: Any, commitment: str, *, where: str) -> Any:
     return kept["truth"]
 
 
+def made_again(truth: Any, recordings: str) -> dict[str, Any]:
+    """Return truth as it is kept where it was made again from the seed: with the digest of the recordings that came with it."""
+    return {"recordings": recordings, "truth": truth}
+
+
+def is_made_again(kept: Any) -> bool:
+    """Whether kept truth was made again from the seed, so that it has no salt."""
+    return isinstance(kept, dict) and set(kept) == {"recordings", "truth"}
+
+
 def folder_digest(folder: Path) -> str:
     """Return the SHA-256 of a folder's files, by name and content."""
     return files_digest((p.relative_to(folder).as_posix(), p) for p in folder.rglob("*") if p.is_file())

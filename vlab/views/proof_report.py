@@ -29,10 +29,16 @@ def write_proof(found: Mapping[str, Any], path: Path) -> None:
     first = "answered before their truth was opened"
     if not found["is_answered_first"]:
         first = "answered after their truth had been opened for other answers, and so no evidence"
+    again = found.get("truths_made_again", ())
+    remade = (
+        f" The truth of {len(again)} was made again from the seed of the plan, bit for bit with the recordings: its salts were lost."
+        if again
+        else ""
+    )
     untried = f"Never hidden: {', '.join(found['never_hidden'])}." if found["never_hidden"] else ""
     summary = (
         f"{found['cases']} cases, seed {found['plan']['seed']}, {first}; "
-        f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.{rules} {untried}",
+        f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.{rules}{remade} {untried}",
         f"Targets missed: {'; '.join(missed)}." if missed else met,
     )
     parts = [_measures(found), _suites(found), _detection(found), _calibration(found), _confusion(found)]

@@ -28,6 +28,8 @@ WINDOW = 0.06
 LEAST_SAMPLES = 150
 """...this many samples."""
 SEGMENTS = 8
+MOST_LABELLED = 100.0
+"""Of a panel of half the width, the most that its frequencies may span if they are labelled within decades, too."""
 LOOKS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("measured", {"color": INK, "linestyle": "-"}),
     ("refitted", {"color": COLOURS[1], "linestyle": (0, (5, 1.6))}),
@@ -117,10 +119,10 @@ def _spectra(
     axes.margins(x=0)
 
 
-def _frequencies(axes: Any) -> None:
-    """Label a logarithmic frequency axis with plain numbers, at the decades and at 2 and 5."""
+def _frequencies(axes: Any, *, decades_only: bool = False) -> None:
+    """Label a logarithmic frequency axis with plain numbers, at the decades and, where there is room, at 2 and 5."""
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0,) if decades_only else (1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda hz, _: f"{hz:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
@@ -173,7 +175,7 @@ def mismatch_figure(
     left.pcolormesh(
         edges_hz, np.arange(count + 1) - 0.5, np.maximum(bands, floor), norm=norm, cmap="cividis", shading="flat"
     )
-    _frequencies(left)
+    _frequencies(left, decades_only=bool(edges_hz[-1] > MOST_LABELLED * edges_hz[0]))
     left.set(xlabel="frequency [Hz]", yticks=np.arange(count), yticklabels=[as_text(r) for r in rows])
     image = None
     for i, (middles, errors) in enumerate(times):

@@ -101,6 +101,9 @@ def mode_shapes_figure(
         if plant_modes is not None:
             title += "\nno partner" if partner is None else f"\n({plant_modes.freq[partner[0]]:.3f} Hz)"
         axes.set(title=title, xticks=(-1, 0, 1))
+        axes.tick_params(
+            labelbottom=mode + columns >= n
+        )  # below the lowest of a column, also where the last row is not full
     drawn = np.array([axes.dataLim.intervalx for axes in panels.flat[:n]])
     panels[0, 0].set_xlim(min(-1.75, drawn.min() - 0.1), max(1.75, drawn.max() + 0.1))  # of all: they share it
     for axes in panels[:, 0]:
