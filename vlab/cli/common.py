@@ -10,6 +10,9 @@ from typing import Any
 
 from tqdm import tqdm
 
+LOG_S = 30.0
+"""Time between two lines of progress in a log."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
@@ -71,11 +74,40 @@ def _interrupts() -> Iterator[Callable[[], None]]:
             signal.signal(number, handler)
 
 
+class _Lines:
+    """Stderr that is no terminal: what a bar draws, as lines of a log."""
+
+    def write(self, text: str) -> None:
+        for line in text.replace("\r", "\n").splitlines():
+            if line.strip():
+                print(line.rstrip(), file=sys.stderr)
+
+    def flush(self) -> None:
+        sys.stderr.flush()
+
+
+def _bar(**settings: Any) -> tqdm:
+    """Return a bar on stderr that leaves no trace; in a log, where stderr is no terminal, a line every half minute."""
+    if sys.stderr.isatty():
+        return tqdm(file=sys.stderr, leave=False, **settings)
+    return tqdm(
+        file=_Lines(),
+        leave=False,
+        ascii=True,
+        ncols=79,
+        delay=LOG_S,
+        mininterval=LOG_S,
+        miniters=0,
+        maxinterval=0,
+        **settings,
+    )
+
+
 @contextlib.contextmanager
 def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]]:
-    """Show progress through simulated seconds on stderr, where stderr is a terminal."""
-    with _interrupts() as check, tqdm(
-        total=round(total_s, 3), desc=label, unit="s", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
+    """Show progress through simulated seconds on stderr."""
+    with _interrupts() as check, _bar(
+        total=round(total_s, 3), desc=label, unit="s",
         bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
     ) as bar:  # fmt: skip
 
@@ -88,10 +120,9 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
 
 @contextlib.contextmanager
 def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
-    """Show the share of a long work that is done, and what is being done, on stderr, where stderr is a terminal."""
-    with _interrupts() as check, tqdm(
-        total=100, desc=label, file=sys.stderr, disable=not sys.stderr.isatty(), leave=False,
-        bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}",
+    """Show the share of a long work that is done, and what is being done, on stderr."""
+    with _interrupts() as check, _bar(
+        total=100, desc=label, bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}"
     ) as bar:  # fmt: skip
 
         def report(share: float, what: str) -> None:
@@ -104,13 +135,8 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 
 @contextlib.contextmanager
 def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """Show how many of many cases are done, with an estimate of the time left, on stderr, where stderr is a terminal."""
-    with (
-        _interrupts() as check,
-        tqdm(
-            total=total, desc=label, unit="case", file=sys.stderr, disable=not sys.stderr.isatty(), leave=False
-        ) as bar,
-    ):
+    """Show how many of many cases are done, with an estimate of the time left, on stderr."""
+    with _interrupts() as check, _bar(total=total, desc=label, unit="case") as bar:
 
         def report(done: int, of: int) -> None:
             check()
