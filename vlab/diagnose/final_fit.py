@@ -13,12 +13,14 @@ import numpy as np
 from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import says_something
+from vlab.diagnose.entries import inward, outward
 from vlab.diagnose.hum import without_hum
 from vlab.diagnose.hypothesis import WORTH
 from vlab.diagnose.noise import noise_levels
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.refine import Refiner, carried_on, inward, outward
+from vlab.diagnose.refine import Refiner
+from vlab.diagnose.slopes import carried_on
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.verify import amended
 from vlab.errors import VlabError
@@ -80,7 +82,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
     x = np.zeros(moves.count)
     prior = np.zeros(moves.count)
-    prior[: moves.r] = refiner.along(fit.theta)[: moves.r]
+    prior[: moves.r] = refiner.entries(fit.terms).along(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
     slopes, age = np.zeros((len(base), moves.count)), -1

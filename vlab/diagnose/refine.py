@@ -6,20 +6,22 @@ in the few directions that the recordings say something of; initial states and c
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import linalg
 
+from vlab.diagnose.entries import Entries, limits_of
 from vlab.diagnose.hypothesis import WORTH, independent_values
 from vlab.diagnose.problem import INTEGRATION_ERROR
 from vlab.diagnose.scales import exponent, motion_scale
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
-from vlab.diagnose.simulation import EDGED, channels, mix
+from vlab.diagnose.simulation import channels, mix
+from vlab.diagnose.slopes import by_period, carried_on, is_edged, slopes_at, slopes_by_strength, with_scale
 from vlab.diagnose.terms import Candidate, Fit, Term, of_element
-from vlab.physics.effect import SETTLING, Parameter, PickUp, SensorEffect
+from vlab.physics.effect import SETTLING, PickUp, SensorEffect
 from vlab.signals import Array
 
 ITERATIONS = 12
@@ -43,9 +45,6 @@ UNDAMPED, PARTS = 1e-10, (1.0, 0.3, 0.1)
 ones leave them as far from their priors' means as the first steps took them; and such valleys bend."""
 PASSES = 2
 """The last slopes are taken anew so often, along directions that the ones before show."""
-MOVED, WIDEST = 0.25, (100.0, 5.0)
-"""Root mean square of the weighted difference by which their steps move it, and how much wider than usual they may be: of uncertain
-parameters up to a standard deviation, of a law's to a twentieth."""
 REUSED = 3
 """Steps for which slopes are carried on while they keep half of their promise."""
 LOOSE_START = 0.03
@@ -53,38 +52,12 @@ LOOSE_START = 0.03
 MOST_DIRECTIONS = 100
 MOST_STARTED = 6
 """Modes whose first state is fitted."""
-PRIOR_BOUND = 6.0
-"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration. Their priors
-alone are what a score counts; a bound at work stops a descent."""
 INFORMED = 0.005
 """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
 error, root mean square, stay at the prior's mean."""
 PROBE = 0.3
-SMOOTH_STEP = 1e-4
-"""Step of slopes along uncertain parameters, in their standard deviations, where no law has edges."""
 LARGEST = 1e8
 """What residuals that ran away are cut off at."""
-
-
-@dataclass(eq=False)
-class _Layout:
-    """Which entry of the fitted vector is what."""
-
-    directions: Array  # (n_changes, r)
-    n_channels: int
-    n_start: int  # fitted start entries a run: 2 m_active, or 0
-    runs: list[Signals]
-    free: list[int]  # runs that do not start at rest
-    effects: list[tuple[int, Parameter]] = field(default_factory=list)
-    limits: list[tuple[float, float]] = field(default_factory=list)  # of the effects' entries
-
-    @property
-    def r(self) -> int:
-        return self.directions.shape[1]
-
-    @property
-    def size(self) -> int:
-        return self.r + self.n_channels + self.n_start * len(self.free) + len(self.effects)
 
 
 class Refiner:
@@ -179,10 +152,6 @@ class Refiner:
         scale = self.problem.common_scale
         return None if scale is None else np.asarray(scale / self.twin.prior)
 
-    def along(self, theta: Array) -> Array:
-        """Return log-factors along the informed directions, in standard deviations of their prior; the rest is left out."""
-        return np.asarray((self.directions / self.twin.prior[:, None] ** 2).T @ theta)
-
     def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
         """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
 
@@ -212,11 +181,10 @@ class Refiner:
 
     def _active(self) -> Array:
         """Return the modes whose first state is fitted: those that carry the first motion."""
-        free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
-        if not free:
+        if not self._free:
             return np.zeros(0, dtype=int)
         size = np.zeros(self.twin.m)
-        for run in free:
+        for run in self._free:
             x = self.first_state(self.runs[run])
             m = self.twin.m
             energy = x[m:] ** 2 + (self.twin.omega * x[:m]) ** 2
@@ -332,16 +300,16 @@ class Refiner:
         settled : float
             The descent ends where two steps in a row lower the cost by less.
         """
-        layout = self._layout(terms)
-        first, *others = self._starts(layout, terms, start, thetas)
-        best = self._descend(layout, terms, first, iterations, settled)
+        entries = self.entries(terms)
+        first, *others = self._starts(entries, start, thetas)
+        best = self._descend(entries, first, iterations, settled)
         samples = sum(run.y.size for run in self.runs)
         for x in (
             others
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
-            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * layout.r:
+            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * entries.r:
                 break
-            best = min(best, self._descend(layout, terms, x, iterations, settled), key=self.unlikeliness)
+            best = min(best, self._descend(entries, x, iterations, settled), key=self.unlikeliness)
         return best
 
     def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
@@ -350,10 +318,8 @@ class Refiner:
         All else is as `start` has it; nothing is fitted.
         """
         terms = [replace(term, values=dict(own)) for own in values]
-        layout = self._layout(terms[:1])
-        costs = self._costs(
-            layout, terms[:1], np.array([self._initial(layout, [t], start.theta, start) for t in terms])
-        )
+        entries = self.entries(terms[:1])
+        costs = self._costs(entries, np.array([self._initial(entries, [own], start.theta, start) for own in values]))
         best = int(np.argmin(costs))
         return float(costs[best]), terms[best]
 
@@ -361,32 +327,29 @@ class Refiner:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
         return self.believed * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
-    def _descend(
-        self, layout: _Layout, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
-    ) -> Fit:
-        damping, raw = 1e-3, self._residual(layout, terms, x[None])[0]
-        is_edged = any(t.effect.family in EDGED for t in terms)
+    def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+        damping, raw = 1e-3, self.residual(entries, x[None])[0]
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
             shapes_too = done >= FROZEN or iterations <= FROZEN
-            weight = self._weight(layout, raw)
+            weight = self._weight(entries, raw)
             best = raw * weight
             cost = float(best @ best)
             if age >= REUSED:
-                slopes, age = self._jacobian(layout, terms, x, raw), 0
-            normal, gradient = self._normal(layout, slopes, weight), slopes.T @ (weight * best)
+                slopes, age = slopes_at(self, entries, x, raw), 0
+            normal, gradient = self._normal(entries, slopes, weight), slopes.T @ (weight * best)
             if not shapes_too:
-                still = self._shape_entries(layout, terms)
+                still = entries.shapes
                 normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
             steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
             trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
-            if is_edged:
-                trials = np.vstack([trials, self._rescaled(layout, terms, x)])
-            trials = self._bounded(layout, trials)
-            residuals = self._residual(layout, terms, trials)
+            if is_edged(entries):
+                trials = np.vstack([trials, self._rescaled(entries, x)])
+            trials = entries.bounded(trials)
+            residuals = self.residual(entries, trials)
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
             pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
             if not costs[pick] < cost:
@@ -410,304 +373,172 @@ class Refiner:
                 break
             if settled <= EXACT:
                 continue
-            if is_cheap and self._is_noise(layout, raw):
+            if is_cheap and self._is_noise(entries, raw):
                 break
-            if not is_cheap and not self.is_rough and np.mean(raw[layout.r + layout.n_channels :] ** 2) < EXPLAINED:
+            if not is_cheap and not self.is_rough and np.mean(raw[entries.priors :] ** 2) < EXPLAINED:
                 last = min(max(last, done + 2), iterations + MORE)
         if settled <= EXACT:  # what is carried on is good for steps, not for intervals
-            layout, x, raw = self._with_silent(layout, x, raw)
-            slopes = self._jacobian(layout, terms, x, raw)
+            entries, x, raw = self._with_silent(entries, x, raw)
+            slopes = slopes_at(self, entries, x, raw)
             for _ in range(PASSES):
-                slopes = self._jacobian_by_strength(layout, terms, x, raw, slopes)
-            slopes = self._with_scale(layout, terms, x, slopes)
-        return self._result(layout, terms, x, raw, self._normal(layout, slopes, self._weight(layout, raw)))
+                slopes = slopes_by_strength(self, entries, x, raw, slopes)
+            common = self._common_scale()
+            if common is not None:
+                slopes = with_scale(entries, x, slopes, common)
+        return self._result(entries, x, raw, self._normal(entries, slopes, self._weight(entries, raw)))
 
-    def _rescaled(self, layout: _Layout, terms: Sequence[Term], x: Array) -> Array:
+    def _rescaled(self, entries: Entries, x: Array) -> Array:
         """Return an entry with all motions on the scale that the priors like best; see `scales`."""
-        along, ours = self.along(motion_scale(self.problem)), slice(0, layout.r)
+        along, ours = entries.along(motion_scale(self.problem)), slice(0, entries.r)
         grown = -float(along @ x[ours]) / max(float(along @ along), 1e-12)
-        out, first = x.copy(), x.size - len(layout.effects)
+        out = x.copy()
         out[ours] += grown * along
-        out[layout.r + layout.n_channels : first] *= np.exp(grown)
-        for k, (i, parameter) in enumerate(layout.effects, start=first):
-            power = grown * exponent(terms[i].effect, parameter)
+        out[entries.priors : entries.first_effect] *= np.exp(grown)
+        for k, (i, parameter) in enumerate(entries.parameters, start=entries.first_effect):
+            power = grown * exponent(entries.terms[i].effect, parameter)
             out[k] = out[k] * np.exp(power) if parameter.signed else out[k] + power
         return out
 
-    def _normal(self, layout: _Layout, slopes: Array, weight: Array) -> Array:
+    def _normal(self, entries: Entries, slopes: Array, weight: Array) -> Array:
         """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
-        priors = layout.r + layout.n_channels
-        ours, data = slopes[:priors], slopes[priors:]
+        ours, data = slopes[: entries.priors], slopes[entries.priors :]
         return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
 
-    def _with_silent(self, layout: _Layout, x: Array, raw: Array) -> tuple[_Layout, Array, Array]:
-        """Return a layout, an entry and its residual with the directions that the runs say nothing of beside the informed ones.
+    def _with_silent(self, entries: Entries, x: Array, raw: Array) -> tuple[Entries, Array, Array]:
+        """Return entries, a vector of them and its residual with the directions that the runs say nothing of beside the informed ones.
 
         All gains and impedances a hundredth larger change no channel, but every force that a law is found to have.
         """
-        wide = replace(layout, directions=np.hstack([layout.directions, self.silent]))
-        none = np.zeros(wide.r - layout.r)
-        return wide, np.insert(x, layout.r, none), np.insert(raw, layout.r, none)
+        wide = replace(entries, directions=np.hstack([entries.directions, self.silent]))
+        none = np.zeros(wide.r - entries.r)
+        return wide, np.insert(x, entries.r, none), np.insert(raw, entries.r, none)
 
-    def _is_noise(self, layout: _Layout, raw: Array) -> bool:
+    def _is_noise(self, entries: Entries, raw: Array) -> bool:
         """Return whether what remains of every run is as small as the noise: a better fit means nothing.
 
         All together may be while the loudest run still asks for another value: most samples of a blow are of its fading out.
         """
-        at = layout.r + layout.n_channels
-        for run in sorted(self.runs, key=lambda run: run.h):
-            size = run.y.size
+        at = entries.priors
+        for size in (self.runs[i].y.size for i in by_period(self.runs)):
             if np.mean(raw[at : at + size] ** 2) > NOISE + 4.0 * np.sqrt(2.0 / size):  # four standard deviations of it
                 return False
             at += size
         return True
 
-    def _shape_entries(self, layout: _Layout, terms: Sequence[Term]) -> list[int]:
-        """Return the entries of parameters that a law is not linear in, of laws that have others."""
-        first = layout.r + layout.n_channels + layout.n_start * len(layout.free)
-        return [
-            first + k
-            for k, (i, parameter) in enumerate(layout.effects)
-            if parameter.role == "shape" and terms[i].effect.amplitudes
-        ]
-
-    def _jacobian(self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array) -> Array:
-        """Return the derivatives of the residual by forward differences; those by channel offsets are known.
-
-        In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
-        slope along directions that the recordings say little of; of laws with edges smaller steps are noise.
-        """
-        steps = self._steps(layout, x)
-        if not any(t.effect.family in EDGED for t in terms):
-            steps[: layout.r + layout.n_channels] = SMOOTH_STEP
-        offsets = np.arange(layout.r, layout.r + layout.n_channels) if not self.loose else np.zeros(0, dtype=int)
-        others = np.setdiff1d(np.arange(x.size), offsets)
-        moved = self._residual(layout, terms, x + np.diag(steps)[others])
-        moved -= raw
-        moved /= steps[others, None]
-        if not offsets.size:
-            return np.asarray(moved.T)
-        out = np.zeros((x.size, raw.size)).T
-        out[:, others] = moved.T
-        out[offsets, offsets] = 1.0
-        at = layout.r + layout.n_channels
-        for h in sorted({run.h for run in self.runs}):
-            for i, run in enumerate(self.runs):
-                if run.h == h:
-                    block = out[at : at + run.y.size].reshape(len(run), run.y.shape[1], -1)
-                    for c, column in enumerate(offsets):
-                        block[:, c, column] = self.screen.offset_sd[c] / self.sigma[i][c] * run.usable[:, c]
-                    at += run.y.size
-        return out
-
-    def _jacobian_by_strength(
-        self, layout: _Layout, terms: Sequence[Term], x: Array, raw: Array, slopes: Array
-    ) -> Array:
-        """Return the derivatives of the residual by differences along the directions that move it as much as each other.
-
-        Dry friction and stops chatter by more than small steps do. What is strong in every single parameter and cancels in a sum of
-        them, as larger forces do with larger gains and impedances, would drown in that, and is what is least known; so the steps
-        go along the singular vectors of what is known of the slopes, wide where these are weak.
-
-        Parameters
-        ----------
-        slopes : (rows, n) array
-            Derivatives to begin with.
-        """
-        steps = self._steps(layout, x)
-        _, _, across = np.linalg.svd(np.linalg.qr(slopes * steps, mode="r"))
-        data = (slopes * steps)[layout.r + layout.n_channels :] @ across.T
-        widest = np.full(x.size, WIDEST[1])
-        widest[: layout.r] = WIDEST[0]
-        most = np.min(widest / np.maximum(np.abs(across), 1e-300), axis=1)
-        size = np.clip(MOVED / np.maximum(np.sqrt(np.mean(data**2, axis=0)), 1e-300), 1.0, most)
-        moved = self._residual(layout, terms, x + size[:, None] * across * steps)
-        return np.asarray(((moved - raw) / size[:, None]).T @ across / steps)
-
-    def _with_scale(self, layout: _Layout, terms: Sequence[Term], x: Array, slopes: Array) -> Array:
-        """Return derivatives whose part along the common scale of impedances and gains is exact: what changes with it is only how large
-        the laws' forces, masses and stiffnesses are beside all others."""
-        scale = self._common_scale()
-        if scale is None:
-            return slopes
-        size = float(np.linalg.norm(scale))
-        along = np.zeros(x.size)
-        along[: layout.r] = (layout.directions / self.twin.prior[:, None]).T @ scale / size
-        first, exact = x.size - len(layout.effects), np.zeros(len(slopes))
-        for k, (i, parameter) in enumerate(layout.effects, start=first):
-            if terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
-                exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
-        priors = layout.r + layout.n_channels
-        exact[:priors] = along[:priors]
-        return np.asarray(slopes + np.outer(exact - slopes @ along, along))
-
-    def _weight(self, layout: _Layout, raw: Array) -> Array:
+    def _weight(self, entries: Entries, raw: Array) -> Array:
         """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
 
         The scale of what no parameter explains is unknown; taking it as found keeps the priors in force however wrong a
         hypothesis is.
         """
-        priors = layout.r + layout.n_channels
+        priors = entries.priors
         worth = self.believed / max(raw.size - priors, 1)
         spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
         out = np.full(raw.size, np.sqrt(worth / spread))
         out[:priors] = 1.0
         return out
 
-    def _starts(
-        self, layout: _Layout, terms: Sequence[Term], start: Fit | None, thetas: Sequence[Array]
-    ) -> list[Array]:
+    def _starts(self, entries: Entries, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
         """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
+        terms = entries.terms
         known = {} if start is None else {t.label: t for t in start.terms}
         theta = self.screen.theta if start is None else start.theta
         if all(t.label in known for t in terms):
-            own = [known[t.label] for t in terms]
-            return self._ordered(layout, terms, [self._initial(layout, own, x, start) for x in (theta, *thetas)])
+            own = [known[t.label].values for t in terms]
+            return self._ordered(entries, [self._initial(entries, own, x, start) for x in (theta, *thetas)])
         candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
         given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
         out = [
-            self._initial(layout, [replace(t, values=v) for t, v in zip(terms, values, strict=True)], joint, start)
+            self._initial(entries, values, joint, start)
             for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
         ]
         options = []
         for size in (1.0, 0.3, 0.05):
-            own = []
-            for term in terms:
-                amplitudes = {p.name: term.values[p.name] * size for p in term.effect.amplitudes}
-                own.append(known.get(term.label, replace(term, values={**term.values, **amplitudes})))
-            options.append(self._initial(layout, own, theta, start))
+            small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]
+            own = [
+                known[t.label].values if t.label in known else {**t.values, **less}
+                for t, less in zip(terms, small, strict=True)
+            ]
+            options.append(self._initial(entries, own, theta, start))
         natural = [known.get(term.label, of_element(term)) for term in terms]
         if any(there is not here for there, here in zip(natural, terms, strict=True)):
-            options.append(self._initial(layout, natural, theta, start))
+            options.append(self._initial(entries, [t.values for t in natural], theta, start))
         X = np.array([*out, *options])
-        costs = self._costs(layout, terms, X)
-        together, small = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
-        first = [X[together], X[small]] if costs[together] <= costs[small] else [X[small], X[together]]
-        if start is None or start.chi2 - start.cost < DISTANT * layout.r:
+        costs = self._costs(entries, X)
+        together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
+        first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
+        if start is None or start.chi2 - start.cost < DISTANT * entries.r:
             return first
         # far from its priors the other fit has made up for what is missing
-        own = [known.get(term.label, term) for term in terms]
-        return [*first, self._initial(layout, own, np.zeros_like(theta), start)]
+        own = [known.get(term.label, term).values for term in terms]
+        return [*first, self._initial(entries, own, np.zeros_like(theta), start)]
 
-    def _ordered(self, layout: _Layout, terms: Sequence[Term], starts: list[Array]) -> list[Array]:
+    def _ordered(self, entries: Entries, starts: list[Array]) -> list[Array]:
         """Return starts by what they leave, the least first; with a law that alone."""
         if len(starts) == 1:
             return starts
-        costs = self._costs(layout, terms, np.array(starts))
-        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if terms else None]
+        costs = self._costs(entries, np.array(starts))
+        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if entries.terms else None]
 
-    def _costs(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
-        residuals = self._residual(layout, terms, X)
+    def _costs(self, entries: Entries, X: Array) -> Array:
+        residuals = self.residual(entries, X)
         return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
 
-    def _layout(self, terms: Sequence[Term]) -> _Layout:
-        free = [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
-        layout = _Layout(
+    def entries(self, terms: Sequence[Term]) -> Entries:
+        """Return what a fit of terms moves."""
+        firsts = [self.first_state(self.runs[i]) for i in self._free]
+        return Entries(
+            terms=terms,
+            limits=[
+                limits_of(p, t.values[p.name], partial(self.screen.reference, place=t.place))
+                for t in terms
+                for p in t.effect.parameters
+            ],
             directions=self.directions,
-            n_channels=self.twin.rows.at_q.shape[0],
-            n_start=2 * len(self.active),
-            runs=self.runs,
-            free=free,
+            prior=self.twin.prior,
+            offset_sd=self.screen.offset_sd,
+            omega=self.twin.omega,
+            active=self.active,
+            firsts=np.array(firsts).reshape(len(firsts), 2 * self.twin.m),
         )
-        layout.effects = [(i, p) for i, term in enumerate(terms) for p in term.effect.parameters]
-        layout.limits = [self._limits(terms[i], p) for i, p in layout.effects]
-        return layout
 
-    def _limits(self, term: Term, parameter: Parameter) -> tuple[float, float]:
-        """Return the least and the largest entry of a parameter: within a factor of e^9 of where it starts, and a shape within its range,
-        which says what it is: a damping ratio; a slip or a gap that is a share of the motion, for others are other laws."""
-        if parameter.signed:
-            return -np.inf, np.inf
-        centre = inward(parameter, term.values[parameter.name])
-        low, high = centre - 9.0, centre + 9.0
-        if parameter.reference in ("displacement", "velocity"):
-            of = self.screen.reference(parameter.reference, term.place)
-            low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))
-        elif parameter.role == "shape" and not parameter.reference:
-            low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
-        return min(low, centre), max(high, centre)
+    @property
+    def _free(self) -> list[int]:
+        """The runs whose first state is fitted."""
+        return [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
 
-    def _initial(self, layout: _Layout, terms: Sequence[Term], theta: Array, start: Fit | None) -> Array:
-        xi = self.along(theta)
-        offsets = np.zeros(layout.n_channels) if start is None else start.offsets
-        parts = [xi, offsets / self.screen.offset_sd]
-        for i in layout.free:
-            run = self.runs[i]
-            state = self.first_state(run) if start is None or run.name not in start.starts else start.starts[run.name]
-            parts.append(self._pack(state))
-        parts.append(np.array([inward(p, terms[i].values[p.name]) for i, p in layout.effects]))
-        return np.asarray(self._bounded(layout, np.concatenate(parts)[None])[0])
+    def _initial(
+        self, entries: Entries, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
+    ) -> Array:
+        """Return the vector of terms' values and log-factors, with the offsets and first states of a fit where one is given."""
+        known = {} if start is None else start.starts
+        names = [self.runs[i].name for i in self._free]
+        states = [known.get(name, first) for name, first in zip(names, entries.firsts, strict=True)]
+        offsets = np.zeros(len(entries.offset_sd)) if start is None else start.offsets
+        return entries.packed(theta, offsets, states, values)
 
-    def _pack(self, state: Array) -> Array:
-        m = self.twin.m
-        return np.concatenate([state[self.active], state[m + self.active]]) / self._start_scale()
-
-    def _start_scale(self) -> Array:
-        """Return the sizes that modal states are fitted in: a hundredth of the largest first state."""
-        m, a = self.twin.m, self.active
-        omega = np.maximum(np.abs(self.twin.omega[a]), 1.0)
-        if not len(a):
-            return np.zeros(0)
-        energy = max(
-            float(np.max(np.abs(np.concatenate([x[a] * omega, x[m + a]]))))
-            for x in (self.first_state(run) for run in self.runs if run.start is None and not run.at_rest)
-        )
-        energy = max(energy, 1e-9)
-        return 0.01 * np.concatenate([energy / omega, np.full(len(a), energy)])
-
-    def _unpack(self, layout: _Layout, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Return theta, offsets, starts (n_sets, n_runs, 2m) and effect entries of fitted vectors."""
-        r, p, m = layout.r, layout.n_channels, self.twin.m
-        theta = X[:, :r] @ layout.directions.T
-        offsets = X[:, r : r + p] * self.screen.offset_sd
-        starts = np.zeros((len(X), len(self.runs), 2 * m))
+    def _unpacked(self, entries: Entries, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
+        """Return log-factors, offsets, the first states of all runs (n_sets, n_runs, 2m) and terms' values of vectors."""
+        theta, offsets, states, values = entries.unpacked(X)
+        starts = np.zeros((len(X), len(self.runs), 2 * self.twin.m))
         for i, run in enumerate(self.runs):
             if run.start is not None and not run.at_rest:
                 starts[:, i] = run.start
-        at = r + p
-        for i in layout.free:
-            part = X[:, at : at + layout.n_start] * self._start_scale()
-            full = np.repeat(self.first_state(self.runs[i])[None], len(X), axis=0)
-            half = len(self.active)
-            full[:, self.active], full[:, m + self.active] = part[:, :half], part[:, half:]
-            starts[:, i] = full
-            at += layout.n_start
-        return theta, offsets, starts, X[:, at:]
+        starts[:, self._free] = states
+        return theta, offsets, starts, values
 
-    def _steps(self, layout: _Layout, x: Array) -> Array:
-        steps = np.full(x.size, 1e-2)
-        at = layout.r + layout.n_channels
-        steps[at : at + layout.n_start * len(layout.free)] = 0.1
-        first = x.size - len(layout.effects)
-        for k, (_, parameter) in enumerate(layout.effects):
-            steps[first + k] = 1e-2 if not parameter.signed else max(1e-2 * abs(x[first + k]), 1e-12)
-        return steps
-
-    def _bounded(self, layout: _Layout, X: Array) -> Array:
-        out = X.copy()
-        first = X.shape[1] - len(layout.effects)
-        for k, (low, high) in enumerate(layout.limits, start=first):
-            out[:, k] = np.clip(out[:, k], low, high)
-        out[:, : layout.r] = np.clip(out[:, : layout.r], -PRIOR_BOUND, PRIOR_BOUND)
-        return out
-
-    def _values(self, layout: _Layout, terms: Sequence[Term], entries: Array) -> list[dict[str, Array]]:
-        out: list[dict[str, Array]] = [{} for _ in terms]
-        for k, (i, parameter) in enumerate(layout.effects):
-            out[i][parameter.name] = outward(parameter, entries[:, k])
-        return out
-
-    def _residual(self, layout: _Layout, terms: Sequence[Term], X: Array) -> Array:
-        theta, offsets, starts, entries = self._unpack(layout, X)
-        values = self._values(layout, terms, entries)
-        priors = layout.r + layout.n_channels
+    def residual(self, entries: Entries, X: Array) -> Array:
+        """Return what vectors leave of the recordings, (n_sets, rows): deviations from priors, weighted differences of every run's samples
+        in the order of `by_period`, what windows' starts were moved by; of unit variance each."""
+        theta, offsets, starts, values = self._unpacked(entries, X)
+        priors = entries.priors
         samples = sum(run.y.size for run in self.runs)
         out = np.empty((len(X), priors + samples + 2 * self.twin.m * len(self.loose)))
         out[:, :priors] = X[:, :priors]  # of unit variance
         at, moved_at = priors, priors + samples
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h]
-            y = self.simulate([self.runs[i] for i in index], terms, theta, values, starts[:, index])
+            y = self.simulate([self.runs[i] for i in index], entries.terms, theta, values, starts[:, index])
             for j, i in enumerate(index):
                 run = self.runs[i]
                 block = out[:, at : at + run.y.size]
@@ -727,17 +558,17 @@ class Refiner:
         _cut_off(out)
         return out
 
-    def _result(self, layout: _Layout, terms: Sequence[Term], x: Array, residual: Array, normal: Array) -> Fit:
-        theta, offsets, starts, entries = self._unpack(layout, x[None])
-        values = self._values(layout, terms, entries)
+    def _result(self, entries: Entries, x: Array, residual: Array, normal: Array) -> Fit:
+        theta, offsets, starts, values = self._unpacked(entries, x[None])
+        terms = entries.terms
         h = max(run.h for run in self.runs)
         fitted = tuple(
             replace(term, values=term.effect.taken({k: float(v[0]) for k, v in own.items()}, h))
             for term, own in zip(terms, values, strict=True)
         )
-        priors = layout.r + layout.n_channels
+        priors = entries.priors
         at, error = priors, [np.zeros(0)] * len(self.runs)
-        for i in sorted(range(len(self.runs)), key=lambda i: self.runs[i].h):
+        for i in by_period(self.runs):
             run = self.runs[i]
             part = residual[at : at + run.y.size].reshape(run.y.shape) * self.sigma[i]
             error[i] = np.sqrt(np.mean(part**2, axis=0)) / run.scale
@@ -747,16 +578,15 @@ class Refiner:
         size = np.where(size > 0, size, 1.0)
         scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
         covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
-        first = x.size - len(layout.effects)
         sd = {
-            f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[first + k, first + k], 0.0)))
-            for k, (i, p) in enumerate(layout.effects)
+            f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[k, k], 0.0)))
+            for k, (i, p) in enumerate(entries.parameters, start=entries.first_effect)
         }
         return Fit(
             terms=fitted,
             theta=theta[0],
             offsets=offsets[0],
-            starts={self.runs[i].name: starts[0, i] for i in layout.free},
+            starts={self.runs[i].name: starts[0, i] for i in self._free},
             error=np.array(error),
             chi2=float(residual @ residual),
             cost=data,
@@ -769,21 +599,3 @@ def _cut_off(residual: Array) -> None:
     if residual.min() >= -LARGEST and residual.max() <= LARGEST:  # not of what is no number
         return
     residual[:] = np.where(np.isfinite(residual), np.clip(residual, -LARGEST, LARGEST), LARGEST)
-
-
-def carried_on(slopes: Array, step: Array, change: Array) -> Array:
-    """Return slopes that agree with the change that a step made, by Broyden's update.
-
-    Source: A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation 19, 1965, eq. 4.5.
-    """
-    return np.asarray(slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300)))
-
-
-def inward(parameter: Parameter, value: float) -> float:
-    """Return the entry that is fitted for a parameter's value: itself where it has a sign, else its logarithm."""
-    return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
-
-
-def outward(parameter: Parameter, x: Array) -> Array:
-    """Return the values of fitted entries."""
-    return x if parameter.signed else np.exp(np.clip(x, -80, 80))

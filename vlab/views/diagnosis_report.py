@@ -312,9 +312,13 @@ def _alternatives(done: Done) -> Section:
     )
     is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
     chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
-    caption = (
-        "Ranking; dark: what is reported." if chosen == 0 else "Ranking; nothing of it is reported: see the verdict."
-    )
+    if chosen == 0:
+        caption = "Ranking; dark: what is reported."
+    elif diagnosis.findings:
+        read_off = ", ".join(f.name for f in diagnosis.findings)
+        caption = f"Ranking of what was fitted beside what the recordings themselves show ({read_off}), which stands first in this report."
+    else:
+        caption = "Ranking; nothing of it is reported: see the verdict."
     return Section(
         title="Alternatives",
         text=text,

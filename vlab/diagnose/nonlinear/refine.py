@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from vlab.diagnose.entries import Entries
 from vlab.diagnose.nonlinear.laws import Law, Path, path_of
 from vlab.diagnose.nonlinear.march import CHECK_EVERY, FAR, march_with, tapes_of
 from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
@@ -162,13 +163,11 @@ class MovingRefiner(Refiner):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(
-        self, layout: Any, terms: Sequence[Term], x: Array, iterations: int, settled: float = NEAR_ENOUGH
-    ) -> Fit:
-        theta, offsets, _, entries = self._unpack(layout, x[None])
-        values = [{k: float(v[0]) for k, v in p.items()} for p in self._values(layout, terms, entries)]
-        self.settle(terms, theta[0], values, offsets[0])
-        return super()._descend(layout, terms, x, iterations, settled)
+    def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+        theta, offsets, _, values = entries.unpacked(x[None])
+        own = [{k: float(v[0]) for k, v in p.items()} for p in values]
+        self.settle(entries.terms, theta[0], own, offsets[0])
+        return super()._descend(entries, x, iterations, settled)
 
     def settle(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array
