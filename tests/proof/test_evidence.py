@@ -12,8 +12,8 @@ from vlab.proof.concealing import truth_folder
 from vlab.proof.prove import ANSWERS, SCORE, answers_folder, prove
 from vlab.views.proof_report import write_proof
 
-CASES, FRESH = (asset("evidence") / name for name in ("cases", "fresh"))
-"""The campaign, and a smaller one of what was mended after it."""
+CASES, FRESH, LATER = (asset("evidence") / name for name in ("cases", "fresh", "later"))
+"""The campaign; of cases sealed after it the first ones; and the next ones, answered later."""
 README = Path(__file__).parents[2] / "README.md"
 LEAST = {
     "in-library": 120,
@@ -52,7 +52,7 @@ def assert_same(now, then):
         assert now == then
 
 
-@pytest.mark.parametrize(("cases", "least"), [(CASES, 300), (FRESH, 75)])
+@pytest.mark.parametrize(("cases", "least"), [(CASES, 300), (FRESH, 75), (LATER, 81)])
 def test_the_evidence_counts_to_the_score_that_is_shown(cases, least, tmp_path):
     shipped = copied(cases, tmp_path)
     found = prove(shipped, answers_folder(shipped))
@@ -62,6 +62,14 @@ def test_the_evidence_counts_to_the_score_that_is_shown(cases, least, tmp_path):
     assert_same(counted, kept)
     write_proof(found, tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text().count("<svg") == 4
+
+
+def test_the_later_cases_are_those_that_were_sealed_with_the_fresh_ones():
+    sealed, later = (json.loads((cases / "commitments.json").read_text()) for cases in (FRESH, LATER))
+    assert later["plan"] == sealed["plan"]
+    assert all(sealed["cases"][name] == kept for name, kept in later["cases"].items())
+    answered = set(json.loads((answers_folder(FRESH) / "frozen.json").read_text())["answers"])
+    assert not answered & set(later["cases"])
 
 
 def test_the_evidence_is_as_large_as_promised():
@@ -107,7 +115,7 @@ def test_the_readme_says_what_was_counted(row):
     _, _, *counted, target, met, _ = (cell.strip() for cell in line.split("|"))
     both = [
         {m["measure"]: m for m in json.loads((answers_folder(cases) / SCORE).read_text())["measures"]}[ROWS[row]]
-        for cases in (CASES, FRESH)
+        for cases in (CASES, FRESH, LATER)
     ]
     assert counted == [as_shown(measure) for measure in both]
     measure = both[0]
