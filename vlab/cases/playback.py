@@ -285,7 +285,7 @@ def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) ->
     Diverged
         The run left the finite world or MuJoCo reset it.
     """
-    physics = _physics(bench.plant, run, clock)
+    physics = _physics(bench, run, clock, state)
     with nullcontext() if physics is None else control_callback(bench.data, physics.callback):
         return _played(bench, run, clock, state, law, physics)
 
@@ -355,12 +355,19 @@ def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Arr
     return sensors
 
 
-def _physics(plant: Plant, run: Run, clock: Clock) -> Running | None:
+def _physics(bench: Bench, run: Run, clock: Clock, state: State) -> Running | None:
     """Return the physics attached to a plant, at the start of a run."""
+    plant = bench.plant
     if not plant.physics:
         return None
     read = {c.channel: plant.sensors[c.sensor].name for c in run.compared if c.sensor is not None}
-    return Running(plant, sample=clock.steps * clock.timestep, channels=read)
+    readings: dict[str, float] = {}
+    if np.any(state.qvel):
+        rest = bench.rest_values(run.compared)
+        for c, r in zip(run.compared, rest, strict=True):
+            first = float(run.measured[c.channel][0]) + (r if c.from_rest else 0.0)
+            readings |= {c.channel: first} if np.isfinite(first) else {}
+    return Running(plant, sample=clock.steps * clock.timestep, channels=read, readings=readings)
 
 
 def _advance(

@@ -85,6 +85,10 @@ class Inverse:
         nv = self.model.nv
         self._still = self._forces(*np.zeros((3, nv)))
         units, none = SMALL * np.eye(nv), np.zeros(nv)
+        flags = int(self.model.opt.disableflags)
+        self.model.opt.disableflags |= int(
+            mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        )  # as in `linearise`: a stop at rest is no spring
         self._linear = [
             np.array([(self._forces(*there) - self._forces(*back)) / (2.0 * SMALL) for there, back in motions])
             for motions in (
@@ -93,6 +97,7 @@ class Inverse:
                 [((none, none, u), (none, none, -u)) for u in units],
             )
         ]
+        self.model.opt.disableflags = flags
 
     def _forces(self, q: Array, v: Array, a: Array) -> Array:
         data = self.data

@@ -122,7 +122,7 @@ def search(
     is_odd = bool(singles) and are_far_fetched(singles, whole.directions.shape[1], whole.twin.prior)
     if singles and (is_odd or wants_a_second(before, singles, enough)):
         among, is_clear = best_places(candidates, SECOND_PLACES), not is_odd and singles[0].level <= ENOUGH
-        found = pairs(screen, rough, singles, shortlist, effects, among, report, is_clear=is_clear)
+        found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
         doubles = finished(narrow, found)
         doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
         report(0.85, "fitting whole recordings")

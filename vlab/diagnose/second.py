@@ -19,7 +19,7 @@ from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.refine import ITERATIONS, Refiner
 from vlab.diagnose.screen import SLOW, Screen
-from vlab.diagnose.shortlist import LEAST_GAIN, plain_form, siblings
+from vlab.diagnose.shortlist import LEAST_GAIN, completing, plain_form, siblings
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Candidate, Fit, Term
 from vlab.diagnose.twin import Twin
@@ -81,6 +81,7 @@ def pairs(
     refiner: Refiner,
     singles: Sequence[Hypothesis],
     shortlist: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     effects: Sequence[Effect],
     among: set[str],
     report: Callable[[float, str], None],
@@ -101,7 +102,7 @@ def pairs(
         [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
     )
     owners = [seed for seed in seeds for _ in range(2)]
-    found: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
+    found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed, table in zip(owners, tables, strict=True):
         for second in best_of_families(table, seed.terms[0])[:SECONDS]:
             if second.gain > LEAST_GAIN:

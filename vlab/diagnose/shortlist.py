@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from vlab.diagnose.hypothesis import Hypothesis
-from vlab.diagnose.terms import Candidate
+from vlab.diagnose.terms import Candidate, Term
 
 SHORTLIST = 6
 """Effects that are fitted because they gained most in the screening."""
@@ -20,6 +20,12 @@ KINDRED = (
     {"saturation", "clearance"},
 )
 """Families whose laws look alike in a linear regression."""
+COMPLETING = {"friction": "viscous-damping", "damping": "coulomb-friction"}
+"""Family of a law, and the effect that a machine's joints and guides usually have beside it: friction is dry and viscous at once.
+
+Source: Armstrong-Helouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
+machines with friction, Automatica 30, 1994, section 2.
+"""
 NEARLY = 0.9
 """Share of the gain of another form of an effect that the effect itself must have to be tried first."""
 SIBLINGS = 3
@@ -83,6 +89,13 @@ def siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
     """Return other effects of a second one's family at its place, which only a fit can tell apart."""
     own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
     return best_of_effects([c for c in own if c.gain > LEAST_GAIN])[:SIBLINGS]
+
+
+def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return what usually stands beside an effect at its place: each takes up so much of the other that a regression beside it shows
+    little."""
+    name = COMPLETING.get(first.effect.family)
+    return [c for c in candidates if c.effect.name == name and c.place.name == first.place.name and c.gain > LEAST_GAIN]
 
 
 def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:

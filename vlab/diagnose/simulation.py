@@ -106,8 +106,9 @@ def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals])
     """
     assert isinstance(term.effect, PickUp)
     i, k = term.place.index, term.place.other
-    other = y[..., k]
-    if term.place.tag == "command":
+    if term.place.tag != "command":
+        other = y[..., k]
+    else:
         other = np.zeros((len(y), 1, len(runs)))
         for j, run in enumerate(runs):  # a sample is read while the command before it still stands
             other[1 : len(run), 0, j] = run.u[:-1, k]

@@ -42,7 +42,7 @@ def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
     much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
     """
-    if any(run.after >= LOST for run in checked):
+    if any(run.after >= LOST or _has_lost_a_channel(run) for run in checked):
         return False
     gaps = [gap for run in checked if (gap := run.gap_closed) is not None]
     if len(gaps) > 2 and np.median(gaps) >= NEARLY_ALL and min(gaps) >= LEAST_TO_NOISE:
@@ -53,6 +53,11 @@ def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     share = gap_closed(errors["before"], errors["after"], reachable)
     least = LEAST_NEAR_NOISE if errors["after"] <= NEAR_NOISE * errors["noise"] else LEAST_GAP
     return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
+
+
+def _has_lost_a_channel(run: Checked) -> bool:
+    """Return whether an amended model leaves all of a channel that is more than noise."""
+    return any(after >= LOST and noise < 0.5 * LOST for _, _, after, noise in run.channels.values())
 
 
 def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:

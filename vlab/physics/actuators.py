@@ -49,9 +49,8 @@ def lag_weights(time_constant: float, h: float) -> tuple[float, float, float]:
     return new, (1.0 - a) - new, a
 
 
-def recursion(new: float, old: float, kept: float) -> ActuatorStep:
-    """Return the first-order filter y+ = new x+ + old x + kept y, one sample after the other, from rest."""
-    x, y = 0.0, 0.0
+def recursion(new: float, old: float, kept: float, x: float = 0.0, y: float = 0.0) -> ActuatorStep:
+    """Return the first-order filter y+ = new x+ + old x + kept y, one sample after the other; from rest by default."""
 
     def step(sample: float) -> float:
         nonlocal x, y

@@ -242,6 +242,12 @@ class SensorEffect(Effect):
         """Return the law for one sample after the other, every `h` seconds, as `sense` has it for all of them."""
         return lambda y, t, other: float(self.sense(np.float64(y), p, h, np.float64(t)))  # type: ignore[arg-type]
 
+    def resumed(self, p: Values, h: float, reading: float) -> SensorStep:
+        """Return the law as `stepper` does, in the middle of a motion: the first sample was recorded as `reading`. What the law remembers
+        of the motion before follows from it where its memory is one number; other laws begin as from rest.
+        """
+        return self.stepper(p, h)
+
     @abstractmethod
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """Return the recorded signals to true ones, time along the first axis.

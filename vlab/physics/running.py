@@ -6,7 +6,7 @@ under them. With the ports' rows R, the compliance is G = R M^-1 R^T; mass m and
 the ports accelerate by (I + G D)^-1 (R M^-1 f + G g) under the explicit forces g.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -249,9 +249,18 @@ class Running:
         Time between two samples of the sensors [s].
     channels : mapping of str to str
         Other names of sensors: of channels, what they read (the plant's sensor, or a port).
+    readings : mapping of str to float, optional
+        What was recorded of these channels at the first sample of a run that begins in the middle of a motion.
     """
 
-    def __init__(self, plant: Plant, *, sample: float, channels: dict[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        sample: float,
+        channels: Mapping[str, str] | None = None,
+        readings: Mapping[str, float] | None = None,
+    ) -> None:
         ports = [a for a in plant.physics if isinstance(a, AtPort)]
         self.ports = PortForces(plant, ports) if ports else None
         self.force = np.zeros(len(plant.actuators))
@@ -267,7 +276,8 @@ class Running:
         for a in plant.physics:
             if not isinstance(a, AtSensor):
                 continue
-            step = a.effect.stepper(a.values, sample)
+            first = (readings or {}).get(a.name)
+            step = a.effect.stepper(a.values, sample) if first is None else a.effect.resumed(a.values, sample, first)
             index = tap_index(plant.sensors, (channels or {}).get(a.name, a.name))
             if index is not None:
                 self._sensors.append((index, step, self._picked(plant, a)))

@@ -256,6 +256,19 @@ class SensorLag(SensorEffect):
         """See `SensorEffect`."""
         return _alone(recursion(*lag_weights(float(p["time_constant"]), h)))
 
+    def resumed(self, p: Values, h: float, reading: float) -> SensorStep:
+        """See `SensorEffect`."""
+        weights = lag_weights(float(p["time_constant"]), h)
+        later: list[ActuatorStep] = []
+
+        def step(y: float) -> float:
+            if later:
+                return later[0](y)
+            later.append(recursion(*weights, x=y, y=reading))
+            return reading
+
+        return _alone(step)
+
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`."""
         return _times(y, h, lambda s: 1.0 + s * float(p["time_constant"]))

@@ -13,6 +13,7 @@ from vlab.diagnose.noise import noise_level, uneven_noise
 from vlab.diagnose.nonlinear.lagging import actuator_states
 from vlab.diagnose.nonlinear.stepper import Stepper
 from vlab.diagnose.signals import liveliest, on_grid, uniform
+from vlab.errors import Diverged
 from vlab.signals import Array
 
 MOST_SAMPLES = 2500
@@ -239,7 +240,18 @@ def _filtered(course: Course, stepper: Stepper, q: Array, v: Array, known: Seque
 
 
 def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
-    """Return what states and held forces become over intervals, A and G, of rates x' = L x + [0, M^-1] f; for many at once."""
+    """Return what states and held forces become over intervals, A and G, of rates x' = L x + [0, M^-1] f; for many at once.
+
+    Raises
+    ------
+    Diverged
+        The rates are no numbers.
+    """
+    if not np.all(np.isfinite(L)):
+        raise Diverged(
+            "the model runs away where its steps follow the recorded motion: it is too stiff for its integration step; "
+            "shorten <option timestep> or lower what holds its joints (the gains of servos, stiffness, damping)"
+        )
     n, s = L.shape[:-2], L.shape[-1]
     nv = s // 2
     block = np.zeros((*n, s + nv, s + nv))

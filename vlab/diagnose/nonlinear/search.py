@@ -19,7 +19,7 @@ from vlab.diagnose.nonlinear.screen import MovingScreen
 from vlab.diagnose.screen import SLOW
 from vlab.diagnose.search import SLOW_SHORTLIST, TimeFound, shows
 from vlab.diagnose.second import SECONDS, SEEDS
-from vlab.diagnose.shortlist import LEAST_GAIN, best_of_effects, shortlisted
+from vlab.diagnose.shortlist import LEAST_GAIN, best_of_effects, completing, shortlisted
 from vlab.diagnose.terms import Candidate
 from vlab.physics.effect import Effect
 
@@ -43,7 +43,7 @@ def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Calla
     hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
     if hypotheses and min(h.level for h in hypotheses) > ENOUGH:
         report(0.65, "fitting pairs of effects")
-        doubles = finished(narrow, _pairs(screen, narrow, shortlist, hypotheses, effects))
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
     if hypotheses:  # once more about the refitted plant of the best one: what is uncertain then changes by little
@@ -71,13 +71,14 @@ def _pairs(
     screen: MovingScreen,
     refiner: MovingRefiner,
     shortlist: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     singles: Sequence[Hypothesis],
     effects: Sequence[Effect],
 ) -> list[Hypothesis]:
     """Return fits of a second effect on top of the best single ones, by what it gains beside them in the screening."""
-    by_label = {c.label: c for c in shortlist}
-    found: dict[frozenset[str], tuple[Hypothesis, Candidate]] = {}
-    for seed in singles[:SEEDS]:
+    by_label, seeds = {c.label: c for c in shortlist}, singles[:SEEDS]
+    found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
+    for seed in seeds:
         table = screen.given([by_label[seed.label]]).candidates(effects)
         others = [
             c for c in table if c.effect.name != seed.terms[0].effect.name
