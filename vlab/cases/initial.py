@@ -6,7 +6,8 @@ Bayesian information criterion. The estimate is then refined on the model itself
 motion. The window is short on purpose: an error of frequency turns the phase by little within it.
 
 Motion so large that the linearised model leads nowhere is started locally: measured joints from a polynomial through their
-first samples, the others as the linear estimate has them, refined on a window that grows from a few samples.
+first samples, joints that a position servo moves from its commands, the others as the linear estimate has them, refined on a
+window that grows from a few samples.
 """
 
 import copy
@@ -45,7 +46,11 @@ LEAST_STAGE = 8
 MOST_LOCAL, PER_CHANNEL = 12, 3
 """Degrees of freedom that a local start can have, in all and for every channel: few sensors say little of many joints, and
 what a model lacks would go into the start."""
+STIFF = 3e-3
+"""Weight that a local start is held by to where the stage before left it, beside samples of the largest deflection: the speed of a
+joint on a stiff servo is gone before a sample shows it, and would be fitted to noise."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
+_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _STEP = 1e-6
 """Step of the central differences of the sensors [largest joint motion, m or rad]."""
 
@@ -97,6 +102,7 @@ class _Problem:
     shapes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     scale: Array = field(default_factory=lambda: np.zeros(0))
     origin: State | None = None  # what the coordinates count from; rest without it
+    held: float = 0.0  # weight of the coordinates beside the samples
 
     def state(self, x: Array) -> State:
         """Return the state of scaled modal coordinates, displacements before velocities."""
@@ -154,19 +160,27 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     size = float(np.sum((problem.measured * problem.weight) ** 2))
     state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
     is_measured = len({j[0] for c in compared if (j := joint_of(plant, c)) and j[1] == 0}) == plant.model.nv
-    can_be_local = plant.model.nv <= min(MOST_LOCAL, PER_CHANNEL * len(compared))
+    servoed = _servoed(plant, window)
+    can_be_local = plant.model.nv <= MOST_LOCAL and plant.model.nv - len(servoed) <= PER_CHANNEL * len(compared)
     if linear is not None:
         x, chosen, expected = _linear_estimate(problem, linear)
         state, lost = problem.state(x), _lost(problem, x, offset)
         is_hopeless = lost > HOPELESS**2 * size and can_be_local
-        if not is_hopeless and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size):
+        if (
+            not is_hopeless
+            and np.isfinite(lost)
+            and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size)
+        ):
             x, left = _refine(problem, x, _residual(problem, x, offset), offset)
             state, lost = problem.state(x), float(left @ left)
     share = LOCAL if is_measured else HOPELESS
     if lost > share**2 * size and can_be_local:
-        nearby, remains = _from_nearby(problem, _local_start(problem, state), offset)
+        local = _local_start(problem, state if np.isfinite(lost) else rest)
+        nearby, remains = _from_nearby(problem, local, offset)
         if remains < lost:
             state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)
+        elif is_measured and not np.isfinite(lost):  # where the model runs away, what was measured stands
+            state, chosen = local, np.zeros(0, dtype=int)
     span = float(window.measured.time[-1] - window.measured.time[0])
     return InitialState(
         qpos=state.qpos,
@@ -241,6 +255,24 @@ def _clock(timestep: float, run: Run) -> Clock:
     return replace(clock, steps=steps, law_every=1, readings=max(2, -(-(clock.readings - 1) // steps) + 1))
 
 
+def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
+    """Return the degrees of freedom that a recorded command moves by a position servo and no channel shows, by the command's channel and
+    the motion for a unit of it: they are where they are told to be."""
+    model, out = plant.model, {}
+    shown = {joint[0] for c in run.compared if (joint := joint_of(plant, c))}
+    for drive in run.drives:
+        i = drive.actuator
+        if i is None or i >= model.nu or model.actuator_trntype[i] != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        joint, gain, gear = int(model.actuator_trnid[i, 0]), model.actuator_gainprm[i, 0], model.actuator_gear[i, 0]
+        is_affine = model.actuator_biastype[i] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        is_servo = is_affine and model.actuator_biasprm[i, 1] == -gain
+        dof = int(model.jnt_dofadr[joint])
+        if is_servo and gain > 0 and gear and model.jnt_type[joint] in _ONE_WAY and dof not in shown:
+            out[dof] = (drive.channel, 1.0 / float(gear))
+    return out
+
+
 def _stage(problem: _Problem, share: float) -> _Problem:
     """Return the problem of the first part of a window."""
     whole = problem.run.measured
@@ -253,16 +285,27 @@ def _stage(problem: _Problem, share: float) -> _Problem:
     size = max(float(np.abs(problem.measured[:count]).max()), 1e-9)
     rate = 2 * np.pi / max(float(whole.time[-1] - whole.time[0]), 1e-9)
     scale = np.concatenate([np.full(nv, size), np.full(nv, size * rate)])
+    free = np.setdiff1d(np.arange(nv), list(_servoed(problem.bench.plant, run)))
     return replace(
-        problem, bench=bench, clock=clock, run=run, measured=problem.measured[:count], shapes=np.eye(nv), scale=scale
+        problem,
+        bench=bench,
+        clock=clock,
+        run=run,
+        measured=problem.measured[:count],
+        shapes=np.eye(nv)[:, free],
+        scale=scale[np.concatenate([free, nv + free])],
+        held=STIFF * np.sqrt(problem.measured[:count].size),
     )
 
 
 def _local_start(problem: _Problem, state: State) -> State:
-    """Return a state with the measured joints as a cubic through their first samples has them."""
+    """Return a state with the measured joints as a cubic through their first samples has them, and those of servos as their commands."""
     first = _stage(problem, STAGES[0]).run.measured
     time = first.time - first.time[0]
     qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
+    for dof, (channel, unit) in _servoed(problem.bench.plant, problem.run).items():
+        told = np.polynomial.Polynomial.fit(time, unit * first[channel], 3)
+        qpos[model.jnt_qposadr[model.dof_jntid[dof]]], qvel[dof] = told(0.0), told.deriv()(0.0)
     rest = problem.bench.rest_values(problem.run.compared)
     for i, c in enumerate(problem.run.compared):
         joint = joint_of(problem.bench.plant, c)
@@ -495,7 +538,9 @@ def _refine(problem: _Problem, x: Array, left: Array, offset: Array) -> tuple[Ar
             step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
             moved = x + step * np.eye(x.size)
             slopes = np.array([(_residual(problem, point, offset) - left) / step for point in moved])
-            better = x - np.linalg.lstsq(slopes.T, left, rcond=1e-9)[0]
+            held = problem.held * np.eye(x.size)
+            rows, wanted = np.vstack([slopes.T, held]), np.concatenate([left, problem.held * x])
+            better = x - np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
             trial = _residual(problem, better, offset)
             gained = 1.0 - float(trial @ trial) / float(left @ left)
             if not gained > 0:

@@ -1,0 +1,67 @@
+"""Where recordings begin: joints that servos hold and no sensor looks at."""
+
+import mujoco
+import numpy as np
+
+from vlab.cases import load_case
+from vlab.cases.initial import find_initial_state
+from vlab.diagnose.wired import wired_runs
+
+HELD = 4
+
+
+def arm():
+    """Return the MJCF of a shoulder with an encoder and joints beyond it that servos move."""
+    link = '<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/>'
+    beyond = ""
+    for i in reversed(range(HELD)):
+        axis = "0 1 0" if i % 2 else "0 0 1"
+        beyond = f'<body name="link{i}" pos=".2 0 0"><joint name="held{i}" axis="{axis}"/>{link}{beyond}</body>'
+    servos = "".join(f'<position name="servo{i}" joint="held{i}" kp="900" kv="12"/>' for i in range(HELD))
+    return f"""<mujoco model="arm">
+      <option timestep="0.001" integrator="implicitfast"/>
+      <worldbody><body name="upper"><joint name="shoulder" axis="0 1 0" damping="2"/>{link}{beyond}</body></worldbody>
+      <actuator><motor name="motor" joint="shoulder"/>{servos}</actuator>
+      <sensor><jointpos name="encoder" joint="shoulder"/></sensor>
+    </mujoco>"""
+
+
+def channel(column, at, kind, unit, *, is_input=True):
+    driven = "input = true\n" if is_input else ""
+    hold = 'hold = "linear"\n' if kind == "command" else ""
+    return f'[[recording.channel]]\ncolumn = "{column}"\nat = "{at}"\nkind = "{kind}"\nunit = "{unit}"\n{driven}{hold}'
+
+
+def recorded(folder, start, told):
+    """Write the case of an arm that MuJoCo moved from a state, its joints following what they were told; return it, loaded."""
+    model = mujoco.MjModel.from_xml_string(arm())
+    data, rows = mujoco.MjData(model), []
+    data.qpos[:], data.qvel[:] = start
+    for k in range(300):
+        rows.append([0.4 * np.sin(0.05 * k), *told(0.01 * k), data.qpos[0]])
+        for j in range(10):
+            data.ctrl[0], data.ctrl[1:] = rows[-1][0], told(0.01 * k + 0.001 * j)
+            mujoco.mj_step(model, data)
+    (folder / "arm.xml").write_text(arm())
+    names = [f"told{i}" for i in range(HELD)]
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header=",".join(["u", *names, "angle"]), comments="")
+    text = 'title = "Arm"\n[model]\nmjcf = "arm.xml"\n[[recording]]\nfile = "run.csv"\nrole = "fit"\n'
+    text += 'rate_hz = 100.0\ninitial = "estimated"\n' + channel("u", "motor", "moment", "N m")
+    text += "".join(channel(name, f"servo{i}", "command", "rad") for i, name in enumerate(names))
+    (folder / "case.toml").write_text(text + channel("angle", "encoder", "angle", "rad", is_input=False))
+    return load_case(folder)
+
+
+def test_joints_on_servos_start_where_they_are_told_to_be(tmp_path):
+    centre, swing = np.array([1.1, -0.8, 0.7, -0.9]), np.array([0.3, 0.2, -0.2, 0.1])
+
+    def told(t):
+        return centre + swing * np.sin(2.0 * t)
+
+    case = recorded(tmp_path, (np.append(0.9, told(0.0)), np.append(0.2, 2.0 * swing)), told)
+    (run,) = wired_runs(case, ("fit",)).runs
+    found = find_initial_state(case.plant, run)
+    # servos sag by the moment of gravity over their stiffness, 3 N m / 900, and their joints start at speed as told
+    np.testing.assert_allclose(found.qpos, np.append(0.9, centre), atol=0.01)
+    np.testing.assert_allclose(found.qvel, np.append(0.2, 2.0 * swing), atol=0.1)
+    assert found.nrmse < 0.02
