@@ -60,8 +60,15 @@ def test_a_common_scale_of_gains_and_impedances_leaves_every_motion(tmp_path, ac
 def test_a_measured_load_or_a_known_mass_shows_the_scale(tmp_path):
     plant, parameters = rig(tmp_path)
     assert common_scale(plant, parameters, loaded=True) is None
-    assert common_scale(*rig(tmp_path, more='frictionloss="0.1"'), loaded=False) is None
     assert common_scale(*rig(tmp_path, '<position name="drive" joint="a" kp="50" kv="2"/>'), loaded=False) is None
+
+
+def test_dry_friction_goes_with_the_scale(tmp_path):
+    plant, parameters = rig(tmp_path, more='frictionloss="0.1"')
+    other = adjusted(plant, parameters, 0.1 * common_scale(plant, parameters, loaded=False))
+    assert other.model.dof_frictionloss.max() == pytest.approx(0.1 * np.exp(0.1))
+    (friction,) = (p for p in parameters if p.kind == "friction")
+    assert friction.sd == pytest.approx(0.3)  # as its default says, for one joint has it
 
 
 def test_what_all_have_in_common_against_what_each_has_is_no_direction_of_the_recordings(tmp_path):

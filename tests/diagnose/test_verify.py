@@ -15,7 +15,7 @@ from vlab.assets import asset
 from vlab.cases import load_case, simulate
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.verdict import closes, is_needed
+from vlab.diagnose.verdict import closes, is_needed, left_over
 from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total, with_finer_steps
 from vlab.diagnose.zeros import said_zeros
 from vlab.physics.attach import Attached, attach
@@ -260,3 +260,17 @@ def test_hidden_effects_are_found_verified_and_sized(tmp_path, effect):
     for name, true in rig.parameters.items():
         assert first.parameters[name]["value"] == pytest.approx(true, rel=0.1)  # the gain alone is 2 % uncertain
     assert diagnosis.heldout["gap_closed"] >= 0.8
+
+
+def test_what_an_amended_model_leaves_is_said():
+    (line,) = left_over("missing-physics", checked(0.5, 0.12), is_structure=False)
+    assert "12 times the noise" in line
+    assert not left_over("missing-physics", checked(0.5, 0.012), is_structure=False)
+    assert not left_over("none-of-these", checked(0.5, 0.5), is_structure=False)
+
+
+def test_a_channel_that_is_lost_is_no_gap_closed():
+    one, _ = checked(200.0, 0.9)
+    assert closes([one], is_structure=False)
+    lost = dataclasses.replace(one, channels={"a": (300.0, 200.0, 0.4, 0.01), "b": (300.0, 200.0, 1.2, 0.01)})
+    assert not closes([lost], is_structure=False)

@@ -16,6 +16,7 @@ Matrix = tuple[tuple[float, ...], ...]
 UNCERTAIN_KINDS = (
     "stiffness",
     "damping",
+    "friction",
     "mass",
     "armature",
     "inertia",

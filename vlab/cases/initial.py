@@ -258,8 +258,9 @@ def _clock(timestep: float, run: Run) -> Clock:
 def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
     """Return the degrees of freedom that a recorded command moves by a position servo and no channel shows, by the command's channel and
     the motion for a unit of it: they are where they are told to be."""
-    model, out = plant.model, {}
-    shown = {joint[0] for c in run.compared if (joint := joint_of(plant, c))}
+    model = plant.model
+    out: dict[int, tuple[str, float]] = {}
+    shown = {found[0] for c in run.compared if (found := joint_of(plant, c))}
     for drive in run.drives:
         i = drive.actuator
         if i is None or i >= model.nu or model.actuator_trntype[i] != int(mujoco.mjtTrn.mjTRN_JOINT):

@@ -26,7 +26,7 @@ from vlab.diagnose.standoff import without_standoffs
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.timing import said
 from vlab.diagnose.unseen import held_out, moves
-from vlab.diagnose.verdict import closes, is_needed, verdict_on
+from vlab.diagnose.verdict import closes, is_needed, left_over, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, with_finer_steps
 from vlab.diagnose.words import far_off, next_measurement, not_excluded
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
@@ -141,6 +141,7 @@ def _diagnosed(
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
     notes = (
+        *left_over(verdict, checked, is_structure=is_structure),
         *([coarse] if coarse else []),
         *([told] if told else []),
         *(s.line for s in standoffs),

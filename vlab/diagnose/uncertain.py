@@ -1,4 +1,4 @@
-"""What may be off in a model although no physics is missing: stiffness, mass, damping, gains; and models with them changed."""
+"""What may be off in a model although no physics is missing: stiffness, mass, damping, friction, gains; and models with them changed."""
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
@@ -15,18 +15,24 @@ from vlab.plants.equilibrium import settle
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-DEFAULT_SD = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "armature": 0.05, "gain": 0.05, "sensor": 0.01}
-"""Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping is
-known to a third, sensors are calibrated."""
-ELEMENTS = ("stiffness", "damping", "mass", "armature")
+DEFAULT_SD = {
+    "stiffness": 0.05,
+    "damping": 0.3,
+    "friction": 0.3,
+    "mass": 0.03,
+    "armature": 0.05,
+    "gain": 0.05,
+    "sensor": 0.01,
+}
+"""Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping and
+friction are known to a third, sensors are calibrated."""
+ELEMENTS = ("stiffness", "damping", "friction", "mass", "armature")
 """Kinds that elements of a model have."""
 COMMON, OWN = 0.25**0.5, 0.75**0.5
 """Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
 drawing have some error in common, and every element deviates by just what is stated."""
 IMPEDANCE = (*ELEMENTS, "inertia")
-"""Kinds of what a force is needed for..."""
-CERTAIN = ("dof_frictionloss", "tendon_frictionloss")
-"""...and what else needs one, of which nothing is taken for uncertain."""
+"""Kinds of what a force is needed for."""
 MOST_ELEMENTS = 12
 """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
 
@@ -117,7 +123,7 @@ def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool)
         Whether forces act that were measured, and not commanded.
     """
     model = plant.model
-    if loaded or model.opt.density or model.opt.viscosity or any(np.any(getattr(model, name)) for name in CERTAIN):
+    if loaded or model.opt.density or model.opt.viscosity:
         return None
     numbers = sorted({number for p in parameters if p.kind in IMPEDANCE for number in p.fields}, key=str)
     actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
@@ -237,7 +243,7 @@ def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
 
 
 def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
-    """Return the elements of a model that have a stiffness, damping, mass or armature, with their fields."""
+    """Return the elements of a model that have a stiffness, damping, friction, mass or armature, with their fields."""
     out: dict[str, tuple[Number, ...]] = {}
     if kind == "mass":
         for i in range(1, model.nbody):
@@ -250,6 +256,8 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
         dofs = _dofs(model, i)
         if kind == "armature" and any(model.dof_armature[d] for d in dofs):
             out[name] = tuple(("dof_armature", d) for d in dofs)
+        if kind == "friction" and any(model.dof_frictionloss[d] for d in dofs):
+            out[name] = tuple(("dof_frictionloss", d) for d in dofs)
         if kind == "stiffness" and (model.jnt_stiffness[i] or np.any(model.jnt_stiffnesspoly[i])):
             out[name] = (("jnt_stiffness", i), ("jnt_stiffnesspoly", i))
         if kind == "damping" and any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
@@ -259,7 +267,9 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
         array, poly = f"tendon_{kind}", f"tendon_{kind}poly"
         if kind == "armature" and model.tendon_armature[i]:
             out[name] = ((array, i),)
-        if kind != "armature" and (getattr(model, array)[i] or np.any(getattr(model, poly)[i])):
+        if kind == "friction" and model.tendon_frictionloss[i]:
+            out[name] = (("tendon_frictionloss", i),)
+        if kind in ("stiffness", "damping") and (getattr(model, array)[i] or np.any(getattr(model, poly)[i])):
             out[name] = ((array, i), (poly, i))
     return out
 

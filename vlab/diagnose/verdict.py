@@ -68,16 +68,27 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     least = NO_WORSE if choice.is_of_priors else BETTER
     before, after = errors["before"], errors["after"]
     if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
-        no_gap, least = no_gap or not _is_unexplained(errors, is_structure=True), BETTER_OF_MESH
+        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), BETTER_OF_MESH
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
     return choice.gained > 0 and (choice.is_of_priors or no_gap) and after <= least * before
 
 
-def _is_unexplained(errors: dict[str, float], *, is_structure: bool) -> bool:
-    """Return whether the refitted model leaves more than noise and what the model itself leaves."""
+def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
+    """Return whether the refitted (``"before"``) or amended model (``"after"``) leaves more than noise and what it leaves of itself."""
     if is_structure:
-        return errors["before"] > np.hypot(ABOVE_NOISE * errors["noise"], MESH_OWN_ERROR)
-    return errors["before"] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
+        return bool(errors[which] > np.hypot(ABOVE_NOISE * errors["noise"], MESH_OWN_ERROR))
+    return errors[which] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
+
+
+def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+    """Return in a sentence that an amended model leaves more than noise, where it does: two effects are sought at most."""
+    errors = errors_of(checked)
+    if verdict != "missing-physics" or not _shows("after", errors, is_structure=is_structure):
+        return []
+    times = errors["after"] / max(errors["noise"], 1e-300)
+    return [
+        f"the amended model leaves {times:.2g} times the noise: more may be missing; diagnose the amended case in its turn"
+    ]
 
 
 def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_structure: bool) -> Verdict:
@@ -85,7 +96,7 @@ def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_str
     if seen.damage.fatal:
         return "bad-recording"
     errors = errors_of(checked)
-    unexplained = _is_unexplained(errors, is_structure=is_structure)
+    unexplained = _shows("before", errors, is_structure=is_structure)
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
