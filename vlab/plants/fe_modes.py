@@ -5,7 +5,7 @@ thousand, and deflections at the places of coils and sensors by some per cent. T
 what a place reads: its deflection is that of the FE model in those modes, and the mesh's own in all others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -26,6 +26,11 @@ from vlab.structure.model import Structure
 
 CLOSE = 1.15
 """Modes whose frequencies differ by less than this factor may be turned into each other by a coarse mesh."""
+JOINED = 8
+"""A combination of joint coordinates is a sum of tendons of so many joints each: MuJoCo merges a tendon's joints one by one, in a time
+that grows with the square of their number (of a grid's 118 to 158, five sixths of a step went there)."""
+RATE = ":rate"
+"""What the name of a sensor of a rate ends with."""
 P = TypeVar("P", bound=Plant)
 
 
@@ -151,7 +156,7 @@ def _with(port: Port, more: Array, rest: Array) -> Port:
 
 
 def _with_transducers(plant: P, of_coils: Mapping[str, Array], of_sensors: Mapping[str, Array]) -> P:
-    """Return a plant whose coils push and whose sensors read something more, each on a fixed tendon of its own.
+    """Return a plant whose coils push and whose sensors read something more, each on fixed tendons of its own.
 
     Parameters
     ----------
@@ -160,48 +165,52 @@ def _with_transducers(plant: P, of_coils: Mapping[str, Array], of_sensors: Mappi
     """
     spec = plant.spec.copy()
     joints = [plant.model.joint(k).name for k in range(plant.model.njnt)]
-    for name, row in {**of_coils, **of_sensors}.items():
-        tendon = spec.add_tendon(name=_tendon(name))
-        for joint, coefficient in zip(joints, row, strict=True):
-            if abs(coefficient) > 1e-12 * np.abs(row).max():
-                tendon.wrap_joint(joint, coefficient)
-    for name in of_coils:
-        spec.add_actuator(name=_tendon(name), target=_tendon(name), trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    tendons = {name: _tendons(spec, name, joints, row) for name, row in {**of_coils, **of_sensors}.items()}
+    for tendon in (tendon for name in of_coils for tendon in tendons[name]):
+        spec.add_actuator(name=tendon, target=tendon, trntype=mujoco.mjtTrn.mjTRN_TENDON)
     kinds = {tap.name: tap.kind for tap in plant.sensors}
     for name in of_sensors:
-        own = {name: "TENDONVEL"} if kinds[name] == "velocity" else {name: "TENDONPOS", f"{name}:rate": "TENDONVEL"}
-        for full, kind in own.items():
-            spec.add_sensor(
-                name=_tendon(full),
-                type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
-                objtype=mujoco.mjtObj.mjOBJ_TENDON,
-                objname=_tendon(name),
-            )
+        own = {"": "TENDONVEL"} if kinds[name] == "velocity" else {"": "TENDONPOS", RATE: "TENDONVEL"}
+        for what, kind in own.items():
+            for tendon in tendons[name]:
+                spec.add_sensor(
+                    name=tendon + what,
+                    type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"),
+                    objtype=mujoco.mjtObj.mjOBJ_TENDON,
+                    objname=tendon,
+                )
     model = spec.compile()
     return replace(
         plant,
         spec=spec,
         model=model,
-        actuators=tuple(_pushing(tap, model) for tap in plant.actuators),
-        sensors=tuple(_reading(tap, model) for tap in plant.sensors),
+        actuators=tuple(_pushing(tap, model, tendons[tap.name]) for tap in plant.actuators),
+        sensors=tuple(_reading(tap, model, tendons[tap.name]) for tap in plant.sensors),
     )
 
 
-def _tendon(name: str) -> str:
-    """Name of the part that has what the mesh lacks of the FE model's modes at a coil or sensor."""
-    return f"{name}:fe"
+def _tendons(spec: Any, name: str, joints: Sequence[str], row: Array) -> list[str]:
+    """Add the tendons that have what the mesh lacks of the FE model's modes at a coil or sensor; return their names."""
+    telling = np.flatnonzero(np.abs(row) > 1e-12 * np.abs(row).max())
+    names = []
+    for first in range(0, len(telling), JOINED):
+        names.append(f"{name}:fe{first // JOINED + 1}")
+        tendon = spec.add_tendon(name=names[-1])
+        for k in telling[first : first + JOINED]:
+            tendon.wrap_joint(joints[k], row[k])
+    return names
 
 
-def _pushing(tap: ActuatorTap, model: Any) -> ActuatorTap:
-    return replace(tap, controls=(*tap.controls, model.actuator(_tendon(tap.name)).id))
+def _pushing(tap: ActuatorTap, model: Any, tendons: Sequence[str]) -> ActuatorTap:
+    return replace(tap, controls=(*tap.controls, *(model.actuator(name).id for name in tendons)))
 
 
-def _reading(tap: SensorTap, model: Any) -> SensorTap:
-    def address(name: str) -> int:
-        return int(model.sensor(_tendon(name)).adr[0])
+def _reading(tap: SensorTap, model: Any, tendons: Sequence[str]) -> SensorTap:
+    def addresses(what: str) -> tuple[int, ...]:
+        return tuple(int(model.sensor(name + what).adr[0]) for name in tendons)
 
-    rates = (*tap.rates, address(f"{tap.name}:rate")) if tap.rates else ()
-    return replace(tap, addresses=(*tap.addresses, address(tap.name)), rates=rates)
+    rates = (*tap.rates, *addresses(RATE)) if tap.rates else ()
+    return replace(tap, addresses=(*tap.addresses, *addresses("")), rates=rates)
 
 
 def _shown_in_steps(omega: Array, step: float) -> Array:
