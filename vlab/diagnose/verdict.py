@@ -87,7 +87,7 @@ def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: boo
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
-        f"the amended model leaves {times:.2g} times the noise: more may be missing; diagnose the amended case in its turn"
+        f"the amended model leaves {times:.3g} times the noise: more may be missing; diagnose the amended case in its turn"
     ]
 
 

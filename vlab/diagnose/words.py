@@ -88,7 +88,7 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
         out.append("effects whose trace is smaller than the noise and the model's own uncertainty")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
-        out += [f"{h.label} was tried and leaves {h.level:.2g} times the noise" for h in tried[:3]]
+        out += [f"{h.label} was tried and leaves {h.level:.3g} times the noise" for h in tried[:3]]
         out.append("physics that is not in the catalogue")
     return tuple(out)
 
