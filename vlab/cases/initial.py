@@ -103,6 +103,7 @@ class _Problem:
     scale: Array = field(default_factory=lambda: np.zeros(0))
     origin: State | None = None  # what the coordinates count from; rest without it
     held: float = 0.0  # weight of the coordinates beside the samples
+    servoed: dict[int, tuple[str, float]] = field(default_factory=dict)  # see `_servoed`
 
     def state(self, x: Array) -> State:
         """Return the state of scaled modal coordinates, displacements before velocities."""
@@ -156,12 +157,13 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         run=window,
         measured=deviation[:samples],
         weight=1.0 / np.where(largest > 0, largest, 1.0),
+        servoed=_servoed(plant, window),
     )
     size = float(np.sum((problem.measured * problem.weight) ** 2))
     state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
     is_measured = len({j[0] for c in compared if (j := joint_of(plant, c)) and j[1] == 0}) == plant.model.nv
-    servoed = _servoed(plant, window)
-    can_be_local = plant.model.nv <= MOST_LOCAL and plant.model.nv - len(servoed) <= PER_CHANNEL * len(compared)
+    unknown = plant.model.nv - len(problem.servoed)
+    can_be_local = plant.model.nv <= MOST_LOCAL and unknown <= PER_CHANNEL * len(compared)
     if linear is not None:
         x, chosen, expected = _linear_estimate(problem, linear)
         state, lost = problem.state(x), _lost(problem, x, offset)
@@ -286,7 +288,7 @@ def _stage(problem: _Problem, share: float) -> _Problem:
     size = max(float(np.abs(problem.measured[:count]).max()), 1e-9)
     rate = 2 * np.pi / max(float(whole.time[-1] - whole.time[0]), 1e-9)
     scale = np.concatenate([np.full(nv, size), np.full(nv, size * rate)])
-    free = np.setdiff1d(np.arange(nv), list(_servoed(problem.bench.plant, run)))
+    free = np.setdiff1d(np.arange(nv), list(problem.servoed))
     return replace(
         problem,
         bench=bench,
@@ -304,7 +306,7 @@ def _local_start(problem: _Problem, state: State) -> State:
     first = _stage(problem, STAGES[0]).run.measured
     time = first.time - first.time[0]
     qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
-    for dof, (channel, unit) in _servoed(problem.bench.plant, problem.run).items():
+    for dof, (channel, unit) in problem.servoed.items():
         told = np.polynomial.Polynomial.fit(time, unit * first[channel], 3)
         qpos[model.jnt_qposadr[model.dof_jntid[dof]]], qvel[dof] = told(0.0), told.deriv()(0.0)
     rest = problem.bench.rest_values(problem.run.compared)

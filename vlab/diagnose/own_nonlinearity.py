@@ -6,7 +6,9 @@ smoothed from the recordings, the model's inverse dynamics is asked for the gene
 that the linear model's have not is a known load on the twin's modes.
 """
 
+import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -83,28 +85,26 @@ class Inverse:
         self.damping = np.einsum("ij,ik,kj->j", self.slaves, linear.C, self.slaves)
         self.basis = np.hstack([shapes, self.slaves])
         nv = self.model.nv
-        self._still = self._forces(*np.zeros((3, nv)))
+        self._still = self._forces(self.model, *np.zeros((3, nv)))
         units, none = SMALL * np.eye(nv), np.zeros(nv)
-        flags = int(self.model.opt.disableflags)
-        self.model.opt.disableflags |= int(
-            mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-        )  # as in `linearise`: a stop at rest is no spring
+        smooth = copy.copy(self.model)  # as `linearise` has it: a stop at rest is no spring
+        smooth.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._linear = [
-            np.array([(self._forces(*there) - self._forces(*back)) / (2.0 * SMALL) for there, back in motions])
+            np.array([self._forces(smooth, *there) - self._forces(smooth, *back) for there, back in motions])
+            / (2.0 * SMALL)
             for motions in (
                 [((u, none, none), (-u, none, none)) for u in units],
                 [((none, u, none), (none, -u, none)) for u in units],
                 [((none, none, u), (none, none, -u)) for u in units],
             )
         ]
-        self.model.opt.disableflags = flags
 
-    def _forces(self, q: Array, v: Array, a: Array) -> Array:
+    def _forces(self, model: Any, q: Array, v: Array, a: Array) -> Array:
         data = self.data
         data.qpos[:] = self.rest
-        mujoco.mj_integratePos(self.model, data.qpos, q, 1.0)
+        mujoco.mj_integratePos(model, data.qpos, q, 1.0)
         data.qvel[:], data.qacc[:] = v, a
-        mujoco.mj_inverse(self.model, data)
+        mujoco.mj_inverse(model, data)
         return np.array(data.qfrc_inverse)
 
     def extra(self, motion: ModalMotion, slaves: Array, h: float) -> Array:
@@ -123,7 +123,7 @@ class Inverse:
             motion.v @ self.shapes.T + rate @ self.slaves.T,
             motion.a @ self.shapes.T + np.gradient(rate, h, axis=0) @ self.slaves.T,
         )
-        whole = np.array([self._forces(*now) for now in zip(*parts, strict=True)]) - self._still
+        whole = np.array([self._forces(self.model, *now) for now in zip(*parts, strict=True)]) - self._still
         for part, slope in zip(parts, self._linear, strict=True):
             whole -= part @ slope
         return np.asarray(whole @ self.basis)
