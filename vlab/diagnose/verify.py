@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.playback import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
+from vlab.diagnose.residual_noise import incoherent_rms
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
@@ -261,6 +262,7 @@ def _checked(
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
             errors.append(np.array([_rms((recording[n] - run.measured[n])[kept]) for n in names]) / scale)
+    noise = np.maximum(noise, _incoherent(run, names, recordings) / scale)
     if models[2] is None:
         errors[2], recordings[2] = errors[1], recordings[1]
     total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
@@ -275,6 +277,12 @@ def _checked(
         measured=run.measured,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
+
+
+def _incoherent(run: Run, names: Sequence[str], simulated: Sequence[Recording | None]) -> Array:
+    """Return the rms (n_names,) of the least that any model leaves unexplained by inputs and motion: noise is in all they leave."""
+    left = [[incoherent_rms(run, n, run.measured[n] - s[n]) for n in names] for s in simulated if s is not None]
+    return np.min(left, axis=0) if left else np.zeros(len(names))
 
 
 def _rms(x: Array) -> float:

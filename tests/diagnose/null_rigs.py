@@ -1,0 +1,266 @@
+"""Rigs with nothing hidden whose recordings are noisy as real ones are; integrated by scipy, written as case folders.
+
+Three rigs: two carriages (linear, force to displacements), a shaft of three discs (linear, torque to angular velocities), a driven
+pendulum that swings up to 1.5 rad (nonlinear). Eleven noises each; `NOISES` names them. Stiffness and damping of the model are off by
+a per cent or two, as stated in `[model.uncertain]`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rig_folder import Channel, Record, multisine, write_case
+from scipy import signal
+from scipy.integrate import solve_ivp
+
+RATE = 250.0
+DURATION = 12.0
+WHITE = 0.001
+"""White noise that every channel has, as a share of its rms."""
+
+
+def white(rng: np.random.Generator, n: int) -> np.ndarray:
+    return rng.standard_normal(n)
+
+
+def pink(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Return noise of power 1/f down to the first line of the record, rms 1."""
+    spectrum = np.fft.rfft(rng.standard_normal(n))
+    spectrum[1:] /= np.sqrt(np.arange(1, len(spectrum)))
+    spectrum[0] = 0.0
+    x = np.fft.irfft(spectrum, n)
+    return x / np.std(x)
+
+
+def autoregressive(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Return first-order autoregressive noise with coefficient 0.95, rms 1."""
+    return signal.lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(n + 500))[500:]
+
+
+def walk(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Return a random walk from zero, rms 1 at its end."""
+    return np.cumsum(rng.standard_normal(n)) / np.sqrt(n)
+
+
+def low_passed(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Return white noise below 0.3 of half the sample rate, as a logger's anti-alias filter leaves it, rms 1."""
+    x = signal.sosfilt(signal.butter(6, 0.3, output="sos"), rng.standard_normal(n + 500))[500:]
+    return x / np.std(x)
+
+
+NOISES: dict[str, dict] = {
+    "white": {"sensor": (white, 0.005)},
+    "pink": {"sensor": (pink, 0.005)},
+    "strong pink": {"sensor": (pink, 0.02)},
+    "autoregressive": {"sensor": (autoregressive, 0.01)},
+    "random walk": {"sensor": (walk, 0.01)},
+    "common to channels": {"sensor": (pink, 0.01), "common": True},
+    "low-passed": {"sensor": (low_passed, 0.01)},
+    "white on the input": {"input": (white, 0.03)},
+    "pink on the input": {"input": (pink, 0.03)},
+    "coarse readings": {"sensor": (pink, 0.003), "step": 0.01},
+    "coarse model steps": {"coarse": True},
+}
+
+
+def add_noise(
+    rng: np.random.Generator, kind: str, force: np.ndarray, outputs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a recorded input (n,) and recorded outputs (n, k) with noise of a kind; the input's was never felt by the rig."""
+    spec, n = NOISES[kind], len(force)
+    scale = outputs.std(axis=0)
+    recorded = outputs + WHITE * scale * rng.standard_normal(outputs.shape)
+    if "sensor" in spec:
+        make, share = spec["sensor"]
+        shared = make(rng, n)
+        for k in range(outputs.shape[1]):
+            recorded[:, k] += share * scale[k] * (shared if spec.get("common") else make(rng, n))
+    if "step" in spec:
+        recorded = np.round(recorded / (spec["step"] * scale)) * (spec["step"] * scale)
+    if "input" in spec:
+        make, share = spec["input"]
+        force = force + share * force.std() * make(rng, n)
+    return force, recorded
+
+
+# ---- two linear rigs --------------------------------------------------------------------------------------------------
+
+CARRIAGES = """<mujoco model="two carriages">
+  <option timestep="{step}" integrator="{integrator}" gravity="0 0 0"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="one">
+      <joint name="j1" type="slide" axis="1 0 0" stiffness="{k[0]}" damping="{c[0]}"/>
+      <geom name="g1" type="box" size=".05 .05 .05" mass="1.0"/>
+      <body name="two" pos=".3 0 0">
+        <joint name="j2" type="slide" axis="1 0 0" stiffness="{k[1]}" damping="{c[1]}"/>
+        <geom name="g2" type="box" size=".05 .05 .05" mass="0.6"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="j1"/></actuator>
+  <sensor><jointpos name="x1" joint="j1"/><jointpos name="x2" joint="j2"/></sensor>
+</mujoco>
+"""
+SHAFT = """<mujoco model="shaft of three discs">
+  <option timestep="{step}" integrator="{integrator}" gravity="0 0 0"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="one">
+      <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.02"/>
+      <joint name="j1" type="hinge" axis="0 0 1" stiffness="{k[0]}" damping="{c[0]}"/>
+      <body name="two">
+        <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.015"/>
+        <joint name="j2" type="hinge" axis="0 0 1" stiffness="{k[1]}" damping="{c[1]}"/>
+        <body name="three">
+          <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+          <joint name="j3" type="hinge" axis="0 0 1" stiffness="{k[2]}" damping="{c[2]}"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="j1"/></actuator>
+  <sensor><jointvel name="w1" joint="j1"/><jointvel name="w3" joint="j3"/></sensor>
+</mujoco>
+"""
+
+
+def chain_response(m: np.ndarray, k: np.ndarray, c: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return relative positions and velocities (n, 2d) of a chain of masses from ground under a force on the first one that is
+    linear between samples, by the matrix exponential of a first-order hold."""
+    d = len(m)
+    below = np.tril(np.ones((d, d)))  # absolute from relative coordinates
+    mass = below.T @ np.diag(m) @ below
+    A = np.block(
+        [[np.zeros((d, d)), np.eye(d)], [-np.linalg.solve(mass, np.diag(k)), -np.linalg.solve(mass, np.diag(c))]]
+    )
+    B = np.concatenate([np.zeros(d), np.linalg.solve(mass, np.eye(d)[0])])[:, None]
+    system = signal.StateSpace(A, B, np.eye(2 * d), np.zeros((2 * d, 1)))
+    return signal.lsim(system, force, np.arange(len(force)) / RATE, interp=True)[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """Masses in a row, from ground, with a spring and a damper before each.
+
+    Parameters
+    ----------
+    m, k, c : (d,) array
+        Masses, stiffnesses and damping constants [SI].
+    outputs : dict of str to int
+        Sensors and the coordinate each reads: relative positions first, then relative velocities.
+    band : (low, high)
+        Of the excitation [Hz]; `level` is its rms.
+    """
+
+    mjcf: str
+    m: np.ndarray
+    k: np.ndarray
+    c: np.ndarray
+    outputs: dict[str, int]
+    drive: Channel
+    kind: str
+    unit: str
+    band: tuple[float, float]
+    level: float
+
+
+CHAINS = {
+    "carriages": Chain(
+        mjcf=CARRIAGES,
+        m=np.array([1.0, 0.6]),
+        k=np.array([400.0, 300.0]),
+        c=np.array([0.8, 0.5]),
+        outputs={"x1": 0, "x2": 1},
+        drive=Channel(column="u", at="motor", kind="force", unit="N", is_input=True, hold="linear"),
+        kind="displacement",
+        unit="m",
+        band=(0.5, 12.0),
+        level=2.0,
+    ),
+    "shaft": Chain(
+        mjcf=SHAFT,
+        m=np.array([0.02, 0.015, 0.01]),
+        k=np.array([20.0, 30.0, 15.0]),
+        c=np.array([0.02, 0.01, 0.01]),
+        outputs={"w1": 3, "w3": 5},
+        drive=Channel(column="u", at="motor", kind="moment", unit="N m", is_input=True, hold="linear"),
+        kind="angular-velocity",
+        unit="rad/s",
+        band=(1.0, 15.0),
+        level=0.5,
+    ),
+}
+
+
+# ---- a pendulum that swings far ---------------------------------------------------------------------------------------
+
+PENDULUM = """<mujoco model="driven pendulum">
+  <option timestep="{step}" integrator="{integrator}" gravity="0 0 -9.81"><flag contact="disable"/></option>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="arm" pos="0 0 1">
+      <inertial pos="0 0 -0.4" mass="0.5" diaginertia="0.004 0.004 0.001"/>
+      <joint name="pivot" type="hinge" axis="0 1 0" damping="0.03"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="pivot"/></actuator>
+  <sensor><jointpos name="angle" joint="pivot"/></sensor>
+</mujoco>
+"""
+_INERTIA, _WEIGHT, _VISCOUS = 0.004 + 0.5 * 0.4**2, 0.5 * 9.81 * 0.4, 0.03
+"""About the pivot [kg m2], at a right angle [N m], of the pivot [N m s/rad]."""
+
+
+def pendulum_response(inertia: float, viscous: float, torque: Callable[[float], float], time: np.ndarray) -> np.ndarray:
+    """Return the angle (n,) of a driven pendulum from rest."""
+
+    def rate(t, x):
+        return [x[1], (torque(t) - _WEIGHT * np.sin(x[0]) - viscous * x[1]) / inertia]
+
+    return solve_ivp(rate, (0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-9, atol=1e-11).y[0]
+
+
+RIGS = ("carriages", "shaft", "pendulum")
+
+
+def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
+    """Write a case with nothing hidden: two recordings to fit, two held out, with a noise of `NOISES`."""
+    rng = np.random.default_rng([seed, RIGS.index(rig), list(NOISES).index(noise)])
+    time = np.arange(int(DURATION * RATE)) / RATE
+    records = []
+    if rig == "pendulum":
+        inertia, viscous = _INERTIA * (1 + 0.01 * rng.standard_normal()), _VISCOUS * (1 + 0.1 * rng.standard_normal())
+        drive = Channel(column="u", at="motor", kind="moment", unit="N m", is_input=True, hold="linear")
+        outputs, kind, unit, uncertain = ["angle"], "angle", "rad", {"inertia": 0.03, "damping": 0.3, "gain": 0.02}
+        mjcf, values = PENDULUM, {}
+    else:
+        chain = CHAINS[rig]
+        k = chain.k * (1 + 0.02 * rng.standard_normal(chain.k.size))
+        c = chain.c * (1 + 0.1 * rng.standard_normal(chain.c.size))
+        drive, outputs, kind, unit = chain.drive, list(chain.outputs), chain.kind, chain.unit
+        uncertain = {"stiffness": 0.05, "damping": 0.3, "mass": 0.03, "gain": 0.02}
+        mjcf, values = chain.mjcf, {"k": chain.k, "c": chain.c}
+    for name, level, role in (
+        ("one", 1.0, "fit"),
+        ("two", 0.6, "fit"),
+        ("three", 0.8, "holdout"),
+        ("four", 1.1, "holdout"),
+    ):
+        if rig == "pendulum":
+            sine = multisine(rng, 0.2, 2.5, DURATION, 0.8 * level)
+
+            def torque(t, sine=sine):
+                return sine(t) * np.minimum(t / 0.5, 1.0)
+
+            force, motion = torque(time), pendulum_response(inertia, viscous, torque, time)[:, None]
+        else:
+            force = multisine(rng, *chain.band, DURATION, level * chain.level)(time) * np.minimum(time / 0.5, 1.0)
+            motion = chain_response(chain.m, k, c, force)[:, list(chain.outputs.values())]
+        force, motion = add_noise(rng, noise, force, motion)
+        columns = {"u": force, **dict(zip(outputs, motion.T, strict=True))}
+        records.append(Record(name=name, role=role, columns=columns, rate_hz=RATE))
+    is_coarse = bool(NOISES[noise].get("coarse"))
+    step, integrator = (0.004, "Euler") if is_coarse else (0.001, "RK4")
+    channels = [drive, *(Channel(column=name, at=name, kind=kind, unit=unit) for name in outputs)]
+    text = mjcf.format(step=step, integrator=integrator, **values)
+    write_case(folder, title=f"{rig}, {noise}", mjcf=text, uncertain=uncertain, channels=channels, records=records)

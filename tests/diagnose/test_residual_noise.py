@@ -1,0 +1,124 @@
+"""The noise of a residual: all of it where it is noise of any colour, none where inputs or motion determine it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from null_rigs import CHAINS, DURATION, NOISES, RATE, add_noise, autoregressive, chain_response, pink, white
+from rig_folder import multisine
+from scipy.integrate import solve_ivp
+
+from vlab.cases.wiring import Compared, Drive, Run
+from vlab.diagnose.residual_noise import incoherent_rms, noise_share
+from vlab.signals import Channel, Recording
+
+CHAIN = CHAINS["carriages"]
+TIME = np.arange(int(DURATION * RATE)) / RATE
+
+
+@cache
+def force() -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return multisine(rng, *CHAIN.band, DURATION, CHAIN.level)(TIME) * np.minimum(TIME / 0.5, 1.0)
+
+
+def response(stiffer: float = 1.0, drive: np.ndarray | None = None) -> np.ndarray:
+    return chain_response(CHAIN.m, CHAIN.k * stiffer, CHAIN.c, force() if drive is None else drive)[:, 0]
+
+
+def run_of(recorded_force: np.ndarray, reading: np.ndarray) -> Run:
+    recording = Recording(
+        time=TIME,
+        data=np.column_stack([recorded_force, reading]),
+        channels=(
+            Channel(name="u", kind="force", unit="N", is_input=True),
+            Channel(name="x", kind="displacement", unit="m"),
+        ),
+    )
+    return Run(
+        name="run",
+        role="fit",
+        measured=recording,
+        drives=(Drive(channel="u", actuator=0),),
+        compared=(Compared(channel="x", sensor=0),),
+        before=None,
+        law=None,
+        hardware=None,
+        initial="rest",
+    )
+
+
+def share(recorded_force: np.ndarray, reading: np.ndarray, simulated: np.ndarray) -> float:
+    residual = reading - simulated
+    return incoherent_rms(run_of(recorded_force, reading), "x", residual) / float(np.std(residual))
+
+
+@pytest.mark.parametrize("noise", [name for name in NOISES if "sensor" in NOISES[name] or "input" in NOISES[name]])
+def test_noise_of_any_colour_is_noise(noise):
+    rng = np.random.default_rng(2)
+    recorded, reading = add_noise(rng, noise, force(), response()[:, None])
+    # a model that is exact and driven by the recorded input; two thirds is what the verdict takes for noise
+    assert share(recorded, reading[:, 0], response(drive=recorded)) > 2 / 3
+
+
+@pytest.mark.parametrize("stiffer", [1.002, 1.02, 1.3])
+def test_a_wrong_stiffness_is_no_noise(stiffer):
+    reading = response(stiffer) + 1e-4 * np.std(response()) * np.random.default_rng(3).standard_normal(TIME.size)
+    assert share(force(), reading, response()) < 0.4
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x, v: 0.3 * np.tanh(v / 1e-3),
+        lambda x, v: 0.02 * np.tanh(v / 1e-3),
+        lambda x, v: 4e5 * x**3,
+        lambda x, v: 4000.0 * max(x - 0.008, 0.0),
+        lambda x, v: 8.0 * abs(v) * v,
+    ],
+    ids=["strong friction", "weak friction", "cubic spring", "stop", "drag"],
+)
+def test_a_force_that_motion_determines_is_no_noise(law):
+    m, k, c = 1.0, 300.0, 1.0
+
+    def motion(extra):
+        def rate(t, s):
+            return [s[1], (np.interp(t, TIME, force()) - k * s[0] - c * s[1] - extra(s[0], s[1])) / m]
+
+        return solve_ivp(rate, (0, TIME[-1]), [0.0, 0.0], "LSODA", TIME, rtol=1e-7, atol=1e-10, max_step=0.002).y[0]
+
+    reading, simulated = motion(law), motion(lambda x, v: 0.0)
+    noise = 5e-4 * np.std(simulated) * np.random.default_rng(4).standard_normal(TIME.size)
+    assert np.std(reading - simulated) > 10 * np.std(noise)
+    if np.std(reading - simulated) < 0.3 * np.std(reading):  # otherwise no noise is told at all
+        assert 0 < share(force(), reading + noise, simulated) < 2 / 3
+    else:
+        assert share(force(), reading + noise, simulated) < 2 / 3
+
+
+def test_white_noise_is_all_noise():
+    # leave-one-out residuals do not shrink with the number of unknowns
+    rng = np.random.default_rng(5)
+    x = np.fft.rfft(rng.standard_normal(4000))
+    for _ in range(10):
+        assert noise_share(rng.standard_normal(4000), [x], [x**2]) > 0.9
+
+
+def test_noise_beside_a_linear_error_of_its_size_is_told_from_it():
+    rng = np.random.default_rng(6)
+    error = response(1.0005) - response()
+    for make in (white, pink, autoregressive):
+        noise = np.std(error) * make(rng, TIME.size)
+        reading = response() + error + noise
+        rms = incoherent_rms(run_of(force(), reading), "x", error + noise)
+        assert 0.8 * np.std(noise) < rms < 1.1 * np.std(noise)
+
+
+def test_a_short_record_tells_nothing():
+    assert noise_share(np.random.default_rng(7).standard_normal(10), []) is None
+
+
+def test_an_error_as_large_as_the_motion_is_not_called_noise():
+    rng = np.random.default_rng(8)
+    reading = response()
+    assert incoherent_rms(run_of(force(), reading), "x", np.std(reading) * white(rng, TIME.size)) == 0.0
