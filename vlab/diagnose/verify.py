@@ -8,13 +8,13 @@ import numpy as np
 from vlab.cases.playback import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
-from vlab.diagnose.residual_noise import incoherent_rms
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.noise import noise_rms
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.residual_noise import incoherent_rms
 from vlab.diagnose.resolution import SensorStep
 from vlab.diagnose.terms import Fit
 from vlab.errors import BadCase, Diverged
