@@ -13,9 +13,9 @@ from vlab.errors import BadController
 class Controller(Protocol):
     """A discrete control law: samples in, commands out, once a sample.
 
-    A user's own law has this form, too (`controllers.user_law`): two attributes and two methods. A law that was made for
+    A user's own law has this form, too (`vlab.controllers.user_law`): two attributes and two methods. A law that was made for
     one sampling rate says so with a further attribute `rate` [Hz] and is refused in a loop of another; one that is linear
-    may say its matrices (`controllers.linear.LinearController`), so that theory can predict its loop.
+    may say its matrices (`vlab.controllers.linear.LinearController`), so that theory can predict its loop.
 
     Parameters
     ----------

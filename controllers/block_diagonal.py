@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+from vlab.controllers.linear import LinearController, LinearLaw
 
-from controllers.linear import LinearController, LinearLaw
 from vlab.errors import BadController
 
 Array = NDArray[np.float64]

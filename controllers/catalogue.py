@@ -3,11 +3,12 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from controllers import lqdrf, lqg, lqr, mfdrf
-from controllers.lqdrf import Kind, LqdrfDesign
-from controllers.lqg import LqgDesign
-from controllers.lqr import LqrDesign
-from controllers.mfdrf import MfdrfDesign
+from vlab.controllers.lqdrf import Kind, LqdrfDesign
+from vlab.controllers.lqg import LqgDesign
+from vlab.controllers.lqr import LqrDesign
+from vlab.controllers.mfdrf import MfdrfDesign
+
+from vlab.controllers import lqdrf, lqg, lqr, mfdrf
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadDesign, unknown_name

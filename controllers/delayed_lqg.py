@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+from vlab.controllers.linear import LinearLaw
+from vlab.controllers.sampling import sample_with_delay
 
-from controllers.linear import LinearLaw
-from controllers.sampling import sample_with_delay
 from vlab.design.state_model import StateModel
 from vlab.design.weights import Noise, Weights
 from vlab.errors import BadDesign

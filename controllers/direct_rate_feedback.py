@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from controllers.base import as_gain_matrix
-from controllers.linear import Matrices
+from vlab.controllers.base import as_gain_matrix
+from vlab.controllers.linear import Matrices
 
 
 class DirectRateFeedback:

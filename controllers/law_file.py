@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from vlab.controllers.direct_rate_feedback import DirectRateFeedback
+from vlab.controllers.linear import LinearLaw
 
-from controllers.direct_rate_feedback import DirectRateFeedback
-from controllers.linear import LinearLaw
 from vlab.errors import BadController
 from vlab.schema import Reader
 

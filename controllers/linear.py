@@ -5,8 +5,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+from vlab.controllers.base import Controller, as_gain_matrix
 
-from controllers.base import Controller, as_gain_matrix
 from vlab.errors import BadController
 
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]

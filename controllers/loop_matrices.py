@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from vlab.controllers.catalogue import Design
+from vlab.controllers.lqg import LqgDesign
+from vlab.controllers.lqr import LqrDesign
 
-from controllers.catalogue import Design
-from controllers.lqg import LqgDesign
-from controllers.lqr import LqrDesign
 from vlab.design import performance
 from vlab.signals import Array
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from vlab.controllers.rate_feedback_design import RateFeedbackDesign
 
-from controllers.rate_feedback_design import RateFeedbackDesign
 from vlab.design import performance
 from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
 from vlab.design.gain_search import GainSearch, bounded_modes

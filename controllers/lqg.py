@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from vlab.controllers.linear import LinearLaw
+from vlab.controllers.lqr import LqrDesign
+from vlab.controllers.lqr import design as design_lqr
+from vlab.controllers.sampling import hold
 
-from controllers.linear import LinearLaw
-from controllers.lqr import LqrDesign
-from controllers.lqr import design as design_lqr
-from controllers.sampling import hold
 from vlab.design import performance
 from vlab.design.riccati import kalman_filter
 from vlab.design.state_model import StateModel

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from vlab.controllers.linear import LinearLaw
 
-from controllers.linear import LinearLaw
 from vlab.design import performance
 from vlab.design.riccati import lqr
 from vlab.design.state_model import StateModel, state_model

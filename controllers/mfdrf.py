@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from vlab.controllers.rate_feedback_design import RateFeedbackDesign
 
-from controllers.rate_feedback_design import RateFeedbackDesign
 from vlab.design import performance
 from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
 from vlab.design.gain_search import GainSearch, bounded_modes

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vlab.controllers.base import as_gain_matrix
+from vlab.controllers.linear import Matrices
 
-from controllers.base import as_gain_matrix
-from controllers.linear import Matrices
 from vlab.errors import BadController
 
 

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from controllers.direct_rate_feedback import DirectRateFeedback
+from vlab.controllers.direct_rate_feedback import DirectRateFeedback
+
 from vlab.design import performance
 from vlab.design.closed_loop import RateFeedbackLoop
 from vlab.design.gain_search import Search

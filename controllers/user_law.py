@@ -1,6 +1,6 @@
 """A user's own control law, from a file or an entry point that the user names.
 
-The law is a class without required arguments that has the form of `controllers.base.Controller`: the attributes `sensors`
+The law is a class without required arguments that has the form of `vlab.controllers.base.Controller`: the attributes `sensors`
 and `actuators`, `reset()` and `step(y) -> u`. Loading it runs the file's code, so nothing is ever searched for or loaded
 that was not named: ``path/to/law.py:ClassName``, or ``entry:NAME`` for the entry point NAME of the group ``vlab.laws`` of
 an installed package.
@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from vlab.controllers.base import Controller
+from vlab.controllers.direct_rate_feedback import DirectRateFeedback
+from vlab.controllers.linear import LinearLaw
 
-from controllers.base import Controller
-from controllers.direct_rate_feedback import DirectRateFeedback
-from controllers.linear import LinearLaw
 from vlab.errors import BadController, VlabError, unknown_name
 
 GROUP = "vlab.laws"

@@ -18,7 +18,7 @@ def test_python_control_gives_the_same_table_9(fe):
 
 
 def test_slsqp_never_beats_the_design(fe):
-    from controllers import mfdrf
+    from vlab.controllers import mfdrf
 
     found = bench_designs.with_slsqp(fe, lambda D: float(performance.force_bounds(D).max()), seed=0)
     # SLSQP may use the slack of 1e-3 in the damping that `with_slsqp` allows it

@@ -59,7 +59,21 @@ def test_conversion_there_and_back_is_the_identity():
 
 
 @pytest.mark.parametrize(
-    "unit", ["furlongs per fortnight", "m**", "__import__('os')", "in;rm", "x" * 100, "degC", "[length]", "9**9**9"]
+    "unit",
+    [
+        "furlongs per fortnight",
+        "m**",
+        "__import__('os')",
+        "in;rm",
+        "x" * 100,
+        "degC",
+        "[length]",
+        "9**9**9",
+        "9^9^9^9",
+        "m^(9^9^9)",
+        "((((9)^99)^99)^99)^99",
+        "s^99999999",
+    ],
 )
 def test_what_is_no_unit_is_refused(unit):
     with pytest.raises(BadUnit):
@@ -81,3 +95,25 @@ def test_an_angle_says_what_is_counted(unit, si):
 def test_wrong_dimension_names_both():
     with pytest.raises(BadUnit, match="'lbf' cannot be converted to 'm'"):
         units.factor("lbf", "m")
+
+
+def test_powers_of_an_expression_are_units():
+    assert units.factor("(mm/s^2)^2/Hz", "(m/s^2)^2/Hz") == pytest.approx(1e-6, rel=1e-14)
+    assert units.factor("m/s^(1/2)", "m/s^0.5") == 1.0
+    assert units.factor("mm^-1", "1/m") == pytest.approx(1e3, rel=1e-14)
+
+
+@pytest.mark.parametrize("broken", ["UnitRegistry", "parse_units"])
+def test_a_broken_library_is_not_called_a_wrong_unit(monkeypatch, broken):
+    pint = pytest.importorskip("pint")
+
+    def fail(*words: object) -> None:
+        raise TypeError("cannot inherit frozen dataclass from a non-frozen one")
+
+    monkeypatch.setattr(pint if broken == "UnitRegistry" else pint.UnitRegistry, broken, fail)
+    for cached in (units._registry, units._parse):
+        cached.cache_clear()
+    with pytest.raises(ImportError, match=r"pint .* fails on this installation .TypeError: cannot inherit"):
+        units.factor("mm", "m")
+    monkeypatch.undo()
+    assert units.factor("mm", "m") == 1e-3

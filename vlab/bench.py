@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from controllers import Controller, LinearLaw
 from vlab.assets import asset
 from vlab.bench_designs import design_timings
 from vlab.cases.case import load_case
+from vlab.controllers import Controller, LinearLaw
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.refine import Refiner

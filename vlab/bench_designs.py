@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import minimize
 
-from controllers import lqdrf, lqg, mfdrf
+from vlab.controllers import lqdrf, lqg, mfdrf
 from vlab.design import performance
 from vlab.design.state_model import StateModel, state_model
 from vlab.design.weights import Noise, Weights, noise_of, weights_of

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from controllers import DirectRateFeedback
 from vlab.assets import asset
 from vlab.cases.case import load_case
 from vlab.cases.compare import Comparison, compare_case
+from vlab.controllers import DirectRateFeedback
 from vlab.diagnose.engine import Diagnosed, diagnose
 from vlab.lab.analysis import analytical_response, measured_response
 from vlab.lab.experiment import Result, run_experiment

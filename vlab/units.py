@@ -6,6 +6,7 @@ the units of their trade; `to_si`, `from_si` and `factor` are the only way in an
 
 import re
 from functools import lru_cache
+from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,11 @@ _SPELLINGS = tuple(
 )
 """How laboratories write units that have another name in the registry."""
 
+_BAD_POWER = re.compile(
+    r"\^(?!\s*(?:[-+]?\d{1,2}|\(\s*[-+]?\d{1,2}(?:\s*/\s*\d{1,2})?\s*\))(?!\s*\^|\d))|\)\s*\^.*\)\s*\^"
+)
+"""A power that is no short number, and powers of powers of powers: their integers would be computed for hours."""
+
 _TURNS = re.compile(r"rad|deg|grad|turn|cycle|revolution|rpm")
 _PER_SECOND = re.compile(r"Hz|hertz|cps")
 ANGLES = ("rad", "rad/s", "rad/s^2")
@@ -50,9 +56,25 @@ ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    import pint  # deferred: reading the unit definitions costs a second that most calls do not need
+    """Return the registry of units, after it has shown that it works.
 
-    return pint.UnitRegistry()
+    Raises
+    ------
+    ImportError
+        The library cannot be loaded, or fails at a plain unit: nothing is said of any unit then.
+    """
+    try:
+        import pint  # deferred: reading the unit definitions costs a second that most calls do not need
+
+        registry = pint.UnitRegistry()
+        registry.Quantity(1.0, registry.parse_units("kg m/s^2")).to_base_units()
+    except Exception as error:
+        version = metadata.version("pint")
+        raise ImportError(
+            f"pint {version}, which reads units, fails on this installation ({type(error).__name__}: {error}); install "
+            "another version of it"
+        ) from error
+    return registry
 
 
 def spelled(unit: str) -> str:
@@ -71,13 +93,12 @@ def _parse(unit: str) -> tuple[float, Any]:
         raise BadUnit(
             f"unit {unit[:20]!r}... is {len(text)} characters long; a unit is a short expression like 'lbf s/in'"
         )
-    if any(sign in text for sign in ("__", "@", "=", "[", "{", "**")):
+    if any(sign in text for sign in ("__", "@", "=", "[", "{", "**")) or _BAD_POWER.search(text):
         raise BadUnit(f"unit {unit!r} is not a unit expression; write it like 'lbf s/in' or 'm/s^2'")
+    registry = _registry()
     try:
-        base, zero = (
-            _registry().Quantity(value, _registry().parse_units(text)).to_base_units() for value in (1.0, 0.0)
-        )
-    except Exception as error:  # pint raises a dozen kinds, asserts and tokenizer errors among them
+        base, zero = (registry.Quantity(value, registry.parse_units(text)).to_base_units() for value in (1.0, 0.0))
+    except Exception as error:  # a registry that works raises a dozen kinds at bad text, TypeError among them
         raise BadUnit(f"unknown unit {unit!r}; write it like 'lbf s/in', 'in', 'mm', 'm/s^2', 'V'") from error
     if zero.magnitude != 0:
         raise BadUnit(f"unit {unit!r} has an offset: no factor leads to {base.units}; convert the values beforehand")

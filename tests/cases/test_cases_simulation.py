@@ -5,11 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from controllers import DirectRateFeedback
 from vlab.cases import compare_case, load_case, simulate
 from vlab.cases.initial import InitialState, begins_at_rest, exponentials
 from vlab.cases.misfit import misfit
 from vlab.cases.playback import _held_means, plan_clock
+from vlab.controllers import DirectRateFeedback
 from vlab.errors import BadCase, Diverged
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
+from vlab.controllers.catalogue import LAWS
+from vlab.controllers.law_file import load_law
 
-from controllers.catalogue import LAWS
-from controllers.law_file import load_law
 from vlab.cli import main
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import loop_on
@@ -195,7 +195,8 @@ def test_robustness_and_array_are_reported_and_drawn(capsys, tmp_path, monkeypat
 
 def test_on_the_grid_mode_12_is_not_the_twelfth_that_is_modelled(capsys):
     # the exact reduction keeps mode 13 instead of its neighbour of 4 mHz, which moves the coils as little
-    from controllers.catalogue import published_way
+    from vlab.controllers.catalogue import published_way
+
     from vlab.cli.design import _modelled
     from vlab.fe import build_fe_model
 
@@ -237,7 +238,7 @@ def test_an_experiment_refuses_the_regulator_without_a_filter(capsys, tmp_path):
 
 
 DASHPOTS = """import numpy as np
-from controllers import DirectRateFeedback
+from vlab.controllers import DirectRateFeedback
 
 class Dashpots(DirectRateFeedback):
     def __init__(self):

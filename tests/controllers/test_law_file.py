@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from vlab.controllers.law_file import load_law, write_law
 
-from controllers import DirectRateFeedback, LinearLaw
-from controllers.law_file import load_law, write_law
+from vlab.controllers import DirectRateFeedback, LinearLaw
 from vlab.errors import BadController
 
 GAINS = """format = "vlab-law-1"

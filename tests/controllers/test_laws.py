@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers import Controller, DirectRateFeedback, ObserverFeedback
+from vlab.controllers import Controller, DirectRateFeedback, ObserverFeedback
 from vlab.errors import BadController, UnknownName
 from vlab.lab.laws import published_law
 

@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 from scipy import linalg
 from scipy.integrate import solve_ivp
+from vlab.controllers.block_diagonal import block_diagonal, real_modal_form
+from vlab.controllers.sampling import hold, sample_with_delay
 
-from controllers import Controller, DirectRateFeedback, LinearController, LinearLaw, ObserverFeedback, delayed_lqg, lqg
-from controllers.block_diagonal import block_diagonal, real_modal_form
-from controllers.sampling import hold, sample_with_delay
+from vlab.controllers import (
+    Controller,
+    DirectRateFeedback,
+    LinearController,
+    LinearLaw,
+    ObserverFeedback,
+    delayed_lqg,
+    lqg,
+)
 from vlab.design.state_model import state_model
 from vlab.design.weights import identity_weights, published_noise
 from vlab.errors import BadController, BadDesign

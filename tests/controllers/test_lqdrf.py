@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toys import toy
 
-from controllers import lqdrf
+from vlab.controllers import lqdrf
 from vlab.design import performance
 from vlab.design.state_model import state_model
 from vlab.design.weights import Weights, energy_weights, identity_weights

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from controllers import Controller, lqg
+from vlab.controllers import Controller, lqg
 from vlab.design.performance import match_poles
 from vlab.design.state_model import state_model
 from vlab.design.weights import identity_weights, published_noise

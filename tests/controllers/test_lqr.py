@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers import Controller, lqr
+from vlab.controllers import Controller, lqr
 from vlab.design import performance
 from vlab.design.state_model import state_model
 from vlab.design.weights import Weights, identity_weights

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from toys import oscillators, toy
 
-from controllers import mfdrf
 from vlab import units
+from vlab.controllers import mfdrf
 from vlab.design import performance
 from vlab.errors import BadDesign
 from vlab.fe.reduced import build_reduced_model

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from vlab.controllers.user_law import GROUP, is_user_law, load_user_law
 
-from controllers import Controller, LinearLaw
-from controllers.user_law import GROUP, is_user_law, load_user_law
 from vlab.assets import asset
 from vlab.cli import main
+from vlab.controllers import Controller, LinearLaw
 from vlab.errors import BadController, UnknownName
 from vlab.lab import Experiment, run_experiment
 
@@ -45,7 +45,7 @@ def test_the_example_that_comes_with_vlab_has_ten_lines_and_runs(modal):
 def test_a_law_may_be_a_function_or_an_object(tmp_path):
     path = tmp_path / "other.py"
     path.write_text(
-        "from controllers import LinearLaw, DirectRateFeedback\n"
+        "from vlab.controllers import LinearLaw, DirectRateFeedback\n"
         "def make(): return LinearLaw([[0.5]], [[1.0]], [[1.0]], [[0.0]], sensors=['base'], actuators=['base'], rate=1000.0)\n"
         "ready = DirectRateFeedback([[2.0]], sensors=['base'], actuators=['base'])\n"
     )

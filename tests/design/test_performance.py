@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from controllers import lqg, lqr
+from vlab.controllers import lqg, lqr
 from vlab.design import performance
 from vlab.design.state_model import state_model
 from vlab.design.weights import identity_weights, published_noise

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from vlab.controllers.block_diagonal import block_diagonal
 
-from controllers import DirectRateFeedback, LinearLaw, delayed_lqg, lqg
-from controllers.block_diagonal import block_diagonal
+from vlab.controllers import DirectRateFeedback, LinearLaw, delayed_lqg, lqg
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadController, BadExperiment

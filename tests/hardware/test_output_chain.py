@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from vlab.controllers.sampling import delay_split
 
-from controllers.sampling import delay_split
 from vlab.errors import BadExperiment
 from vlab.hardware import load_hardware
 from vlab.hardware.laboratory import Converter

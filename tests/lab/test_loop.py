@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers import DirectRateFeedback
 from vlab.bench import integrate_with_scipy
+from vlab.controllers import DirectRateFeedback
 from vlab.errors import BadController, BadExperiment, Diverged
 from vlab.hardware.sensing import coil_gain
 from vlab.lab import Experiment, run_experiment

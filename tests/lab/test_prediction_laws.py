@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from vlab.controllers.block_diagonal import block_diagonal
+from vlab.controllers.catalogue import published_way
 
-from controllers import DirectRateFeedback, LinearLaw
-from controllers.block_diagonal import block_diagonal
-from controllers.catalogue import published_way
+from vlab.controllers import DirectRateFeedback, LinearLaw
 from vlab.errors import BadController
 from vlab.fe.reduced import build_reduced_model
 from vlab.lab import Experiment, run_experiment

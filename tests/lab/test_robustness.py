@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import single_mode
 
-from controllers import LinearLaw
+from vlab.controllers import LinearLaw
 from vlab.errors import BadController
 from vlab.lab.laws import named_law, published_law
 from vlab.lab.prediction import SampledLoop, loop_on

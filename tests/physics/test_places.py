@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from controllers import DirectRateFeedback
+from vlab.controllers import DirectRateFeedback
 from vlab.fe import build_fe_model
 from vlab.hardware import load_hardware
 from vlab.lab.excitation import build_excitation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rerun import chunk
 
-from controllers import DirectRateFeedback, LinearLaw
+from vlab.controllers import DirectRateFeedback, LinearLaw
 from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.signals import Channel, Recording

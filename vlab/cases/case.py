@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.user_law import is_user_law
 from vlab.cases.description import CaseTable, RecordingTable
 from vlab.cases.wiring import Run, find_input, find_output, find_place, make_run, wire
+from vlab.controllers.user_law import is_user_law
 from vlab.errors import BadCase, VlabError, unknown_name
 from vlab.hardware import Hardware, load_hardware
 from vlab.physics.attach import Attached, attach

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import Controller, DirectRateFeedback, ObserverFeedback
 from vlab import units
 from vlab.cases.description import ChannelTable, ControllerTable, RecordingTable
 from vlab.cases.stamps import in_time
+from vlab.controllers import Controller, DirectRateFeedback, ObserverFeedback
 from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown_name
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
-from controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
-from controllers.law_file import write_law
-from controllers.lqdrf import KINDS, LqdrfDesign
-from controllers.lqg import LqgDesign
-from controllers.lqr import LqrDesign
-from controllers.mfdrf import MfdrfDesign
 from vlab import units
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
+from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
+from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
+from vlab.controllers.law_file import write_law
+from vlab.controllers.lqdrf import KINDS, LqdrfDesign
+from vlab.controllers.lqg import LqgDesign
+from vlab.controllers.lqr import LqrDesign
+from vlab.controllers.mfdrf import MfdrfDesign
 from vlab.design.gain_search import bounded_modes
 from vlab.design.performance import shared_modes
 from vlab.design.state_model import StateModel, state_model

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from controllers.catalogue import Asked
-from controllers.law_file import is_law_file
-from controllers.linear import LinearController
-from controllers.user_law import is_user_law
+from vlab.controllers.catalogue import Asked
+from vlab.controllers.law_file import is_law_file
+from vlab.controllers.linear import LinearController
+from vlab.controllers.user_law import is_user_law
 from vlab.design import performance
 from vlab.design.state_model import state_model
 from vlab.design.weights import weights_of

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller
 from vlab.cases.initial import replayed_commands
 from vlab.cases.playback import bench_for
 from vlab.cases.simulate import warmed_up
 from vlab.cases.wiring import Law, Run
+from vlab.controllers import Controller
 from vlab.plants.base import Plant
 from vlab.signals import Array
 

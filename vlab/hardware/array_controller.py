@@ -4,8 +4,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from controllers.block_diagonal import block_diagonal
-from controllers.linear import LinearController, LinearLaw
+from vlab.controllers.block_diagonal import block_diagonal
+from vlab.controllers.linear import LinearController, LinearLaw
 from vlab.errors import BadController
 from vlab.hardware.laboratory import Hardware
 from vlab.signals import Array

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import lfilter
 
-from controllers.sampling import delay_split
+from vlab.controllers.sampling import delay_split
 from vlab.errors import BadExperiment
 from vlab.hardware.laboratory import Converter
 from vlab.signals import Array

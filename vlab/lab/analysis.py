@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from controllers.linear import LinearController
+from vlab.controllers.linear import LinearController
 from vlab.fe.second_order import Quantity
 from vlab.hardware.back_emf import brake_model
 from vlab.lab.prediction import closed_loop_response

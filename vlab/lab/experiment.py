@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from controllers import Controller
+from vlab.controllers import Controller
 from vlab.errors import BadExperiment
 from vlab.hardware.back_emf import brake_plant
 from vlab.hardware.laboratory import Hardware, load_hardware

@@ -1,10 +1,10 @@
 """Control laws by name, wired to a structure's coils."""
 
-from controllers import Controller, DirectRateFeedback
-from controllers.catalogue import LAWS, published_way
-from controllers.law_file import is_law_file, load_law
-from controllers.lqg import RATE
-from controllers.user_law import is_user_law, load_user_law
+from vlab.controllers import Controller, DirectRateFeedback
+from vlab.controllers.catalogue import LAWS, published_way
+from vlab.controllers.law_file import is_law_file, load_law
+from vlab.controllers.lqg import RATE
+from vlab.controllers.user_law import is_user_law, load_user_law
 from vlab.errors import BadController, unknown_name
 from vlab.published import published_table, published_tables
 from vlab.structure.model import Structure

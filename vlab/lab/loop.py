@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller
+from vlab.controllers import Controller
 from vlab.errors import BadController
 from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain

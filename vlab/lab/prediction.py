@@ -8,9 +8,9 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import linear_sum_assignment
 
-from controllers import DirectRateFeedback
-from controllers.linear import LinearController, Matrices
-from controllers.sampling import sample_with_delay
+from vlab.controllers import DirectRateFeedback
+from vlab.controllers.linear import LinearController, Matrices
+from vlab.controllers.sampling import sample_with_delay
 from vlab.errors import BadController
 from vlab.fe.model import FeModel
 from vlab.fe.second_order import Quantity, SecondOrderModel

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.linear import LinearController
+from vlab.controllers.linear import LinearController
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.hardware.back_emf import brake_model

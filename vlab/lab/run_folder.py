@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller
+from vlab.controllers import Controller
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from controllers.user_law import FAILURES, class_from_file, is_user_law
+from vlab.controllers.user_law import FAILURES, class_from_file, is_user_law
 from vlab.errors import BadExperiment, unknown_name
 from vlab.physics import actuators, port_linear, port_memory, port_nonlinear, sensors
 from vlab.physics.effect import Effect

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from controllers import Controller, lqdrf, lqg, mfdrf
-from controllers.catalogue import published_way
-from controllers.linear import LinearController
+from vlab.controllers import Controller, lqdrf, lqg, mfdrf
+from vlab.controllers.catalogue import published_way
+from vlab.controllers.linear import LinearController
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadExperiment, unknown_name

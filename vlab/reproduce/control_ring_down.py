@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller
+from vlab.controllers import Controller
 from vlab.lab.effort import ActuatorEffort
 from vlab.lab.excitation import Release
 from vlab.lab.experiment import Experiment, run_experiment

@@ -7,7 +7,7 @@ ones, shown, and decide nothing.
 import numpy as np
 from scipy.optimize import brentq
 
-from controllers import lqdrf, lqg, lqr
+from vlab.controllers import lqdrf, lqg, lqr
 from vlab.design.weights import energy_weights, noise_of, weights_of
 from vlab.published import PublishedTable, published_design, published_table
 from vlab.reproduce.cells import Cell, ReproducedTable, beside, compare

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.catalogue import published_way
-from controllers.linear import LinearController
-from controllers.lqg import RATE
+from vlab.controllers.catalogue import published_way
+from vlab.controllers.linear import LinearController
+from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.string_modes import add_string_modes, with_cable_mass
 from vlab.hardware import load_hardware

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller
-from controllers.catalogue import published_way
-from controllers.lqg import RATE
+from vlab.controllers import Controller
+from vlab.controllers.catalogue import published_way
+from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.model import FeModel
 from vlab.fe.string_modes import add_string_modes

@@ -4,10 +4,10 @@ from functools import cached_property
 
 import numpy as np
 
-from controllers import lqdrf, lqg, mfdrf
-from controllers.lqdrf import LqdrfDesign
-from controllers.lqg import LqgDesign
-from controllers.mfdrf import MfdrfDesign
+from vlab.controllers import lqdrf, lqg, mfdrf
+from vlab.controllers.lqdrf import LqdrfDesign
+from vlab.controllers.lqg import LqgDesign
+from vlab.controllers.mfdrf import MfdrfDesign
 from vlab.design import performance
 from vlab.design.closed_loop import RateFeedbackLoop
 from vlab.design.state_model import StateModel, state_model

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from controllers.catalogue import Design
-from controllers.loop_matrices import loops_of, response
+from vlab.controllers.catalogue import Design
+from vlab.controllers.loop_matrices import loops_of, response
 from vlab.fe.model import FeModel
 from vlab.lab.prediction import SampledLoop
 from vlab.lab.robustness import damper_strengths

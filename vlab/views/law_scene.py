@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers import Controller, LinearController
+from vlab.controllers import Controller, LinearController
 from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import ActuatorTap, Plant

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.catalogue import published_way
-from controllers.lqg import RATE
+from vlab.controllers.catalogue import published_way
+from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
 from vlab.hardware import load_hardware
 from vlab.lab.prediction import loop_on

@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from controllers import Controller
+from vlab.controllers import Controller
 from vlab.errors import unknown_name
 from vlab.hardware.laboratory import Hardware
 from vlab.lab.experiment import Result
