@@ -6,6 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 ROOMS = [
     "vlab.errors",
+    "vlab.interrupts",
     "vlab.units",
     "vlab.schema",
     "vlab.assets",

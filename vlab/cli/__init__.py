@@ -1,22 +1,27 @@
 """The command line: parse, call, print.
 
-Exit status 0: done. 1: a check did not hold. 2: bad input, with one line on stderr. With ``--json`` one JSON document
-goes to stdout and nothing else; progress goes to stderr.
+Exit status 0: done. 1: a check did not hold. 2: bad input, with one line on stderr. 3: a fault of vlab's own, with one line on stderr
+that says how to report it. 130: interrupted. With ``--json`` one JSON document goes to stdout and nothing else; progress goes to stderr.
 """
 
 import argparse
+import contextlib
+import errno
 import importlib
+import io
 import json
 import os
-import signal
 import sys
-import threading
+import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from vlab import __version__
+from vlab.cli import unforeseen
 from vlab.cli.common import Outcome
-from vlab.errors import Diverged, VlabError
+from vlab.errors import Diverged, VlabError, one_line
+from vlab.interrupts import LEFT, LeavingAtOnce, Noted
+from vlab.interrupts import STATUS as INTERRUPTED
 from vlab.outputs import finite
 
 VERBS = {
@@ -41,6 +46,11 @@ VERBS = {
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Linear algebra on one thread: sums then have one order, so the same seed gives the same bits on any number of cores, and
 the small matrices here are faster that way."""
+OF_SYSTEM = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ENFILE}
+"""What the system refuses whatever vlab does: rights, room, open files."""
+MOST_SAID = 10_000
+"""Signs of an error's line: one that lists all accepted names is long."""
+DEBUG = "--debug"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -58,6 +68,7 @@ def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(verb, help=summary, description=summary, allow_abbrev=False)
+        sub.add_argument(DEBUG, action="store_true", help="show the traceback of an error")
         sub.add_argument("--json", action="store_true", help="print one JSON document to stdout and nothing else")
         if verb == chosen:
             _module(verb).add_arguments(sub)
@@ -71,35 +82,58 @@ def _module(verb: str) -> Any:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
+            stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
+    is_debug = DEBUG in words
+    with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written
+        try:
+            return _run(words)
+        except SystemExit:
+            raise
+        except BaseException as error:
+            try:
+                check_interrupts()
+            except KeyboardInterrupt as stop:  # whatever a library has made of it
+                error = error if isinstance(error, KeyboardInterrupt) else stop
+            return _said(error, is_debug=is_debug)
+
+
+def _run(words: Sequence[str]) -> int:
+    """Run one command, print what it leaves, and return its exit status."""
     chosen = next((word for word in words if word in VERBS), None)
-    arguments = build_parser(chosen).parse_args(words)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a kill ends as Ctrl-C does: nothing half-written
-    try:
+    with LeavingAtOnce():
+        arguments = build_parser(chosen).parse_args(words)
         module = _module(arguments.verb)
-        if (
-            "mujoco" in sys.modules
-        ):  # its warnings would go to a log file in the user's folder; `check_run` reports them
-            sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
-        outcome: Outcome = module.run(arguments)
-    except VlabError as error:
-        print("error: " + " ".join(str(error).split()), file=sys.stderr)
-        return 1 if isinstance(error, Diverged) else 2
-    except PermissionError as error:
-        print(
-            f"error: {error.filename}: not permitted ({error.strerror}); change its rights or the path", file=sys.stderr
-        )
-        return 2
-    except KeyboardInterrupt as stop:
-        print(f"error: interrupted; {stop if stop.args else 'nothing half-written was left'}", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        return 141
+    if "mujoco" in sys.modules:  # its warnings would go to a log file in the user's folder; `check_run` reports them
+        sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
+    outcome: Outcome = module.run(arguments)
     try:
         print(json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else outcome.text)
         sys.stdout.flush()
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 141
+    except OSError:
+        with contextlib.suppress(OSError, ValueError):  # what cannot be printed is not tried again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
     return 0 if outcome.holds else 1
+
+
+def _said(error: BaseException, *, is_debug: bool) -> int:
+    """Say in one line why a command ended, and return its exit status."""
+    if isinstance(error, BrokenPipeError):
+        return 141
+    if isinstance(error, KeyboardInterrupt):
+        print(f"error: interrupted; {error if error.args else LEFT}", file=sys.stderr)
+        return INTERRUPTED
+    if is_debug:
+        traceback.print_exception(error)
+    if isinstance(error, VlabError):
+        print(f"error: {one_line(error, longest=MOST_SAID)}", file=sys.stderr)
+        return 1 if isinstance(error, Diverged) else 2
+    if isinstance(error, OSError) and error.errno in OF_SYSTEM:
+        where = one_line(error.filename or "the output")
+        print(f"error: {where}: {error.strerror}; change its rights, make room, or name another path", file=sys.stderr)
+        return 2
+    print(f"error: unforeseen {unforeseen.line_of(error)}", file=sys.stderr)
+    return unforeseen.STATUS

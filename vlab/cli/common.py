@@ -1,14 +1,14 @@
 """What the verbs share: their outcome, tables of text, progress on stderr."""
 
 import contextlib
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from tqdm import tqdm
+
+from vlab.interrupts import Noted
 
 LOG_S = 30.0
 """Time between two lines of progress in a log."""
@@ -47,33 +47,6 @@ def _show(cell: Any) -> str:
     return str(cell)
 
 
-@contextlib.contextmanager
-def _interrupts() -> Iterator[Callable[[], None]]:
-    """Yield a check that raises after Ctrl-C or a polite kill, for Python drops an exception that comes up in a callback."""
-    pressed: list[int] = []
-
-    def note(number: int, frame: Any) -> None:
-        pressed.append(number)
-        raise KeyboardInterrupt
-
-    def check() -> None:
-        if pressed:
-            raise KeyboardInterrupt
-
-    usual = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
-    if threading.current_thread() is not threading.main_thread():
-        usual = {}
-    if usual.get(signal.SIGINT) is signal.SIG_IGN:  # a job in the background
-        del usual[signal.SIGINT]
-    for number in usual:
-        signal.signal(number, note)
-    try:
-        yield check
-    finally:
-        for number, handler in usual.items():
-            signal.signal(number, handler)
-
-
 class _Lines:
     """Stderr that is no terminal: what a bar draws, as lines of a log."""
 
@@ -106,7 +79,7 @@ def _bar(**settings: Any) -> tqdm:
 @contextlib.contextmanager
 def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]]:
     """Show progress through simulated seconds on stderr."""
-    with _interrupts() as check, _bar(
+    with Noted() as check, _bar(
         total=round(total_s, 3), desc=label, unit="s",
         bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
     ) as bar:  # fmt: skip
@@ -121,7 +94,7 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
 @contextlib.contextmanager
 def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
     """Show the share of a long work that is done, and what is being done, on stderr."""
-    with _interrupts() as check, _bar(
+    with Noted() as check, _bar(
         total=100, desc=label, bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}"
     ) as bar:  # fmt: skip
 
@@ -136,7 +109,7 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 @contextlib.contextmanager
 def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
     """Show how many of many cases are done, with an estimate of the time left, on stderr."""
-    with _interrupts() as check, _bar(total=total, desc=label, unit="case") as bar:
+    with Noted() as check, _bar(total=total, desc=label, unit="case") as bar:
 
         def report(done: int, of: int) -> None:
             check()

@@ -90,6 +90,15 @@ class Refiner:
         self.is_rough = is_rough
         self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
         self.runs = list(runs if runs is not None else screen.runs)
+        self._weigh(model_error)
+        self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
+        self.active = self._active()
+        self.loose: dict[int, tuple[Array, Array, Array]] = {}
+        self.directions = self._informed()
+        self.loose = self._loose_starts()
+
+    def _weigh(self, model_error: float | None = None) -> None:
+        """Set what the weights of the runs' samples are and what their differences are worth, see `Refiner`."""
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
@@ -103,11 +112,6 @@ class Refiner:
         if self.problem.case.structure is not None and self.worth > WORTH:
             # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
             self.believed = independent_values(self.noise_share, self.error_share, self.worth)
-        self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
-        self.active = self._active()
-        self.loose: dict[int, tuple[Array, Array, Array]] = {}
-        self.directions = self._informed()
-        self.loose = self._loose_starts()
 
     @cached_property
     def weights(self) -> list[Array]:

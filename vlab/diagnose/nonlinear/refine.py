@@ -19,7 +19,7 @@ from vlab.diagnose.nonlinear.screen import Lines, MovingScreen
 from vlab.diagnose.nonlinear.tangent import FINE, stacked
 from vlab.diagnose.places import Place
 from vlab.diagnose.refine import NEAR_ENOUGH, Refiner
-from vlab.diagnose.signals import POINTS_PER_CYCLE, Signals
+from vlab.diagnose.signals import Signals
 from vlab.diagnose.terms import Fit, Term
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
@@ -91,10 +91,8 @@ class MovingRefiner(Refiner):
         self.whole = whole
         self.screen, self.problem, self.twin, self.runs = screen, screen.problem, screen.twin, runs
         self._gather()
-        self.sigma = np.array([np.hypot(run.noise, self.problem.model_error * run.scale) for run in runs])
-        samples = sum(run.y.size for run in runs)
+        self._weigh()
         self.noise_share = 1.0  # what its own error may be counts as noise: a smaller difference is worth nothing
-        self.believed = self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]

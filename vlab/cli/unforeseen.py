@@ -1,0 +1,35 @@
+"""Errors that nobody foresaw: one line with the kind of error, where it happened, and how to report it."""
+
+import re
+import traceback
+from pathlib import Path
+
+import vlab
+from vlab.errors import one_line
+
+STATUS = 3
+"""Exit status after an error that is vlab's own fault."""
+_PACKAGE = Path(vlab.__file__).parent
+_FRAME = re.compile(r'File "([^"\n]+)", line (\d+)')
+
+
+def line_of(error: BaseException) -> str:
+    """Return the one line that is said of an unforeseen error."""
+    said = one_line(error)
+    kind = type(error).__name__
+    return (
+        f"{kind} at {place_of(error)}{': ' if said else ''}{said}; this is a fault of vlab: please report this line "
+        "with the command and its input (--debug shows the traceback)"
+    )
+
+
+def place_of(error: BaseException) -> str:
+    """Return module and line of vlab where an error happened, the innermost one; what happened in a process of its own included."""
+    frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
+    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # all that is left of a worker's frames is their text
+        frames += [(file, int(number)) for file, number in _FRAME.findall(str(error.__cause__))]
+    for file, number in reversed(frames):
+        path = Path(file)
+        if path.is_relative_to(_PACKAGE):
+            return ".".join(path.relative_to(_PACKAGE.parent).with_suffix("").parts) + f":{number}"
+    return "vlab"
