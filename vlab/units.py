@@ -50,6 +50,27 @@ _PER_SECOND = re.compile(r"Hz|hertz|cps")
 ANGLES = ("rad", "rad/s", "rad/s^2")
 """Units of motion at a rotation: what is counted in cycles or in nothing is no radian."""
 
+_LENGTHS = ("m", "cm", "mm", "um", "in", "ft", "mil")
+_ANGLES = ("rad", "mrad", "deg", "rev")
+_BASE = {
+    "m": _LENGTHS,
+    "rad": _ANGLES,
+    "N": ("N", "kN", "mN", "lbf", "kgf"),
+    "N m": ("N m", "N cm", "N mm", "kN m", "lbf in", "lbf ft", "kgf cm"),
+    "V": ("V", "mV", "uV"),
+    "A": ("A", "mA", "uA"),
+    "1": ("1", "percent", "um/m"),
+    "s": ("s", "ms", "us", "ns", "min"),
+}
+WRITTEN = {
+    **_BASE,
+    **{f"m/{s}": tuple(f"{unit}/{s}" for unit in _LENGTHS) for s in ("s", "s^2")},
+    **{f"rad/{s}": tuple(f"{unit}/{s}" for unit in _ANGLES) for s in ("s", "s^2")},
+}
+"""Units that laboratories write into files, by the SI unit of what they measure."""
+WRITTEN["m/s^2"] += ("g", "mg")
+WRITTEN["rad/s"] += ("rpm",)
+
 ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
 """Units at a rotation by those at a translation."""
 
@@ -150,6 +171,32 @@ def _turns(unit: str, si: str) -> float:
         f"unit {unit!r} does not say what is counted, and {si!r} is wanted; write rad, deg or rev, as in 'rev/s', "
         f"or give a scale in {si} per count"
     )
+
+
+def mistaken(unit: str, si: str) -> dict[str, float]:
+    """Return the units that numbers may be in where they are said to be in another one.
+
+    Parameters
+    ----------
+    unit : str
+        What is said; `si` itself where a scale stands in its place.
+    si : str
+        The SI unit inside vlab; a ratio of two of `WRITTEN`, as of a frequency response, is one, too.
+
+    Returns
+    -------
+    dict
+        By unit: what the numbers then are over what is said of them, in SI. The unit itself is not among them.
+    """
+    above, _, below = si.rpartition("/")
+    written = WRITTEN.get(si, ())
+    if not written and above in WRITTEN and below in WRITTEN:
+        written = tuple(
+            f"({a})/{b}" if "/" in a else f"{a}/{b}" for a in WRITTEN[above] for b in WRITTEN[below] if a == above or b == below
+        )
+    own = factor(unit, si) if written else 1.0
+    ratios = {other: factor(other, si) / own for other in written}
+    return {other: ratio for other, ratio in ratios.items() if abs(ratio - 1.0) > 1e-9}
 
 
 def to_si(value: ArrayLike, unit: str, si: str) -> Any:

@@ -1,0 +1,85 @@
+"""The runs of a case beside what its model makes of their inputs, by channel and by bands of frequency."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.checks.bands import Bands, bands
+from vlab.cases.playback import plan_clock
+from vlab.cases.simulate import simulate
+from vlab.cases.wiring import Run
+from vlab.errors import BadCase, Diverged
+from vlab.plants.base import Plant
+from vlab.signals import Recording
+
+FEWEST = 3
+"""Bands below which a recording says nothing of a channel: at one resonance any phase and size may be the model's own error."""
+MOST_STEPS = 40_000
+"""Integration steps of a run that are simulated for the checks: the first seconds of it, or all."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Beside:
+    """Runs with what a model does.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+    simulated : tuple of Recording or None
+        None where the model cannot follow.
+    channels : mapping of str to list of Bands
+        Of every compared channel, commands aside: the runs of which at least `FEWEST` bands say something of it.
+    """
+
+    runs: tuple[Run, ...]
+    simulated: tuple[Recording | None, ...]
+    channels: Mapping[str, Sequence[Bands]]
+
+    def left(self, channel: str, factor: float = 1.0) -> float:
+        """Return what a simulated channel times a factor leaves in the run of which it leaves most, see `Bands.left`."""
+        return max((b.left(factor) for b in self.channels[channel]), default=0.0)
+
+    @property
+    def worst(self) -> float:
+        """What is left of the channel of which most is."""
+        return max((self.left(channel) for channel in self.channels), default=0.0)
+
+
+def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | None] | None = None) -> Beside:
+    """Put runs beside what a plant does under their inputs.
+
+    Parameters
+    ----------
+    simulated : sequence of Recording or None, optional
+        Where that is known already.
+    """
+    known = [_simulated(plant, run) for run in runs] if simulated is None else list(simulated)
+    channels: dict[str, list[Bands]] = {}
+    for run, own in zip(runs, known, strict=True):
+        for name in (c.channel for c in run.compared if c.actuator is None):
+            of_channel = channels.setdefault(name, [])
+            if own is None:
+                continue
+            found = bands(run.measured.time, run.measured[name], own[name])
+            if len(found) >= FEWEST:
+                of_channel.append(found)
+    return Beside(runs=tuple(runs), simulated=tuple(known), channels=channels)
+
+
+def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
+    """Return the first part of a run that takes at most so many steps of its plant."""
+    step, time = plan_clock(plant.timestep, run).timestep, run.measured.time
+    if time[-1] - time[0] <= most_steps * step:
+        return run
+    part = run.measured.between(time[0], time[0] + most_steps * step)
+    valid = None if run.valid is None else run.valid[: len(part)]
+    return replace(run, measured=part, valid=valid) if len(part) >= 2 else run
+
+
+def _simulated(plant: Plant, run: Run) -> Recording | None:
+    try:
+        with np.errstate(all="ignore"):
+            return simulate(plant, run).recording
+    except (Diverged, BadCase):
+        return None
