@@ -13,10 +13,11 @@ from rigs import oscillator_case
 
 from vlab.assets import asset
 from vlab.cases import load_case, simulate
+from vlab.diagnose.distance import gap_closed, total
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.parallel import side_by_side
 from vlab.diagnose.verdict import closes, is_needed, left_over
-from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, gap_closed, total, with_finer_steps
+from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, with_finer_steps
 from vlab.diagnose.zeros import said_zeros
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named

@@ -17,10 +17,11 @@ from rerun.chunk import RrdReader
 
 from vlab.cases import load_case
 from vlab.cases.compare import compare_case
+from vlab.diagnose.distance import total
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.verify import Amended, amended, check, total
+from vlab.diagnose.verify import Amended, amended, check
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine

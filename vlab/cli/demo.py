@@ -6,6 +6,7 @@ import time
 
 from vlab.cli.common import Outcome, text_table
 from vlab.demo import run_demo
+from vlab.diagnose.words import probability_in_words
 from vlab.outputs import output_folder, write_manifest
 
 
@@ -43,7 +44,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
             f"Concealed in the beam: {demo.concealed.truth}\n"
             + text_table(
                 ["found", "place", "probability"],
-                [[f.effect, f.place, f.probability] for f in demo.concealed.done.diagnosis.findings],
+                [
+                    [f.effect, f.place, probability_in_words(f.probability)]
+                    for f in demo.concealed.done.diagnosis.findings
+                ],
             ),
             "Real recordings beside their nominal model\n" + text_table(["case", "recording", "NRMSE"], misfits),
             f"{seconds:.0f} s; report: {arguments.out}/report.html; moving structure: vlab show {arguments.out}",

@@ -1,16 +1,20 @@
 """``vlab diagnose``."""
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
-from vlab.diagnose.diagnosis import Diagnosis
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
+from vlab.diagnose.distance import Distance
 from vlab.diagnose.engine import diagnose
+from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
 from vlab.errors import BadExperiment
 from vlab.outputs import keep_apart, output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS, effect_named
 
+OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
     "nothing-missing": "Nothing is missing: the refitted model explains the recordings as far as they can tell.",
@@ -61,26 +65,61 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _text(diagnosis: Diagnosis) -> str:
-    lines = [diagnosis.title, "", VERDICTS[diagnosis.verdict], ""]
+    is_of_the_fit_alone = diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone
+    verdict = OF_THE_FIT_ALONE if is_of_the_fit_alone else VERDICTS[diagnosis.verdict]
+    lines = [diagnosis.title, "", verdict, ""]
     for finding in diagnosis.findings:
         lines.append(f"{finding.name} at {finding.place} (probability {finding.probability:.2f}): {finding.words}")
-        lines.append(f"  law: {finding.law}")
-        for name, p in finding.parameters.items():
-            lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
+        lines += _values(finding)
         if len(finding.alike) > 1:
             lines.append(f"  these recordings cannot tell it from: {', '.join(finding.alike[1:])}")
         if len(finding.places_90) > 1:
             lines.append(f"  place: one of {', '.join(finding.places_90)}")
+        if diagnosis.is_held_out and not finding.verified_by:
+            lines.append("  of the fit alone: no recording kept aside can verify it")
         lines.append("")
-    heldout = diagnosis.heldout
-    rows = [_row(r["name"], r["role"], r) for r in heldout["per_recording"]] + [_row("all", "", heldout)]
-    lines.append(text_table(["recording", "role", "as given", "refitted", "amended", "noise", "gap closed %"], rows))
+    lines.append(_errors(diagnosis.heldout, diagnosis.checked))
+    if diagnosis.attempt is not None:
+        lines += ["", *_attempt(diagnosis.attempt)]
     if diagnosis.alternatives:
-        rows = [[a["effect"], a["place"], a["probability"], a["remaining"]] for a in diagnosis.alternatives]
-        lines += ["", text_table(["alternative", "place", "probability", "left over / noise"], rows)]
+        lines += ["", *_alternatives(diagnosis)]
     lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]
     lines += [f"Next measurement: {diagnosis.next_measurement}.", *diagnosis.notes, f"{diagnosis.seconds:.0f} s"]
     return "\n".join(lines)
+
+
+def _values(finding: Finding) -> list[str]:
+    """Return the law of a finding and its parameters, a line each."""
+    lines = [f"  law: {finding.law}"]
+    for name, p in finding.parameters.items():
+        lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
+    return lines
+
+
+def _errors(errors: dict[str, Any], checked: Sequence[Distance]) -> str:
+    """Return the table of errors of the models."""
+    rows = [_row(r["name"], r["role"], r) for r in errors["per_recording"]] + [_row("all", "", errors)]
+    before = before_heading(checked)
+    return text_table(["recording", "role", "as given", before, "amended", "noise", "gap closed %"], rows)
+
+
+def _attempt(attempt: Attempt) -> list[str]:
+    """Return what the best attempt is, and what it leaves."""
+    lines = [attempt_sentence(attempt)]
+    for finding in attempt.findings:
+        lines += [f"  {finding.name} at {finding.place}", *_values(finding)]
+    return [*lines, _errors(attempt.to_json(), attempt.checked)]
+
+
+def _alternatives(diagnosis: Diagnosis) -> list[str]:
+    """Return the table of what was tried besides: with probabilities where they mean anything."""
+    tried = diagnosis.alternatives
+    if all(a["probability"] is None for a in tried):
+        rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]
+        return [text_table(["tried", "place", "left over / refitted", "left over / noise"], rows)]
+    rows = [[a["effect"], a["place"], probability_in_words(a["probability"]), a["remaining"]] for a in tried]
+    table = text_table(["alternative", "place", "probability", "left over / noise"], rows)
+    return [table, f"({RESERVED})"]
 
 
 def _row(name: str, role: str, values: dict[str, Any]) -> list[Any]:

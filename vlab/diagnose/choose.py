@@ -25,8 +25,8 @@ shapes are looked at at all places, but only a dozen linear ones."""
 OF_PAIRS = 6.0
 """...and this much more for two of them at once: of a thousand pairs the best one gains 7 by chance."""
 LAPSE = 0.04
-"""Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere.
-Counted on the named effects of an earlier campaign of concealed cases."""
+"""Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere. All
+that was tried shares the rest. Counted on the named effects of an earlier campaign of concealed cases."""
 NEAR_MAINS = 0.5
 """A force [Hz] so near the mains' frequency or a multiple is not believed in for the likelihood alone: hum within the noise of every
 sensor adds up to one over all recordings."""
@@ -158,9 +158,9 @@ def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[H
     for h in [best, *sorted(same, key=lambda h: -h.score)]:
         by_effect.setdefault(_names(h), h)
     options = [*by_effect.values(), found.before]
-    weights = _shares(options)
+    weights = [(1.0 - LAPSE) * weight for weight in _shares(options)]
     ranking = sorted(zip(options[1:], weights[1:], strict=True), key=lambda pair: -pair[1])
-    return (1.0 - LAPSE) * weights[0], tuple(ranking)
+    return weights[0], tuple(ranking)
 
 
 def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:

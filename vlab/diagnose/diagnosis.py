@@ -1,12 +1,15 @@
 """A diagnosis: the verdict, what was found, where, with which law, how much better it fits, and what was not excluded."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
-from vlab.diagnose.verify import gap_closed, total
+from vlab.diagnose.distance import LOST, Distance, total, verifying, whole_gap
+from vlab.diagnose.terms import Fit
 
+ERRORS = ("nominal", "refitted", "before", "after", "noise")
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
 
 
@@ -24,6 +27,8 @@ class Finding:
         Effects that these recordings cannot tell from it, itself first.
     parameters : dict
         By name: value, unit and 90 % interval, SI.
+    verified_by : tuple of str
+        Recordings kept aside in which it does anything: no other one can verify it.
     """
 
     effect: str
@@ -36,6 +41,7 @@ class Finding:
     parameters: dict[str, dict[str, Any]]
     law: str
     words: str
+    verified_by: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -55,7 +61,52 @@ class Finding:
             "parameters": self.parameters,
             "law": self.law,
             "words": self.words,
+            "verified_by": list(self.verified_by),
         }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempt:
+    """The best attempt where nothing explains enough to be reported; it has no probability.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        What was added to the model, as it was fitted.
+    checked : tuple of Distance
+        As those of a `Diagnosis`, with it for the amended model.
+    fit : Fit
+        The same as it is simulated.
+    """
+
+    findings: tuple[Finding, ...]
+    checked: tuple[Any, ...]
+    fit: Fit
+
+    @property
+    def name(self) -> str:
+        """Its effects and places."""
+        return " + ".join(f"{f.name} at {f.place}" for f in self.findings)
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is one: a fit that ran away, or leaves no less than the model without it, is none."""
+        tests = verifying(self.checked)
+        before, after = total(tests, "before"), total(tests, "after")
+        return bool(after < LOST and (after < before or all(c.is_idle for c in tests)))
+
+    @property
+    def is_of_the_fit_alone(self) -> bool:
+        """Whether it does nothing in any recording kept aside."""
+        return bool(self.checked) and all(c.is_idle for c in self.checked)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values for a JSON document: those of a finding, and what it closes; further effects stand under ``also``."""
+        first, *more = (
+            {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90")}
+            for f in self.findings
+        )
+        return {**first, "also": more, **errors_to_json(self.checked)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,6 +118,8 @@ class Diagnosis:
     checked : tuple of Distance
         Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
         hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
+    attempt : Attempt or None
+        Beside ``"none-of-these"``.
     calibration : dict
         Log-factors of the uncertain parameters in the amended model, by name; of places the distance [m].
     """
@@ -81,37 +134,29 @@ class Diagnosis:
     next_measurement: str
     quality: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    attempt: Attempt | None = None
     calibration: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
-    def is_verified(self) -> bool:
+    def tried(self) -> tuple[Any, ...]:
+        """As `checked`, with the best attempt for the amended model where nothing is reported."""
+        return self.checked if self.attempt is None else self.attempt.checked
+
+    @property
+    def is_held_out(self) -> bool:
         """Whether the recordings in `checked` were kept from the search."""
         return all(c.role == "holdout" for c in self.checked) and bool(self.checked)
 
     @property
+    def is_verified(self) -> bool:
+        """Whether recordings kept from the search can verify what is said."""
+        return self.is_held_out and not all(c.is_idle for c in self.checked)
+
+    @property
     def heldout(self) -> dict[str, Any]:
         """Errors before and after on the hold-out recordings, in all and one by one."""
-        values = {key: total(self.checked, key) for key in ("nominal", "before", "after", "noise")}
-        each = [
-            {
-                "name": c.name,
-                "role": c.role,
-                **{f"nrmse_{k}": _finite(getattr(c, k)) for k in ("nominal", "before", "after", "noise")},
-                "gap_closed": _finite(c.gap_closed),
-                "channels": {
-                    name: dict(zip(("nominal", "before", "after", "noise"), map(_finite, v), strict=True))
-                    for name, v in c.channels.items()
-                },
-            }
-            for c in self.checked
-        ]
-        return {
-            **{f"nrmse_{k}": _finite(v) for k, v in values.items()},
-            "gap_closed": _finite(gap_closed(values["before"], values["after"], values["noise"])) if each else None,
-            "per_recording": each,
-            "verified": self.is_verified,
-        }
+        return {**errors_to_json(self.checked), "verified": self.is_verified}
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
@@ -120,6 +165,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "findings": [f.to_json() for f in self.findings],
             "alternatives": list(self.alternatives),
+            "attempt": None if self.attempt is None else self.attempt.to_json(),
             "heldout": self.heldout,
             "mismatch": self.mismatch,
             "not_excluded": list(self.not_excluded),
@@ -129,6 +175,29 @@ class Diagnosis:
             "calibration": self.calibration,
             "seconds": self.seconds,
         }
+
+
+def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
+    """Return errors on checked recordings, in all and one by one, as plain values."""
+    each = [
+        {
+            "name": c.name,
+            "role": c.role,
+            **{f"nrmse_{key}": _finite(getattr(c, key)) for key in ERRORS},
+            "gap_closed": _finite(c.gap_closed),
+            "can_verify": not c.is_idle,
+            "channels": {
+                name: dict(zip(("nominal", "before", "after", "noise"), map(_finite, v), strict=True))
+                for name, v in c.channels.items()
+            },
+        }
+        for c in checked
+    ]
+    return {
+        **{f"nrmse_{key}": _finite(total(checked, key)) for key in ERRORS},
+        "gap_closed": _finite(whole_gap(checked)),
+        "per_recording": each,
+    }
 
 
 def _finite(value: float | None) -> float | None:

@@ -3,16 +3,18 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.misfit import misfit
+from vlab.diagnose.attempt import Trials, best_attempt
 from vlab.diagnose.choose import Choice
 from vlab.diagnose.damage import assess
-from vlab.diagnose.diagnosis import Diagnosis, Verdict
-from vlab.diagnose.findings import alternatives, of_terms
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, Verdict
+from vlab.diagnose.findings import alternatives, by_what_they_explain, of_terms
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.mesh import with_modes_of_fe
@@ -28,7 +30,7 @@ from vlab.diagnose.timing import said
 from vlab.diagnose.unseen import held_out, moves
 from vlab.diagnose.verdict import closes, is_needed, left_over, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, with_finer_steps
-from vlab.diagnose.words import far_off, next_measurement, not_excluded
+from vlab.diagnose.words import far_off, idle, next_measurement, not_excluded, spoilt
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
@@ -123,25 +125,37 @@ def _diagnosed(
             fit_after, after = fit_before, without  # what the recordings show without a model explains them
     report(0.9, "checking in MuJoCo")
     runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
-    is_amended = bool(choice.best.terms) or seen.is_missing
-    nominal = Amended(plant=given)
-    checked = check(runs, before, after if is_amended else None, seen.benign_hums, nominal=nominal)
-    verdict = verdict_on(choice, checked, seen, is_structure=is_structure)
+    trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=Amended(plant=given))
+    terms = of_terms(choice, fit_after, problem)
+    tried = trials.of(fit_after, terms)
+
+    def verdict_of(trials: Trials, tried: Attempt) -> Verdict:
+        fitted = partial(_on_fitted, trials, fit_after, terms)
+        return verdict_on(choice, tried.checked, seen, is_structure=is_structure, fitted=fitted)
+
+    verdict = verdict_of(trials, tried)
     coarse = ""
     if verdict == "none-of-these" and not is_structure:
-        finer, finer_after, finer_nominal = (with_finer_steps(model) for model in (before, after, nominal))
-        coarse = coarse_steps(before, checked, check(runs, finer, None))
+        coarse = coarse_steps(before, tried.checked, check(runs, with_finer_steps(before), None))
         if coarse:
-            again = check(runs, finer, finer_after if is_amended else None, seen.benign_hums, nominal=finer_nominal)
-            second = verdict_on(choice, again, seen, is_structure=False)
+            finer = replace(trials, change=with_finer_steps)
+            again = finer.of(fit_after, terms)
+            second = verdict_of(finer, again)
             if second != verdict:
-                verdict, checked, before, after = second, again, finer, finer_after
+                verdict, tried, trials = second, again, finer
+                before, after = with_finer_steps(before), with_finer_steps(after)
                 coarse += "; the verdict is on the shorter ones"
+    attempt, checked = None, list(tried.checked)
+    if verdict == "none-of-these":
+        others = (h for h in found.hypotheses if h.label != choice.best.label)
+        attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
         checked = [c.unamended() for c in checked]
     notes = (
         *left_over(verdict, checked, is_structure=is_structure),
+        *spoilt(checked),
+        *idle(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
         *([coarse] if coarse else []),
         *([told] if told else []),
         *(s.line for s in standoffs),
@@ -150,7 +164,12 @@ def _diagnosed(
         *settled.rejected,
         *road.notes,
     )
-    diagnosis = _say(verdict, problem, choice, fit_after, checked, seen, notes, time.monotonic() - began)
+    findings = by_what_they_explain(tried.findings, checked) if verdict == "missing-physics" else ()
+    diagnosis = replace(
+        _say(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
+        alternatives=alternatives(choice, problem, verdict, found.before.level),
+        seconds=time.monotonic() - began,
+    )
     report(1.0, "done")
     return Diagnosed(
         diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
@@ -164,25 +183,29 @@ def _say(
     fit: Fit,
     checked: Sequence[Checked],
     seen: Seen,
+    findings: Sequence[Finding],
     notes: Sequence[str],
-    seconds: float,
+    attempt: Attempt | None,
 ) -> Diagnosis:
-    case = problem.case
-    findings = (*seen.of_law(problem), *of_terms(choice, fit, problem), *seen.of_sensors(problem))
     return Diagnosis(
-        title=case.table.title,
+        title=problem.case.table.title,
         verdict=verdict,
-        findings=findings if verdict == "missing-physics" else (),
-        alternatives=alternatives(choice, problem, is_reported=verdict == "missing-physics"),
+        findings=tuple(findings),
+        alternatives=(),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
         not_excluded=(*not_excluded(choice, verdict), *far_off(problem.parameters, fit.theta)),
-        next_measurement=next_measurement(choice, verdict, [f.effect for f in findings]),
+        next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
+        attempt=attempt,
         quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
-        seconds=seconds,
     )
+
+
+def _on_fitted(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
+    """Return how far the models are from the recordings to fit."""
+    return replace(trials, runs=trials.problem.runs).of(fit, terms).checked
 
 
 def _hum_line(hum: Hum) -> str:
@@ -191,12 +214,12 @@ def _hum_line(hum: Hum) -> str:
 
 
 def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:
-    """Return where the refitted model is off, without any hypothesis: bands, channels, times, the worst first."""
+    """Return where the model is off without any hypothesis: bands, channels, times, the worst first."""
     bands: list[dict[str, float]] = []
     channels: dict[str, float] = {}
     times: list[dict[str, Any]] = []
     for run in checked:
-        simulated = run.simulated[1]
+        simulated = run.standing
         if simulated is None:
             continue
         for name, errors in run.channels.items():

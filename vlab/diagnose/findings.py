@@ -1,5 +1,7 @@
 """What was found, as a diagnosis reports it: effects of the search, and what recordings show without any model."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,8 @@ import numpy as np
 from vlab.diagnose.choose import Choice
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
-from vlab.diagnose.diagnosis import Finding
+from vlab.diagnose.diagnosis import Finding, Verdict
+from vlab.diagnose.distance import Distance
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.hypothesis import WORTH, Hypothesis
 from vlab.diagnose.places import reported_name
@@ -21,6 +24,8 @@ from vlab.units import ANGULAR
 
 SEEN = 0.99
 """Probability of what recordings show without any model."""
+TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
+"""Verdicts beside which probabilities among what was tried say something: what is there, or nothing, is one of it."""
 MOST_ALTERNATIVES = 8
 """Hypotheses that are listed beside what is reported."""
 
@@ -85,15 +90,47 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     return out
 
 
-def alternatives(choice: Choice, problem: Problem, *, is_reported: bool) -> tuple[dict[str, Any], ...]:
-    """Return what was tried besides what is reported, best first; the chosen hypothesis among it where it is not."""
-    tried = choice.ranking if is_reported else choice.tried
+def of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
+    """Return the effects of a hypothesis that is not chosen, as findings that nothing is said of but their values."""
+    places = {t.place.name: 1.0 for t in fit.terms[:1]}
+    alone = Choice(best=hypothesis, alike=(), probability=float("nan"), ranking=(), places=places)
+    return of_terms(alone, fit, problem)
+
+
+def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance]) -> tuple[Finding, ...]:
+    """Return findings with the recordings kept aside that can verify each, those first that explain most of what was checked.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        With a part for every finding, in their order.
+    """
+    out = []
+    for i, finding in enumerate(findings):
+        parts = [(run, run.parts[i]) for run in checked if len(run.parts) == len(findings)]
+        names = tuple(run.name for run, part in parts if run.role == "holdout" and not part.is_idle)
+        gained = sum(part.left**2 - run.after**2 for run, part in parts if np.isfinite(run.after))
+        out.append((gained, replace(finding, verified_by=names)))
+    return tuple(finding for _, finding in sorted(out, key=lambda item: -item[0]))
+
+
+def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
+    """Return what was tried besides what is reported, best first; the chosen hypothesis among it where it is not.
+
+    Parameters
+    ----------
+    before : float
+        What the refitted model leaves of the recordings to fit, in multiples of the noise.
+    """
+    tried = choice.ranking if verdict == "missing-physics" else choice.tried
+    is_told = verdict in TOLD
     return tuple(
         {
             "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
             "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
-            "probability": p,
+            "probability": p if is_told else None,
             "remaining": h.level,
+            "remaining_share": h.level / max(before, 1e-300),
         }
         for h, p in tried[:MOST_ALTERNATIVES]
     )

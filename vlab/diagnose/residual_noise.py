@@ -35,6 +35,8 @@ RANK = 1e-8
 """Singular values below this share of the largest are rounding [1]."""
 LEAST_FREEDOM = 1e-6
 """Least share of a line that its own fit leaves free [1]: rounding alone is below."""
+FIRST_LINES = 3
+"""Spectral lines from which the noise's share of the mean is extrapolated [1]."""
 LEAST_SNR = 3.0
 """Least ratio of a channel's rms to its incoherent residual [1]: beyond a third of the motion (10 dB) no noise is told from chaos."""
 
@@ -61,13 +63,36 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
     inputs = [_spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
     motions = [run.measured.index(c.channel) for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
-    shares = [noise_share(residual, inputs, _nonlinear(run, column)) for column in motions]
-    rms = float(np.std(residual)) * min((s for s in shares if s is not None), default=0.0)
+    lines = [noise_lines(residual, inputs, _nonlinear(run, column)) for column in motions]
+    power = min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(residual) ** 2
+    squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
+    rms = float(np.sqrt(min(squares, float(np.mean(residual**2)))))
     return rms if LEAST_SNR * rms <= float(np.std(run.measured[channel])) else 0.0
 
 
+def _of_mean(power: Array) -> float:
+    """Return the most that noise adds to the square of a record's mean: noise as red as a random walk, of power 1/f^2.
+
+    The mean stands for the frequencies below half of the first line's.
+
+    Parameters
+    ----------
+    power : (n,) array
+        Of the noise on the lines from the first one on.
+    """
+    first = power[:FIRST_LINES]
+    return 4.0 * 2.0 * float(np.mean(first * np.arange(1, len(first) + 1) ** 2)) if len(first) else 0.0
+
+
 def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> float | None:
-    """Return the share of a residual's rms that is noise.
+    """Return the share of a residual's rms about its mean that is noise, from 0 to 1; None where `noise_lines` is None."""
+    noise = noise_lines(residual, linear, nonlinear)
+    total = float(np.sum(np.abs(_spectrum(residual)) ** 2))
+    return None if noise is None or total == 0 else float(np.sqrt(np.sum(noise) / total))
+
+
+def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> Array | None:
+    """Return the power of the noise on every line of a residual's spectrum but its mean, (n // 2,).
 
     Parameters
     ----------
@@ -77,8 +102,9 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
 
     Returns
     -------
-    float or None
-        From 0 to 1; None where the record has not lines enough for one band.
+    (n // 2,) array or None
+        Squares of absolute values of the discrete Fourier transform, at most the residual's own; None where the record has not
+        lines enough for one band.
     """
     R = _spectrum(residual)[1:]
     X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
@@ -86,7 +112,7 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
     count = len(R) // (LINES_PER_UNKNOWN * unknowns)
     if count == 0:
         return None
-    noise = 0.0
+    noise = np.zeros(len(R))
     for band in np.array_split(np.arange(len(R)), count):
         powers = np.vander(np.linspace(-1.0, 1.0, band.size), DEGREE + 1, increasing=True)
         columns = [-R[band, None] * powers[:, 1:], powers.astype(complex)]
@@ -101,9 +127,8 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
         # leave-one-out residuals, (R - fit) / (1 - leverage); near a zero of D they have no bound, and noise is no more than R
         D = 1.0 + powers[:, 1:] @ (fit[:DEGREE] / size[:DEGREE]) if np.all(size[:DEGREE] > 0) else np.ones(band.size)
         V = np.abs((R[band] - A @ fit) / D) / np.maximum(1.0 - np.sum(np.abs(Q) ** 2, axis=1), LEAST_FREEDOM)
-        noise += float(np.sum(np.minimum(V, np.abs(R[band])) ** 2))
-    total = float(np.sum(np.abs(R) ** 2))
-    return float(np.sqrt(min(noise / total, 1.0))) if total > 0 else None
+        noise[band] = np.minimum(V, np.abs(R[band])) ** 2
+    return noise
 
 
 def _nonlinear(run: Run, column: int) -> list[Array]:

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from vlab.diagnose.choose import Choice, choose, is_of_priors
+from vlab.diagnose.choose import ALIKE, Choice, choose, is_of_priors
+from vlab.diagnose.distance import NO_WORSE, gap_closed, total
 from vlab.diagnose.final_fit import final_fit, loudest_and_quietest
 from vlab.diagnose.fits import by_score, scored_by
 from vlab.diagnose.hypothesis import Hypothesis
@@ -13,8 +14,8 @@ from vlab.diagnose.refine import EXACT, ITERATIONS, Refiner
 from vlab.diagnose.search import TimeFound
 from vlab.diagnose.seen import Seen
 from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.verdict import LEAST_TO_NOISE, NO_WORSE, errors_of
-from vlab.diagnose.verify import Amended, amended, check, gap_closed, total
+from vlab.diagnose.verdict import LEAST_TO_NOISE, errors_of
+from vlab.diagnose.verify import Amended, amended, check
 from vlab.physics.effect import Effect
 
 STEPS_ALONG_MOTION = 6
@@ -79,10 +80,10 @@ class Settling:
                     rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
                     found = self._with(_without(found, best, on_twin.nil), rest, on_twin)
                     continue
-                lesser = on_twin.plainer(self.effects)
-                if best.label not in simplified and lesser != on_twin.terms:
-                    simplified.add(best.label)  # that it scores less for what it has in vain is left to the choice
-                    found = self._with(found, lesser, on_twin)
+                simpler = self._simpler(found, best, on_twin) if best.label not in simplified else found
+                simplified.add(best.label)
+                if simpler is not found:
+                    found = simpler
                     continue
                 after = final_fit(self.problem, self.whole, on_twin, self.seen.limit) if self.is_linear else on_twin
                 if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
@@ -114,6 +115,31 @@ class Settling:
         iterations = ITERATIONS if self.is_linear else STEPS_ALONG_MOTION
         return self.whole.fit(best.terms, best.long_fit, iterations, settled=EXACT)
 
+    def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
+        """Return what was found with the plainer law that a hypothesis' law is at its last fit's values; the same where it is none.
+
+        It takes the place of the hypothesis where the recordings do not tell the two apart. Else, where a part of the law may be nothing,
+        it stands beside the hypothesis: that this scores less for what it has in vain is left to the choice.
+        """
+        lesser = fit.plainer(self.effects)
+        options = [(lesser, ITERATIONS)] if lesser != fit.terms else []
+        was = scored_by(self.whole, fit)
+        for terms, iterations in [*options, *((terms, 0) for terms in fit.nested(self.effects))]:
+            plain = self.whole.fit(terms, fit, iterations)
+            now = scored_by(self.whole, plain)
+            if best.worth * (now.misfit - was.misfit) < ALIKE:
+                own = replace(
+                    best,
+                    fit=plain,
+                    whole=plain,
+                    misfit=best.misfit + now.misfit - was.misfit,
+                    price=now.price,
+                    level=best.level * now.level / was.level,
+                )
+                alike = [h for h in found.hypotheses if h.label == own.label]
+                return _instead(found, by_score([own], alike)[0], [best, *alike])
+        return self._with(found, lesser, fit) if options else found
+
     def _with(self, found: TimeFound, terms: Sequence[Term], start: Fit) -> TimeFound:
         """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
         if not terms:
@@ -121,9 +147,7 @@ class Settling:
         fit = self.whole.fit(terms, start, ITERATIONS)
         own = replace(scored_by(self.whole, fit), whole=fit, worth=found.before.worth)
         worse = [h for h in found.hypotheses if h.label == own.label]
-        if any(h.score >= own.score for h in worse):
-            return found
-        return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in worse])))
+        return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
 
     def _with_fewer(self, found: TimeFound, settled: Settled) -> Settled:
         """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
@@ -160,6 +184,11 @@ class Settling:
             self.seen.on(amended(self.problem, settled.before)),
             self.seen.on(amended(self.problem, settled.after)),
         )
+
+
+def _instead(found: TimeFound, own: Hypothesis, others: Sequence[Hypothesis]) -> TimeFound:
+    """Return what was found with a hypothesis in the place of others."""
+    return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in others])))
 
 
 def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:

@@ -97,6 +97,26 @@ class Fit:
         """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
         return tuple(self._plainer(term, effects) for term in self.terms)
 
+    def nested(self, effects: Sequence[Effect]) -> list[tuple[Term, ...]]:
+        """Return the terms with one of them as a law of its family that has some of its parameters alone, the plainest first.
+
+        At some values of the others its own law is that one: dry friction whose excess at rest is nothing, or comes and goes at once.
+        """
+        out = []
+        for i, term in enumerate(self.terms):
+            own = {(p.name, p.unit) for p in term.effect.parameters}
+            lesser = [
+                effect
+                for effect in effects
+                if effect.family == term.effect.family
+                and effect.kind == term.effect.kind
+                and {(p.name, p.unit) for p in effect.parameters} < own
+            ]
+            for effect in sorted(lesser, key=lambda e: len(e.parameters)):
+                values = {p.name: term.values[p.name] for p in effect.parameters}
+                out.append((*self.terms[:i], replace(term, effect=effect, values=values), *self.terms[i + 1 :]))
+        return out
+
     def _plainer(self, term: Term, effects: Sequence[Effect]) -> Term:
         nothing = {p.name for p in term.effect.amplitudes if self._is_nothing(term, p)}
         if not nothing or len(nothing) == len(term.effect.amplitudes):

@@ -1,14 +1,15 @@
 """The verdict: whether what was chosen explains enough, nothing is missing, or nothing in the catalogue explains the difference."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from vlab.diagnose.choose import Choice
 from vlab.diagnose.diagnosis import Verdict
+from vlab.diagnose.distance import LOST, NO_WORSE, gap_closed, total, verifying
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR
 from vlab.diagnose.seen import Seen
-from vlab.diagnose.verify import Checked, gap_closed, total
+from vlab.diagnose.verify import Checked
 
 ABOVE_NOISE = 1.5
 """Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""
@@ -21,16 +22,14 @@ misses, and this share of the gap down to the noise alone. On concealed cases of
 more, other forms of them .78 and more, laws fitted to what no law describes .58 to .77."""
 NEAR_NOISE, LEAST_NEAR_NOISE = 1.1, 0.7
 """Where no more than this multiple of the noise is left, this share is enough: the gap was small."""
-NO_WORSE, BETTER = 1.02, 0.998
-"""A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for; and
-better where it leaves at most that one: hum within the noise has another phase in every recording, and fits none kept aside."""
+BETTER = 0.998
+"""A model is better than another where it leaves at most this multiple: hum within the noise has another phase in every recording, and
+fits none kept aside."""
 BETTER_OF_MESH = 0.9
 """...of a structure beside its noise, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain
 hundredths."""
 NEARLY_ALL = 0.9
 """Share of the gap that is closed in most recordings where a single one may have less."""
-LOST = 1.0
-"""An error as large as the recording itself: a model that leaves it there explains nothing, however far off another one is."""
 
 
 def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
@@ -41,16 +40,19 @@ def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
 def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
     much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
+
+    The gap is that of the recordings in which a finding does anything, from what the model leaves without the findings.
     """
     if any(run.after >= LOST or _has_lost_a_channel(run) for run in checked):
         return False
-    gaps = [gap for run in checked if (gap := run.gap_closed) is not None]
+    tests = verifying(checked)
+    gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
     if len(gaps) > 2 and np.median(gaps) >= NEARLY_ALL and min(gaps) >= LEAST_TO_NOISE:
         return True
-    errors = errors_of(checked)
-    gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+    errors = {**errors_of(tests), "start": total(tests, "start")}
+    gap = gap_closed(errors["start"], errors["after"], errors["noise"])
     reachable = float(np.hypot(errors["noise"], MESH_OWN_ERROR if is_structure else MODEL_ERROR))
-    share = gap_closed(errors["before"], errors["after"], reachable)
+    share = gap_closed(errors["start"], errors["after"], reachable)
     least = LEAST_NEAR_NOISE if errors["after"] <= NEAR_NOISE * errors["noise"] else LEAST_GAP
     return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
 
@@ -91,18 +93,47 @@ def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: boo
     ]
 
 
-def verdict_on(choice: Choice, checked: Sequence[Checked], seen: Seen, *, is_structure: bool) -> Verdict:
-    """Return the verdict on recordings kept aside, or on those fitted where none are."""
+def is_of_the_fit_alone(
+    checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, is_structure: bool
+) -> bool:
+    """Return whether findings explain the recordings to fit and do nothing in any recording kept aside, which then verifies none.
+
+    Parameters
+    ----------
+    fitted : callable
+        Gives how far the models are from the recordings to fit.
+    """
+    return bool(checked) and all(run.is_idle for run in checked) and closes(fitted(), is_structure=is_structure)
+
+
+def verdict_on(
+    choice: Choice,
+    checked: Sequence[Checked],
+    seen: Seen,
+    *,
+    is_structure: bool,
+    fitted: Callable[[], Sequence[Checked]] = list,
+) -> Verdict:
+    """Return the verdict on recordings kept aside, or on those fitted where none are.
+
+    Parameters
+    ----------
+    fitted : callable
+        Gives how far the models are from the recordings to fit.
+    """
     if seen.damage.fatal:
         return "bad-recording"
     errors = errors_of(checked)
     unexplained = _shows("before", errors, is_structure=is_structure)
+    if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
+        return "none-of-these"
     if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
     # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
     shows = bool(seen.steps or seen.stops) and errors["after"] <= NO_WORSE * errors["before"]
-    if is_followed and (shows or is_needed(choice, checked, is_structure=is_structure)):
+    tests = not all(run.is_idle for run in checked)
+    if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
     if not unexplained:
         return "nothing-missing"

@@ -1,7 +1,8 @@
 """The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from vlab.cases.simulate import simulate
 from vlab.cases.wiring import Run
 from vlab.diagnose.commands import CommandLimit
 from vlab.diagnose.damage import SensorLimit
+from vlab.diagnose.distance import Distance, part_of
 from vlab.diagnose.hum import Hum
 from vlab.diagnose.noise import noise_rms
 from vlab.diagnose.parallel import side_by_side
@@ -120,29 +122,23 @@ def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amende
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Distance:
-    """How far the models are from one set of data.
+class Removed:
+    """An amended model from which findings are taken away, all else as it is.
 
     Parameters
     ----------
-    nominal, before, after, noise : float
-        Relative errors of the model as given, refitted and amended, and what noise leaves.
-    channels : dict
-        The same by channel: (nominal, before, after, noise).
+    names : tuple of str
+        The findings.
+    models : tuple
+        The model without every one of them in this order, and where there are several that without any of them at the end.
     """
 
-    name: str
-    role: str
-    nominal: float
-    before: float
-    after: float
-    noise: float
-    channels: dict[str, tuple[float, float, float, float]]
+    names: tuple[str, ...] = ()
+    models: tuple[Any, ...] = ()
 
-    @property
-    def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise."""
-        return gap_closed(self.before, self.after, self.noise)
+    def changed(self, change: Callable[[Any], Any]) -> "Removed":
+        """Return the same with every model changed."""
+        return replace(self, models=tuple(change(model) for model in self.models))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,28 +149,29 @@ class Checked(Distance):
     Parameters
     ----------
     simulated : tuple of Recording or None
-        Of the three models.
+        Of the nominal, the refitted and the amended model.
     """
 
     measured: Recording
     simulated: tuple[Recording | None, Recording | None, Recording | None]
 
+    @property
+    def standing(self) -> Recording | None:
+        """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
+        return self.simulated[0] if self.is_spoilt else self.simulated[1]
+
+    @property
+    def amended(self) -> Recording | None:
+        """What the amended model does; None where it cannot follow or nothing was added."""
+        return None if self.simulated[2] is self.standing else self.simulated[2]
+
     def unamended(self) -> "Checked":
-        """Return the same with nothing added to the refitted model."""
+        """Return the same with nothing added to the model that stands."""
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
-        nominal, before, _ = self.simulated
-        return replace(self, after=self.before, channels=channels, simulated=(nominal, before, before))
-
-
-def gap_closed(before: float, after: float, noise: float) -> float | None:
-    """Return the share of the distance to the noise that was closed; None where there is none."""
-    if not np.isfinite(before):
-        return 1.0 if np.isfinite(after) else 0.0
-    if before <= 1.1 * noise:
-        return None
-    return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
+        nominal, refitted, _ = self.simulated
+        return replace(self, after=self.before, channels=channels, simulated=(nominal, refitted, self.standing))
 
 
 def check(
@@ -184,6 +181,7 @@ def check(
     hums: Sequence[Hum] = (),
     *,
     nominal: Amended | None = None,
+    removed: Removed | None = None,
 ) -> list[Checked]:
     """Simulate runs with the refitted, the amended and perhaps the nominal model and measure what is left.
 
@@ -193,17 +191,19 @@ def check(
         Counted as noise.
     nominal : Amended or None
         The model as given; what it leaves is not a number without it.
+    removed : Removed or None
+        Tells what every finding does.
     """
-    models = [nominal, before, after]
+    removed = removed or Removed()
+    models = [nominal, before, after, *removed.models]
     work = [(model, run) for run in runs for model in models]
     data = side_by_side(lambda item: _try(*item), work)
     simulated = [
         None if part is None else replace(run.measured, data=part, meta={"simulated": run.name})
         for (_, run), part in zip(work, data, strict=True)
     ]
-    return [
-        _checked(run, models, simulated[len(models) * i : len(models) * (i + 1)], hums) for i, run in enumerate(runs)
-    ]
+    each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
+    return [_checked(run, models, own, hums, removed.names) for run, own in zip(runs, each, strict=True)]
 
 
 def with_finer_steps(model: Amended) -> Amended:
@@ -228,7 +228,7 @@ def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Che
             continue
         moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
         size = float(np.sqrt(np.mean(np.square(moved))))
-        if size >= max(own.noise, COARSE * own.before) and size > worst:
+        if size >= max(own.noise, COARSE * own.refitted) and size > worst:
             worst, where = size, own.name
     if not where:
         return ""
@@ -241,13 +241,17 @@ def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Che
 
 
 def _checked(
-    run: Run, models: Sequence[Amended | None], simulated: Sequence[Recording | None], hums: Sequence[Hum]
+    run: Run,
+    models: Sequence[Amended | None],
+    simulated: Sequence[Recording | None],
+    hums: Sequence[Hum],
+    findings: Sequence[str],
 ) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
     scale = np.array([np.std(run.measured[n]) for n in names])
     noise = noise_rms(run, names) / scale
-    for step in next((m.steps for m in reversed(models) if m is not None), ()):
+    for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
         if step.channel in names:
             i = names.index(step.channel)
             noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
@@ -255,25 +259,38 @@ def _checked(
         if hum.channel in names:
             i = names.index(hum.channel)
             noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
-    errors, recordings = [], []
+
+    def apart(one: Recording, other: Recording) -> Array:
+        return np.array([_rms((one[n] - other[n])[kept]) for n in names]) / scale
+
+    errors, recordings = [], list(simulated[:3])
     for model, recording in zip(models, simulated, strict=True):
-        recordings.append(recording)
         if recording is None:
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
-            errors.append(np.array([_rms((recording[n] - run.measured[n])[kept]) for n in names]) / scale)
+            errors.append(apart(recording, run.measured))
     noise = np.maximum(noise, _incoherent(run, names, recordings) / scale)
+    left = [_rms(e) for e in errors]
+    stands = errors[0] if left[1] > left[0] else errors[1]
     if models[2] is None:
-        errors[2], recordings[2] = errors[1], recordings[1]
-    total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
+        errors[2], recordings[2] = stands, recordings[0] if left[1] > left[0] else recordings[1]
+    parts = []
+    for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
+        moved = np.full(len(names), np.inf)
+        if recordings[2] is not None and without is not None:
+            moved = apart(recordings[2], without)
+        parts.append(part_of(name, own, moved, errors[2], noise, [int(kept.sum())] * len(names)))
     return Checked(
         name=run.name,
         role=run.role,
-        nominal=total[0],
-        before=total[1],
-        after=total[2],
-        noise=total[3],
-        channels={n: tuple(float(x[i]) for x in (*errors, noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        nominal=left[0],
+        before=_rms(stands),
+        after=_rms(errors[2]),
+        noise=_rms(noise),
+        channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        refitted=left[1],
+        bare=left[-1] if findings else float("nan"),
+        parts=tuple(parts),
         measured=run.measured,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
@@ -294,9 +311,3 @@ def _try(model: Amended | None, run: Run) -> Array | None:
         return None if model is None else model.simulated(run).data
     except (Diverged, BadCase):  # or no start was found: it cannot follow this recording at all
         return None
-
-
-def total(checked: Sequence[Distance], which: str) -> float:
-    """Return the root mean square over recordings of one of their errors."""
-    values = np.array([getattr(c, which) for c in checked])
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vlab.diagnose.choose import Choice
+from vlab.diagnose.choose import LAPSE, Choice
+from vlab.diagnose.diagnosis import Attempt
+from vlab.diagnose.distance import NO_WORSE, Distance, total, whole_gap
 from vlab.diagnose.uncertain import Uncertain
 from vlab.signals import Array
 
@@ -72,6 +74,67 @@ _CONFIRMS = {
 }
 
 
+RESERVED = f"{100 * LAPSE:.2g} % of every probability is reserved for physics outside the catalogue"
+LEAST_TOLD = 0.001
+"""Probabilities below this one are not told apart."""
+
+
+def probability_in_words(probability: float) -> str:
+    """Return a probability as it is printed."""
+    return f"{probability:.3f}" if probability >= LEAST_TOLD else f"< {LEAST_TOLD:g}"
+
+
+def before_heading(checked: Sequence[Distance]) -> str:
+    """Return what errors without the findings are headed with in a table."""
+    return "as given or refitted" if any(c.is_spoilt for c in checked) else "refitted"
+
+
+def spoilt(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
+    worse = [c for c in checked if c.refitted > NO_WORSE * c.nominal]
+    if not worse:
+        return ()
+    each = ", ".join(f"{c.name} (error {_error(c.refitted)}, as given {_error(c.nominal)})" for c in worse)
+    return (
+        f"a refit takes the model further from {each}: there the model as given stands, and the gap counts from it",
+    )
+
+
+def _error(error: float) -> str:
+    return f"{error:.3g}" if np.isfinite(error) else "beyond all bounds"
+
+
+def idle(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return in a sentence each which findings no recording kept aside, or not every one, can verify."""
+    held = [c for c in checked if c.role == "holdout" and c.parts]
+    out = []
+    for i, part in enumerate(held[0].parts if held else ()):
+        names = [c.name for c in held if c.parts[i].is_idle]
+        if names:
+            rest = (
+                "which cannot verify it"
+                if len(names) < len(held)
+                else "and no other recording is kept aside: it is of the fit alone"
+            )
+            out.append(f"{part.name} does nothing that noise does not hide in {', '.join(names)}, {rest}")
+    return tuple(out)
+
+
+def attempt_sentence(attempt: Attempt) -> str:
+    """Return in a sentence what the best attempt is worth."""
+    if attempt.is_of_the_fit_alone:
+        return (
+            f"From the fit alone: {attempt.name} explains the recordings to fit, and does nothing in those kept aside, "
+            "which cannot verify it."
+        )
+    gap, left = whole_gap(attempt.checked), {key: total(attempt.checked, key) for key in ("before", "after", "noise")}
+    closed = "" if gap is None else f"closes {100 * gap:.0f} % of the gap to the noise and "
+    return (
+        f"Best attempt, not a finding: {attempt.name} {closed}leaves {left['after']:.3g} of {left['before']:.3g} "
+        f"(noise {left['noise']:.3g})."
+    )
+
+
 def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     """Return what the recordings leave open."""
     out: list[str] = []
@@ -110,14 +173,18 @@ def _change(parameter: Uncertain, value: float) -> str:
     return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.2g} %"
 
 
-def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = ()) -> str:
+def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), attempt: Attempt | None = None) -> str:
     """Return the measurement that would separate what is left.
 
     Parameters
     ----------
     shown : sequence of str
         Effects that the recordings show without any model.
+    attempt : Attempt or None
+        The best one, where nothing is reported.
     """
+    if attempt is not None and attempt.is_of_the_fit_alone:
+        return f"another recording to keep aside, as loud as those to fit, so that {attempt.name} acts in it"
     if verdict == "bad-recording":
         return "the same recordings again, with the damage that is listed under their quality repaired"
     if verdict == "missing-physics" and not choice.best.terms:

@@ -16,7 +16,8 @@ from scipy import signal
 
 from vlab.cases import Case
 from vlab.cases.wiring import Run
-from vlab.diagnose.verify import Amended, check, total
+from vlab.diagnose.distance import total
+from vlab.diagnose.verify import Amended, check
 from vlab.plants.mjcf import MjcfPlant
 from vlab.proof.sparse import TERMS, Named, sparse_terms
 from vlab.signals import Array

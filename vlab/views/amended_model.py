@@ -101,7 +101,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
     except OSError as error:
         raise OutputRefused(f"the amended model cannot be written into {folder}: {error.strerror or error}") from error
     nrmse, note = _run_again(done, folder)
-    reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_before"]
+    reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
     return AmendedFiles(
         files=(*files, CASE),
         tables=tuple(e.label for e in tables),

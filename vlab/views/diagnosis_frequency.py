@@ -28,7 +28,7 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
     """Return the overlays of the data that were checked, and the mismatch without any hypothesis."""
     what = (
         "Held-out data: the search never saw them."
-        if done.diagnosis.is_verified
+        if done.diagnosis.is_held_out
         else "Data that the models were fitted to: none were held out."
     )
     text = [
@@ -46,16 +46,17 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
 
 def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
     """Return name, figure and caption of what is drawn."""
-    is_amended = bool(done.choice.best.terms)
+    diagnosis = done.diagnosis
+    is_amended = bool(diagnosis.findings) or diagnosis.attempt is not None
     models = MODELS if is_amended else MODELS[:2]
     out = []
-    responses = [c for c in done.diagnosis.checked if isinstance(c.measured, Response)]
+    responses = [c for c in diagnosis.tried if isinstance(c.measured, Response)]
     orders = [sorted(c.channels, key=lambda n, c=c: -c.channels[n][1]) for c in responses]  # type: ignore[misc]
     depth = max((len(order) for order in orders), default=0)
     pairs = [(c, order[k]) for k in range(depth) for c, order in zip(responses, orders, strict=True) if k < len(order)]
     for c, name in pairs[:DRAWN]:
         out.append((f"{name} from {c.measured.input}", _response(c, name, models), _caption(c, name, is_amended, done)))
-    for c in done.diagnosis.checked:
+    for c in diagnosis.tried:
         if isinstance(c.measured, Modes):
             caption = f"{c.name} ({c.role}): measured over model, in per cent; grey: one standard deviation."
             out.append((c.name, _modes(c, c.measured, models), caption))
@@ -63,8 +64,9 @@ def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
 
 
 def _caption(c: CheckedFrequency, name: str, is_amended: bool, done: FrequencyDiagnosed) -> str:
-    given, refitted, amended, noise = c.channels[name]
-    text = f"{c.name} ({c.role}), {name}. Relative error: as given {given:.3g}, refitted {refitted:.3g}"
+    given, before, amended, noise = c.channels[name]
+    text = f"{c.name} ({c.role}), {name}. Relative error: as given {given:.3g}"
+    text += ", which a refit takes further off" if c.is_spoilt else f", refitted {before:.3g}"
     text += f", amended {amended:.3g}" if is_amended else ""
     text += f", noise {noise:.3g}."
     if is_amended and not done.diagnosis.findings:
@@ -126,7 +128,7 @@ def _mismatch(done: FrequencyDiagnosed) -> Section:
     channels = [[c["channel"], c["nrmse"]] for c in found["where_channel"]]
     return Section(
         title="Where the mismatch is",
-        text=("What the refitted model leaves over, without any hypothesis.",),
+        text=("What the model, as given or refitted, leaves over without any hypothesis.",),
         tables=[(("frequency [Hz]", "share of what is left %"), rows), (("channel", "relative error"), channels)],
     )
 

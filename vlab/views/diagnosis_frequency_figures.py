@@ -11,9 +11,6 @@ from vlab.views.figures import COLOURS, INK, MARKERS, pretty_unit
 from vlab.views.figures.diagnosis import LOOKS
 from vlab.views.figures.style import as_text, draw_legend, draw_line, styled
 
-AS_GIVEN: dict[str, Any] = {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))}
-"""How the model as given is drawn."""
-
 
 @styled
 def response_overlay(
@@ -36,7 +33,6 @@ def response_overlay(
     has_phase : bool
         Whether the measured phase is known.
     """
-    looks = {**dict(LOOKS), "as given": AS_GIVEN}
     ratios = [2.2, 1.0, 1.4] if has_phase else [2.2, 1.4]
     figure = Figure(figsize=(7.2, 1.35 * sum(ratios) + 0.8), layout="constrained")
     axes = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
@@ -45,14 +41,14 @@ def response_overlay(
     handles = {}
     for label, H in curves:
         width = 1.4 if label == "measured" else 1.0
-        handles[label] = draw_line(size, freq, np.abs(H), 0, **{**looks[label], "lw": width})
+        handles[label] = draw_line(size, freq, np.abs(H), 0, **{**LOOKS[label], "lw": width})
         if has_phase:
             degrees = (np.degrees(np.angle(H)) + 200) % 360 - 200  # a measured phase about 180 degrees does not flicker
             jumps = np.abs(np.diff(degrees, prepend=degrees[0])) > 200
-            draw_line(axes[1], freq, np.where(jumps, np.nan, degrees), 0, **looks[label])
+            draw_line(axes[1], freq, np.where(jumps, np.nan, degrees), 0, **LOOKS[label])
         if label != "measured":
             left = np.abs(measured - H) if has_phase else np.abs(np.abs(measured) - np.abs(H))
-            draw_line(rest, freq, np.maximum(left, 1e-300), 0, **looks[label])
+            draw_line(rest, freq, np.maximum(left, 1e-300), 0, **LOOKS[label])
     handles["noise"] = draw_line(rest, freq, noise, 0, color="#cccccc", linestyle="-", lw=1.6)
     low = float(np.abs(measured).min())
     size.set(yscale="log", ylabel=as_text(f"magnitude\n[{pretty_unit(unit)}]"))

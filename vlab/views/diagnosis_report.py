@@ -3,17 +3,20 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vlab.cases.misfit import BANDS, Misfit, misfit
+from vlab.diagnose.diagnosis import Finding
+from vlab.diagnose.distance import gap_closed, total, whole_gap
 from vlab.diagnose.engine import Diagnosed
+from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed
 from vlab.diagnose.terms import Term
-from vlab.diagnose.verify import Checked, gap_closed
+from vlab.diagnose.verify import Checked
+from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
 from vlab.outputs import finite
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import LinearPortEffect, PortEffect
@@ -40,6 +43,7 @@ FIGURES = {"Measured, refitted and amended": "overlay.svg", "The missing force":
 OVERLAYS = 4
 """Most channels that are drawn over time: the worst of every recording in turn."""
 NOTHING = "no added physics"
+VALUES = ("effect", "place", "parameter", "value", "unit", "90 % interval")
 ROWS = 24
 """Most rows of the mismatch picture and of the refitted parameters."""
 REPRODUCED = 0.05
@@ -62,7 +66,6 @@ def write_diagnosis(done: Done, folder: Path) -> list[Section]:
     }
     with written_whole(folder / "diagnosis.json") as stream:
         stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
-    done = done if isinstance(done, FrequencyDiagnosed) else _shown(done)
     title = done.diagnosis.title or done.problem.case.path.parent.name
     parts = sections(done, files)
     write_report(folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
@@ -73,16 +76,8 @@ def write_diagnosis(done: Done, folder: Path) -> list[Section]:
         write_frequency_scene(folder / "run.rrd", done, title=title, verdict=verdict_sentence(done))
     elif done.diagnosis.checked:
         facts = {"verdict": verdict_sentence(done), "next measurement": done.diagnosis.next_measurement}
-        write_scene(folder / "run.rrd", done.diagnosis.checked, title=title, facts=facts)
+        write_scene(folder / "run.rrd", done.diagnosis.tried, title=title, facts=facts)
     return parts
-
-
-def _shown(done: Diagnosed) -> Diagnosed:
-    """Return a diagnosis without the simulations of an attempt that is not needed, because nothing is missing."""
-    if done.diagnosis.verdict != "nothing-missing":
-        return done
-    checked = tuple(replace(c, simulated=(*c.simulated[:2], c.simulated[1])) for c in done.diagnosis.checked)
-    return replace(done, diagnosis=replace(done.diagnosis, checked=checked))
 
 
 def _number(value: float) -> str:
@@ -103,9 +98,9 @@ def sections(done: Done, files: AmendedFiles | None = None) -> list[Section]:
     if not isinstance(done, FrequencyDiagnosed) and _drawn_terms(done):
         out.append(_forces(done))
     if diagnosis.checked:
-        out += [_errors(diagnosis.checked, diagnosis.heldout)]
+        out.append(_errors(done))
     out.append(_alternatives(done))
-    if not isinstance(done, FrequencyDiagnosed) and any(_refitted(c) is not None for c in diagnosis.checked):
+    if not isinstance(done, FrequencyDiagnosed) and any(c.standing is not None for c in diagnosis.checked):
         out.append(_mismatch(done))
     if done.problem.parameters:
         out.append(_calibration(done))
@@ -132,44 +127,53 @@ def sections(done: Done, files: AmendedFiles | None = None) -> list[Section]:
 def _found(done: Done) -> Section:
     diagnosis = done.diagnosis
     if not diagnosis.findings:
-        return Section(title="What was found", text=(_nothing(done),))
+        attempt = diagnosis.attempt
+        rows = () if attempt is None else _values(attempt.findings)
+        return Section(title="What was found", text=_nothing(done), tables=[(VALUES, rows)] if rows else [])
     table = [
         [
             f.name,
             f.family,
             f.place,
             ", ".join(f.places_90),
-            f"{100 * f.probability:.3g} %",
+            probability_in_words(f.probability),
             ", ".join(f.alike[1:]) or None,
+            ", ".join(f.verified_by) or "none",
         ]
         for f in diagnosis.findings
     ]
-    rows = [
-        [f.name, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
-        for f in diagnosis.findings
-        for name, p in f.parameters.items()
-    ]
+    heads = ("effect", "family", "place", "places that hold 90 %", "probability", "cannot be told from", "verified by")
     return Section(
         title="What was found",
         text=tuple(f"{f.name}: {f.law}" for f in diagnosis.findings),
-        tables=[
-            (("effect", "family", "place", "places that hold 90 %", "probability", "cannot be told from"), table),
-            (("effect", "place", "parameter", "value", "unit", "90 % interval"), rows),
-        ],
+        tables=[(heads, table), (VALUES, _values(diagnosis.findings))],
     )
 
 
-def _nothing(done: Done) -> str:
-    best = done.choice.best
+def _values(findings: Sequence[Finding]) -> list[list[Any]]:
+    """Return the parameters of findings, a row each."""
+    return [
+        [f.name, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
+        for f in findings
+        for name, p in f.parameters.items()
+    ]
+
+
+def _nothing(done: Done) -> tuple[str, ...]:
+    attempt = done.diagnosis.attempt
     if done.diagnosis.verdict == "nothing-missing":
         return (
             "No physics was added. What the refitted model leaves over is compared with the noise below; "
-            f"on the fit recordings it is {done.found.before.level:.3g} times the noise."
+            f"on the fit recordings it is {done.found.before.level:.3g} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
-        return "The search was not trusted with these recordings."
-    tried = f" The best attempt, {best.label}, did not hold on the checked recordings." if best.terms else ""
-    return f"No effect of the catalogue explains what is left over.{tried} What remains is shown below, by channel, frequency and time."
+        return ("The search was not trusted with these recordings.",)
+    if attempt is not None and attempt.is_of_the_fit_alone:
+        return (attempt_sentence(attempt), *(f"{f.name}: {f.law}" for f in attempt.findings))
+    rest = "No effect of the catalogue explains what is left over; it is shown below, by channel, frequency and time."
+    if attempt is None:
+        return (f"{rest} No fit held on the checked recordings.",)
+    return (rest, attempt_sentence(attempt), *(f"{f.name}: {f.law}" for f in attempt.findings))
 
 
 def _drawing(done: Done) -> Section:
@@ -190,20 +194,12 @@ def _drawing(done: Done) -> Section:
 def _marks(done: Done) -> list[tuple[str, float]]:
     """Return the places to mark with their probabilities: of the first finding all that hold 90 %, of others the best."""
     marks: dict[str, float] = {}
-    for i, finding in enumerate(done.diagnosis.findings):
-        places = done.choice.places if i == 0 else {}
+    for finding in done.diagnosis.findings:
+        first = done.choice.best.terms[0].effect.name if done.choice.best.terms else ""
+        places = done.choice.places if finding.form == first else {}
         for place in finding.places_90:
-            marks.setdefault(place, places.get(place, finding.probability))
+            marks.setdefault(place, finding.probability * places.get(place, 1.0))
     return list(marks.items())
-
-
-def _refitted(checked: Checked) -> Any:
-    """Return what the refitted model does, or the model as given where that cannot follow."""
-    return checked.simulated[1] if checked.simulated[1] is not None else checked.simulated[0]
-
-
-def _amended(checked: Checked) -> Any:
-    return None if checked.simulated[2] is checked.simulated[1] else checked.simulated[2]
 
 
 def _chosen(checked: Sequence[Checked]) -> list[tuple[Checked, str]]:
@@ -218,15 +214,15 @@ def _finite_or(value: float, otherwise: float = 1e9) -> float:
 
 
 def _overlays(done: Diagnosed) -> Section:
-    checked, figures, text = done.diagnosis.checked, [], []
+    checked, figures, text = done.diagnosis.tried, [], []
     what = (
         "Held-out recordings: the search never saw them."
-        if done.diagnosis.is_verified
+        if done.diagnosis.is_held_out
         else "Recordings that the models were fitted to: none was held out."
     )
     pairs, drawn = _chosen(checked), set()
     for run, name in pairs[:OVERLAYS]:
-        refitted = _refitted(run)
+        refitted = run.standing
         if refitted is None:
             text.append(f"{run.name}: neither the model as given nor the refitted one can follow this recording.")
             continue
@@ -234,14 +230,16 @@ def _overlays(done: Diagnosed) -> Section:
         worst = misfit(run.measured, refitted, name)
         middle = float(worst.window_time_s[int(np.argmax(worst.window_nrmse))])
         noise = errors[3] * float(np.std(run.measured[name]))
-        drawing = overlay_figure(run.measured, refitted, _amended(run), name, noise=noise, worst_s=middle)
-        caption = f"{run.name} ({run.role}), {name}. NRMSE: refitted {errors[1]:.3g}, amended {errors[2]:.3g}, noise {errors[3]:.3g}."
-        if _amended(run) is not None and not done.diagnosis.findings:
+        drawing = overlay_figure(
+            run.measured, refitted, run.amended, name, noise=noise, worst_s=middle, before=run.stands
+        )
+        caption = f"{run.name} ({run.role}), {name}. NRMSE: {run.stands} {errors[1]:.3g}, amended {errors[2]:.3g}, noise {errors[3]:.3g}."
+        if run.amended is not None and not done.diagnosis.findings:
             caption += " The amended model is the best attempt, which is not reported as a finding."
         figures.append((to_svg(drawing), caption))
         if run.name not in drawn:
             drawn.add(run.name)
-            figures += responses(run, name, refitted, _amended(run))
+            figures += responses(run, name)
     if len(pairs) > OVERLAYS:
         text.append(f"{len(pairs) - OVERLAYS} more channels of these recordings are in run.rrd and in the table below.")
     return Section(title="Measured, refitted and amended", text=(what, *text), figures=figures)
@@ -251,7 +249,8 @@ def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
     """Return the terms whose forces are shown: those found, or where none explains enough the best one that was tried."""
     if done.diagnosis.findings or done.diagnosis.verdict != "none-of-these":
         return done.fit.terms
-    tried = (done.choice.best, *done.found.hypotheses)
+    attempt = done.diagnosis.attempt
+    tried = (done.choice.best, *done.found.hypotheses) if attempt is None else (attempt.fit,)
     forces = [t for h in tried for t in h.terms if isinstance(t.effect, (PortEffect, LinearPortEffect))]
     return tuple(forces[:1])
 
@@ -269,20 +268,23 @@ def _forces(done: Diagnosed) -> Section:
     return Section(title="The missing force", text=() if done.diagnosis.findings else attempt, figures=figures)
 
 
-def _errors(checked: Sequence[Checked], heldout: dict[str, Any]) -> Section:
+def _errors(done: Done) -> Section:
+    checked = done.diagnosis.tried
+    before, after = before_heading(checked), "amended" if done.diagnosis.attempt is None else "best attempt"
     rows: list[list[Any]] = []
     for run in checked:
         rows.append([run.name, run.role, "all", *_row(run.nominal, run.before, run.after, run.noise, run.gap_closed)])
         if len(run.channels) > 1:
-            for name, (nominal, before, after, noise) in run.channels.items():
-                rows.append(["", "", name, *_row(nominal, before, after, noise, gap_closed(before, after, noise))])
+            for name, errors in run.channels.items():
+                gap = None if run.is_idle else gap_closed(*errors[1:])
+                rows.append(["", "", name, *_row(*errors, gap)])
     keys = ("nominal", "before", "after", "noise")
-    rows.append(["all", "", "", *_row(*(heldout[f"nrmse_{k}"] for k in keys), heldout["gap_closed"])])
-    headers = ("recording", "role", "channel", "as given", "refitted", "amended", "noise", "gap closed %")
+    rows.append(["all", "", "", *_row(*(total(checked, key) for key in keys), whole_gap(checked))])
+    headers = ("recording", "role", "channel", "as given", before, after, "noise", "gap closed %")
     text = (
         "NRMSE: rms of the error over the rms of the recording about its mean. As given: the model of the case; refitted: its uncertain parameters "
-        "fitted to the fit recordings; amended: with the physics found. Gap closed: (refitted - amended)/(refitted - noise); a dash where refitted "
-        "is within the noise.",
+        "fitted to the fit recordings; amended: with the physics found. Gap closed: (refitted - amended)/(refitted - noise), from the model as given "
+        "where a refit takes it further off; a dash where that is within the noise, or where the physics found does nothing.",
     )
     return Section(title="How far the models are from the recordings", text=text, tables=[(headers, rows)])
 
@@ -296,19 +298,22 @@ def _row(*values: float | None) -> list[Any]:
 
 
 def _alternatives(done: Done) -> Section:
-    diagnosis, choice = done.diagnosis, done.choice
-    options = [
-        (_option(a["effect"], a["place"]), float(a["probability"]), float(a["remaining"]))
-        for a in diagnosis.alternatives
-    ]
+    diagnosis, choice, before = done.diagnosis, done.choice, done.found.before.level
+    is_told = diagnosis.verdict in TOLD
+    key = "probability" if is_told else "remaining_share"
+    options = [(_option(a["effect"], a["place"]), float(a[key]), float(a["remaining"])) for a in diagnosis.alternatives]
     best = choice.best
     is_listed = bool(best.terms) and diagnosis.verdict != "missing-physics"
     own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
     if not is_listed:
-        options.insert(0, (best.label if best.terms else NOTHING, own, best.level))
+        share = own if is_told else best.level / max(before, 1e-300)
+        options.insert(0, (best.label if best.terms else NOTHING, share, best.level))
     text = (
-        "Probabilities of the effects that were fitted, from the fit recordings alone, and what each leaves over in multiples of the noise. "
-        f"The refitted model without any effect leaves {done.found.before.level:.3g}.",
+        f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and what each leaves over in multiples of "
+        f"the noise. The refitted model without any effect leaves {before:.3g}."
+        if is_told
+        else "What the effects that were fitted leave over of the fit recordings, as a share of what the refitted model leaves, and in multiples "
+        f"of the noise. The refitted model without any effect leaves {before:.3g} times the noise.",
     )
     is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
     chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
@@ -322,7 +327,7 @@ def _alternatives(done: Done) -> Section:
     return Section(
         title="Alternatives",
         text=text,
-        figures=[(to_svg(ranking_figure(options, chosen)), caption)],
+        figures=[(to_svg(ranking_figure(options, chosen, is_probability=is_told)), caption)],
     )
 
 
@@ -334,10 +339,9 @@ def _option(effect: str, place: str) -> str:
 
 
 def _mismatch(done: Diagnosed) -> Section:
-    pairs = [(run, name) for run in done.diagnosis.checked if _refitted(run) is not None for name in run.channels][
-        :ROWS
-    ]
-    found = [(run, name, misfit(run.measured, _refitted(run), name)) for run, name in pairs]
+    followed = [(run, run.standing) for run in done.diagnosis.checked]
+    pairs = [(run, own, name) for run, own in followed if own is not None for name in run.channels][:ROWS]
+    found = [(run, name, misfit(run.measured, own, name)) for run, own, name in pairs]
     common = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     text = []
     if common[0] >= common[1]:  # no frequency that all recordings hold
@@ -346,17 +350,19 @@ def _mismatch(done: Diagnosed) -> Section:
         text.append(f"Other frequencies, not shown: {', '.join(sorted(others))}.")
     low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     edges = np.geomspace(low, high, BANDS + 1).tolist()
-    refitted = _picture(
-        [(r, n, misfit(r.measured, _refitted(r), n, band_edges_hz=edges)) for r, n, _ in found], edges, "refitted model"
-    )
+    what = f"{before_heading(done.diagnosis.checked)} model"
+    parts = [
+        (r, n, misfit(r.measured, r.standing, n, band_edges_hz=edges)) for r, n, _ in found if r.standing is not None
+    ]
     figures = [
-        (refitted, "What the refitted model leaves over, without any hypothesis: by frequency band and over time.")
+        (
+            _picture(parts, edges, what),
+            f"What the {what} leaves over, without any hypothesis: by frequency band and over time.",
+        )
     ]
     if done.diagnosis.findings:
         with_physics = [
-            (r, n, misfit(r.measured, _amended(r), n, band_edges_hz=edges))
-            for r, n, _ in found
-            if _amended(r) is not None
+            (r, n, misfit(r.measured, r.amended, n, band_edges_hz=edges)) for r, n, _ in found if r.amended is not None
         ]
         if with_physics:
             figures.append(
@@ -398,6 +404,9 @@ def _files(done: Done, files: AmendedFiles) -> Section:
     text = [
         f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab {verb} {CASE}`."
     ]
+    checked = done.diagnosis.checked
+    if not done.diagnosis.findings and total(checked, "refitted") > total(checked, "nominal"):
+        text.append("On the checked recordings the model as given is nearer than this one.")
     if files.tables:
         text.append(
             f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}. "

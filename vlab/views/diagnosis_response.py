@@ -9,7 +9,6 @@ from scipy import signal
 from vlab.diagnose.verify import Checked
 from vlab.errors import VlabError
 from vlab.modal.frf import estimate_frf
-from vlab.signals import Recording
 from vlab.views.figures import to_svg
 from vlab.views.figures.diagnosis import response_figure
 
@@ -17,7 +16,7 @@ POWERFUL = 1e-3
 """A frequency response is drawn where the input has more than this share of its largest power density."""
 
 
-def responses(run: Checked, name: str, refitted: Recording, amended: Recording | None) -> list[tuple[str, str]]:
+def responses(run: Checked, name: str) -> list[tuple[str, str]]:
     """Return the frequency response of a channel to the strongest input, where the recording has one and is evenly sampled."""
     inputs = [n for n in run.measured.inputs if np.ptp(run.measured[n]) > 0]
     if not inputs or not run.measured.is_uniform:
@@ -26,7 +25,7 @@ def responses(run: Checked, name: str, refitted: Recording, amended: Recording |
     column = inputs.index(strongest)
     curves = []
     try:
-        for label, recording in (("measured", run.measured), ("refitted", refitted), ("amended", amended)):
+        for label, recording in (("measured", run.measured), (run.stands, run.standing), ("amended", run.amended)):
             if recording is not None:
                 frf = estimate_frf(recording, inputs=inputs, outputs=[name])
                 low, high = _driven_band(run.measured[strongest], run.measured.rate, len(frf.freq))

@@ -8,6 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from vlab.diagnose.verify import Checked
+from vlab.diagnose.words import before_heading
 from vlab.signals import Recording
 from vlab.views.documents import cell, fact_list, log_document
 from vlab.views.figures import channel_label, pretty_unit
@@ -16,7 +17,8 @@ from vlab.views.trace_scene import log_series, plot_view
 
 ROWS = 4
 """Channels on one page."""
-_CURVES = (("measured", GREY, 2.5), ("refitted", ORANGE, 1.5), ("amended", BLUE, 1.5))
+_CURVES = (("measured", GREY, 2.5), ("as given", ORANGE, 1.5), ("refitted", ORANGE, 1.5), ("amended", BLUE, 1.5))
+"""Of the model as given and the refitted one only the nearer."""
 
 
 def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, facts: Mapping[str, object]) -> Path:
@@ -31,7 +33,11 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
     """
     pages, lines = (
         [],
-        ["", "| recording | channel | unit | refitted NRMSE | amended NRMSE | noise |", "|---|---|---|---|---|---|"],
+        [
+            "",
+            f"| recording | channel | unit | {before_heading(checked)} NRMSE | amended NRMSE | noise |",
+            "|---|---|---|---|---|---|",
+        ],
     )
     for i, run in enumerate(checked):
         rows = []
@@ -39,7 +45,7 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
             channel = run.measured.channels[run.measured.index(name)]
             unit, origin = pretty_unit(channel.unit), f"/diagnosis/{i}/{j}"
             over = plot_view(
-                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{n}" for n, _, _ in _CURVES]
+                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n, _, _ in _CURVES]
             )
             rest = plot_view(f"left over [{unit}]", origin, contents=["$origin/left/**"])
             rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(name)))
@@ -59,15 +65,21 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
 
 
 def _recordings(checked: Sequence[Checked]) -> list[Recording]:
-    return [r for run in checked for r in (run.measured, *run.simulated[1:]) if r is not None]
+    return [r for run in checked for r in (run.measured, run.standing, run.amended) if r is not None]
 
 
 def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
     time, truth = run.measured.time, run.measured[name]
-    for (label, colour, width), recording in zip(_CURVES, (run.measured, *run.simulated[1:]), strict=True):
-        if recording is None or (label == "amended" and recording is run.simulated[1]):
+    shown = {"measured": run.measured, run.stands: run.standing, "amended": run.amended}
+    for label, colour, width in _CURVES:
+        recording = shown.get(label)
+        if recording is None:
             continue  # this model cannot follow the recording, or no physics was added
         values = np.asarray(recording[name])
-        log_series(stream, f"{origin}/{label}", time, values, label, colour, width=width)
+        log_series(stream, f"{origin}/{_entity(label)}", time, values, label, colour, width=width)
         if label != "measured":
-            log_series(stream, f"{origin}/left/{label}", time, truth - values, f"{label} leaves", colour)
+            log_series(stream, f"{origin}/left/{_entity(label)}", time, truth - values, f"{label} leaves", colour)
+
+
+def _entity(label: str) -> str:
+    return label.replace(" ", "-")

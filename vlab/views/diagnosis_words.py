@@ -8,24 +8,34 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     """Return the verdict in one plain sentence."""
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
+    spoilt = any(c.is_spoilt for c in diagnosis.checked)
     where = (
-        "recordings that were never used in the search" if diagnosis.is_verified else "the recordings it was fitted to"
+        "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
     )
     if diagnosis.verdict == "missing-physics":
         names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.place}" for f in diagnosis.findings)
         gap = errors["gap_closed"]
-        closed = (
-            ""
-            if gap is None
-            else f"; with it the model closes {100 * gap:.0f} % of the gap between its refitted self and the noise on {where}"
-        )
-        return f"The model leaves out {names}{closed}."
+        own = "itself, as given or refitted," if spoilt else "its refitted self"
+        if gap is None:
+            return f"The model leaves out {names}."
+        closed = f"closes {100 * gap:.0f} % of the gap between {own} and the noise on {where}"
+        return f"The model leaves out {names}; with it the model {closed}."
     if diagnosis.verdict == "nothing-missing":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
-        return f"Nothing is missing: with its uncertain parameters refitted the model leaves {left} on {where}."
+        how = (
+            "as given or with its uncertain parameters refitted" if spoilt else "with its uncertain parameters refitted"
+        )
+        return f"Nothing is missing: {how} the model leaves {left} on {where}."
+    if diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone:
+        left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
+        return (
+            f"{diagnosis.attempt.name} explains the recordings to fit, and does nothing in those kept aside, of which the model without it "
+            f"leaves {left} already: nothing is verified."
+        )
     if diagnosis.verdict == "none-of-these":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
-        return f"The refitted model leaves {left} on {where}, and no effect of the catalogue explains it."
+        how = "The model, as given or refitted," if spoilt else "The refitted model"
+        return f"{how} leaves {left} on {where}, and no effect of the catalogue explains it."
     return "The recordings are damaged, so nothing is said of the model."
 
 

@@ -178,4 +178,3 @@ def _edit(case: Case, taken: Taken, tables: dict[str, Column]) -> str:
     if taken.unit and taken.factor > 0.0 and column.table.scale is None:
         return f'unit = "{taken.unit}" in every {column.where}'
     return f"scale = {column.factor / taken.factor:.12g} in every {column.where}"
-

@@ -16,7 +16,6 @@ from vlab.cases.checks.bands import bands
 from vlab.cases.checks.beside import FEWEST, Beside, beside, first_seconds
 from vlab.cases.checks.coherence import unrelated
 from vlab.cases.checks.correction import (
-    NONE,
     Correction,
     FileCheck,
     Found,
@@ -134,7 +133,9 @@ class _Look:
                 "as the model gives in every recording"
             )
         else:
-            text = f"{taken.channel} has its sign turned: {what} are the model's with the sign turned in every recording"
+            text = (
+                f"{taken.channel} has its sign turned: {what} are the model's with the sign turned in every recording"
+            )
         return self._found(text, [Correction(taken=(taken,))])
 
     # ---- columns exchanged ----------------------------------------------------------------------------------------
@@ -149,7 +150,9 @@ class _Look:
             crossed = self._crossed(one, other)
             before = min(self.now.left(one), self.now.left(other))
             if before > SLACK and crossed <= SMALLER * before and self._holds(correction):
-                text = f"{one} and {other} show each other's motion in every recording, as if their columns were exchanged"
+                text = (
+                    f"{one} and {other} show each other's motion in every recording, as if their columns were exchanged"
+                )
                 out.append(self._found(text, [correction]))
         return out
 
@@ -243,15 +246,19 @@ class _Look:
             if name not in concerned:
                 if after > WORSE * before + SLACK:
                     return False
-            elif is_turned(of_runs) or slip_of_unit(of_runs, slips_of(self.columns[name])) is not None:
-                return False
-            elif after > SMALL and after > before - SLACK and not correction.is_beyond_physics:
+            elif (
+                is_turned(of_runs)
+                or slip_of_unit(of_runs, slips_of(self.columns[name])) is not None
+                or (after > SMALL and after > before - SLACK and not correction.is_beyond_physics)
+            ):
                 return False
         return True
 
     def _found(self, text: str, ways: Sequence[Correction]) -> Found:
         severity: Severity = "warning" if all(t.factor == -1.0 for t in ways[0].taken) else "fatal"
-        words = f"{text}; to mend it, say in {self.case.path.name}: {'; or '.join(way.edits(self.case) for way in ways)}"
+        words = (
+            f"{text}; to mend it, say in {self.case.path.name}: {'; or '.join(way.edits(self.case) for way in ways)}"
+        )
         return Found(severity=severity, text=words, channels=ways[0].channels)
 
 

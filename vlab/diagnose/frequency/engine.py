@@ -3,34 +3,36 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.diagnose.attempt import best_attempt
 from vlab.diagnose.choose import Choice, choose
-from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
-from vlab.diagnose.findings import alternatives, of_terms
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, Verdict
+from vlab.diagnose.distance import gap_closed, total, verifying
+from vlab.diagnose.findings import alternatives, by_what_they_explain, of_attempt, of_terms
+from vlab.diagnose.frequency.leaving_out import LeftOut, leave_out
 from vlab.diagnose.frequency.levels import level_notes
-from vlab.diagnose.frequency.measured import MODEL_ERROR, Modes, Response
+from vlab.diagnose.frequency.measured import MODEL_ERROR, Measured, Modes, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem, prepare_frequency
 from vlab.diagnose.frequency.search import FrequencyFound, search_frequency
 from vlab.diagnose.frequency.verify import (
     CheckedFrequency,
     FrequencyAmended,
-    LeftOut,
     amended_by,
     apart,
     as_given,
     check_frequency,
-    leave_out,
     modal_errors,
 )
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.uncertain import unused
-from vlab.diagnose.verify import gap_closed, total
-from vlab.diagnose.words import far_off, next_measurement, not_excluded
+from vlab.diagnose.verify import Removed
+from vlab.diagnose.words import far_off, idle, next_measurement, not_excluded, spoilt
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
@@ -104,13 +106,21 @@ def diagnose_frequency(
     report(0.85, "checking in MuJoCo")
     before = amended_by(problem, fit_before)
     after = amended_by(problem, fit) if choice.best.terms else before
-    data = problem.held_out or _whole(problem)
-    checked = check_frequency([as_given(problem.plant, problem.wires), before, after], data, problem.unfitted)
+    trials = partial(_tried, problem, before)
+    terms = of_terms(choice, fit, cast(Any, problem))
+    tried = trials(fit, terms)
     left_out = None
     if not problem.held_out:
         report(0.9, "predicting parts left out")
         left_out = leave_out(problem, found.fitter, fit_before, fit)
-    diagnosis = _say(problem, found, choice, checked, left_out, time.monotonic() - began)
+    fitted = partial(trials, fit, terms, problem.measured)
+    verdict, attempt = _verdict(choice, tried.checked, left_out, lambda: fitted().checked), None
+    if verdict == "none-of-these":
+        others = (h for h in found.hypotheses if h.label != choice.best.label)
+        attempt = best_attempt(tried, (trials(h.fit, of_attempt(h, h.fit, cast(Any, problem))) for h in others))
+    diagnosis = replace(
+        _say(problem, found, choice, verdict, tried, attempt, left_out), seconds=time.monotonic() - began
+    )
     report(1.0, "done")
     return FrequencyDiagnosed(
         diagnosis=diagnosis,
@@ -124,8 +134,32 @@ def diagnose_frequency(
     )
 
 
-def _whole(problem: FrequencyProblem) -> Sequence[Any]:
-    return problem.measured
+def _tried(
+    problem: FrequencyProblem,
+    before: FrequencyAmended,
+    fit: Fit,
+    terms: Sequence[Finding],
+    data: Sequence[Measured] = (),
+) -> Attempt:
+    """Return what comes of a fit on data: by default on those held out, or on those fitted where none are.
+
+    Parameters
+    ----------
+    before : FrequencyAmended
+        The refitted model.
+    terms : sequence of Finding
+        The fit's effects as they are reported.
+    """
+    data = data or problem.held_out or problem.measured
+    rests = [replace(fit, terms=tuple(t for t in fit.terms if t is not term)) for term in fit.terms]
+    rests += [replace(fit, terms=())] if len(rests) > 1 else []
+    removed = Removed(
+        names=tuple(f"{f.name} at {f.place}" for f in terms), models=tuple(amended_by(problem, rest) for rest in rests)
+    )
+    after = amended_by(problem, fit) if terms else before
+    models = [as_given(problem.plant, problem.wires), before, after]
+    checked = check_frequency(models, data, problem.unfitted, removed)
+    return Attempt(findings=tuple(_in_form(problem, f) for f in terms), fit=fit, checked=tuple(checked))
 
 
 def _chosen(found: FrequencyFound) -> Choice:
@@ -143,48 +177,74 @@ def _of_nothing(found: FrequencyFound) -> float:
     return float(weights[0] / weights.sum())
 
 
-def _verdict(choice: Choice, checked: Sequence[CheckedFrequency], left_out: LeftOut | None) -> Verdict:
+def _verdict(
+    choice: Choice,
+    checked: Sequence[CheckedFrequency],
+    left_out: LeftOut | None,
+    fitted: Callable[[], Sequence[CheckedFrequency]],
+) -> Verdict:
+    """Return the verdict on data that were checked.
+
+    Parameters
+    ----------
+    fitted : callable
+        Gives how far the models are from the data to fit.
+    """
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
-    gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+    gap = _gap(checked)
     if left_out is not None and left_out.parts >= LEAST_PARTS:
         gap = left_out.gap_closed
-    floor = LEAST_MISFIT if any(isinstance(c.measured, Response) for c in checked) else 0.0
-    unexplained = errors["before"] > max(ABOVE_NOISE * errors["noise"], floor)
     is_held_out = all(c.role == "holdout" for c in checked)
-    explained = is_held_out or errors["after"] <= max(UNVERIFIED * errors["noise"], floor)
-    if choice.best.terms and explained and (gap is None or gap >= LEAST_GAP):
+    explained = is_held_out or errors["after"] <= _allowed(UNVERIFIED, checked)
+    if choice.best.terms and all(c.is_idle for c in checked):  # nothing that was kept aside can verify it
+        own = fitted()
+        if total(own, "before") > _allowed(ABOVE_NOISE, own) and (_gap(own) or 0.0) >= LEAST_GAP:
+            return "none-of-these"
+    elif choice.best.terms and explained and (gap is None or gap >= LEAST_GAP):
         return "missing-physics"
-    return "none-of-these" if unexplained else "nothing-missing"
+    return "none-of-these" if errors["before"] > _allowed(ABOVE_NOISE, checked) else "nothing-missing"
+
+
+def _allowed(times: float, checked: Sequence[CheckedFrequency]) -> float:
+    """Return what a model may leave: a multiple of the noise, and of responses what every model leaves."""
+    floor = LEAST_MISFIT if any(isinstance(c.measured, Response) for c in checked) else 0.0
+    return max(times * total(checked, "noise"), floor)
+
+
+def _gap(checked: Sequence[CheckedFrequency]) -> float | None:
+    """Return the share of the gap that findings close where they do anything; None where there is none."""
+    tests = verifying(checked)
+    before, start, after, noise = (total(tests, key) for key in ("before", "start", "after", "noise"))
+    gap = gap_closed(before, after, noise)
+    return None if gap is None else min(gap, gap_closed(start, after, noise) or 0.0)
 
 
 def _say(
     problem: FrequencyProblem,
     found: FrequencyFound,
     choice: Choice,
-    checked: Sequence[CheckedFrequency],
+    verdict: Verdict,
+    tried: Attempt,
+    attempt: Attempt | None,
     left_out: LeftOut | None,
-    seconds: float,
 ) -> Diagnosis:
-    verdict = _verdict(choice, checked, left_out)
     fit = choice.best.fit
-    findings = (
-        tuple(_in_form(problem, f) for f in of_terms(choice, fit, cast(Any, problem)))
-        if verdict == "missing-physics"
-        else ()
-    )
+    is_found = verdict == "missing-physics"
+    shown = tried if is_found else attempt
+    checked = tried.checked if is_found else tuple(c.unamended() for c in tried.checked)
     return Diagnosis(
         title=problem.case.table.title,
         verdict=verdict,
-        findings=findings,
-        alternatives=alternatives(choice, cast(Any, problem), is_reported=verdict == "missing-physics"),
-        checked=tuple(checked),
+        findings=by_what_they_explain(tried.findings, checked) if is_found else (),
+        alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.level),
+        checked=checked,
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
-        next_measurement=_next(choice, verdict, problem),
+        next_measurement=_next(choice, verdict, problem, attempt),
         quality=(),
-        notes=tuple(_notes(problem, found, choice, left_out)),
+        notes=(*spoilt(checked), *idle(shown.checked if shown else ()), *_notes(problem, found, choice, left_out)),
+        attempt=attempt,
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
-        seconds=seconds,
     )
 
 
@@ -198,7 +258,7 @@ def _in_form(problem: FrequencyProblem, finding: Finding) -> Finding:
     return replace(finding, parameters={k: {**p, "unit": unit} for k, p in finding.parameters.items()})
 
 
-def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
+def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem, attempt: Attempt | None) -> str:
     """Return the measurement that would decide, in the terms of responses and tables."""
     has_shapes = any(isinstance(d, Response) or d.shapes.shape[1] > 2 for d in problem.measured)
     if verdict == "nothing-missing":
@@ -208,7 +268,7 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
             "mode shapes, or responses at as many points as there are places left, with the force at two of them: "
             "frequencies and damping ratios alone do not say where"
         )
-    return next_measurement(choice, verdict)
+    return next_measurement(choice, verdict, (), attempt)
 
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
@@ -257,7 +317,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
 
 
 def _mismatch(checked: Sequence[CheckedFrequency]) -> dict[str, Any]:
-    """Return where the refitted model is off, without any hypothesis: bands or modes, channels, the worst first."""
+    """Return where the model is off without any hypothesis: bands or modes, channels, the worst first."""
     bands: list[dict[str, Any]] = []
     channels: dict[str, float] = {}
     for c in checked:
@@ -276,7 +336,7 @@ def _mismatch(checked: Sequence[CheckedFrequency]) -> dict[str, Any]:
 
 
 def _bands(data: Response, c: CheckedFrequency) -> list[dict[str, Any]]:
-    own = c.answers[1]
+    own = c.standing
     assert isinstance(own, np.ndarray)
     error = np.nan_to_num(apart(data, own)).mean(axis=1)
     edges = np.geomspace(data.freq[0], data.freq[-1] * (1 + 1e-9), BANDS + 1)
@@ -290,7 +350,7 @@ def _bands(data: Response, c: CheckedFrequency) -> list[dict[str, Any]]:
 
 
 def _modes(data: Modes, c: CheckedFrequency) -> list[dict[str, Any]]:
-    own = c.answers[1]
+    own = c.standing
     assert not isinstance(own, np.ndarray)
     error = (modal_errors(data, own)["frequency"] / data.freq_sd) ** 2
     return [

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from vlab.cases.case import Case
+from vlab.diagnose.distance import Distance, part_of, total
 from vlab.diagnose.frequency.evaluate import State, answer
-from vlab.diagnose.frequency.fit import Fitter, Point
 from vlab.diagnose.frequency.measured import (
     MODEL_ERROR,
     SMALLEST_ZETA,
@@ -23,15 +23,12 @@ from vlab.diagnose.frequency.problem import FrequencyProblem
 from vlab.diagnose.frequency.residual import shape_rows, tracked
 from vlab.diagnose.frequency.view import View, Wires, view_of, wires_of
 from vlab.diagnose.terms import Fit
-from vlab.diagnose.verify import Distance, gap_closed, total
+from vlab.diagnose.verify import Removed
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array, ComplexArray
 
-LEFT_OUT = 12
-"""Most parts of the data that are left out one after the other."""
-REFITTED = 6
 NEIGHBOURS = 9
 DROWNED = 0.3
 """Lines whose noise is more than this share of the response say nothing of a model."""
@@ -121,15 +118,31 @@ class CheckedFrequency(Distance):
     Parameters
     ----------
     answers : tuple
-        Of the three models: (n, n_outputs) responses, or modes.
+        Of the nominal, the refitted and the amended model: (n, n_outputs) responses, or modes.
     """
 
     measured: Measured
     answers: tuple[ComplexArray | ModalAnswer, ...]
 
+    @property
+    def standing(self) -> ComplexArray | ModalAnswer:
+        """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
+        return self.answers[0 if self.is_spoilt else 1]
+
+    def unamended(self) -> "CheckedFrequency":
+        """Return the same with nothing added to the model that stands."""
+        channels = {
+            name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
+        }
+        answers = (*self.answers[:2], self.standing)
+        return replace(self, after=self.before, channels=channels, answers=answers)
+
 
 def check_frequency(
-    models: Sequence[FrequencyAmended], measured: Sequence[Measured], unfitted: Mapping[str, float] | None = None
+    models: Sequence[FrequencyAmended],
+    measured: Sequence[Measured],
+    unfitted: Mapping[str, float] | None = None,
+    removed: Removed | None = None,
 ) -> list[CheckedFrequency]:
     """Compare the nominal, the refitted and the amended plant with data.
 
@@ -138,16 +151,20 @@ def check_frequency(
     unfitted : mapping of str to float
         Relative standard deviations of the gains of inputs that nothing was fitted on: the refitted and the amended plant have their
         likeliest ones, each its own.
+    removed : Removed or None
+        Tells what every finding does.
     """
-    seen = [model.seen() for model in models]
+    removed = removed or Removed()
+    seen = [model.seen() for model in (*models, *removed.models)]
     out = []
     for data in measured:
         if isinstance(data, Response):
             given, *fitted = [answer(v, s, data, models[0].wires).H for v, s in seen]
             sd = (unfitted or {}).get(data.input, 0.0)
-            out.append(_checked_response(data, [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]))
+            answers = [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]
+            out.append(_checked_response(data, answers, removed.names))
         else:
-            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen]))
+            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen], removed.names))
     return out
 
 
@@ -198,32 +215,77 @@ def noise_apart(data: Response) -> Array:
     return np.where(heard(data), np.minimum(data.noise**2 / np.maximum(square, 1e-300), 2.0), np.nan)
 
 
-def _checked_response(data: Response, answers: list[ComplexArray]) -> CheckedFrequency:
-    errors = [np.sqrt(np.nanmean(apart(data, H), axis=0)) for H in answers]
-    noise = np.sqrt(np.nanmean(noise_apart(data), axis=0))
-    total = [float(np.sqrt(np.mean(e**2))) for e in (*errors, noise)]
-    channels = {name: tuple(float(e[k]) for e in (*errors, noise)) for k, name in enumerate(data.outputs)}
-    return _checked(data, total, channels, answers)
+def _checked_response(data: Response, answers: list[ComplexArray], findings: Sequence[str]) -> CheckedFrequency:
+    names = list(data.outputs)
+    errors = [dict(zip(names, np.sqrt(np.nanmean(apart(data, H), axis=0)), strict=True)) for H in answers]
+    noise = dict(zip(names, np.sqrt(np.nanmean(noise_apart(data), axis=0)), strict=True))
+    total = [_rms(e) for e in errors]
+    size = np.where(heard(data), np.abs(data.H) ** 2, np.nan)
+
+    def moved(H: ComplexArray) -> dict[str, float]:
+        """Return by how much the amended model's responses are moved, over the measured ones."""
+        difference = np.abs(H) - np.abs(answers[2]) if data.is_magnitude else H - answers[2]
+        square = np.abs(difference) ** 2 / np.maximum(size, 1e-300)
+        return dict(zip(names, np.sqrt(np.nanmean(square, axis=0)), strict=True))
+
+    return _checked(
+        data, total, errors, (noise, _rms(noise)), answers, findings, [moved(H) for H in answers[3:]], len(data.freq)
+    )
 
 
 def _checked(
     data: Measured,
     total: Sequence[float],
-    channels: Mapping[str, Sequence[float]],
+    errors: Sequence[Mapping[str, float]],
+    noise: tuple[Mapping[str, float], float],
     answers: Sequence[ComplexArray | ModalAnswer],
+    findings: Sequence[str],
+    moved: Sequence[Mapping[str, float]],
+    samples: int,
 ) -> CheckedFrequency:
-    nominal, before, after, noise = total
+    """Return distances from the errors of the nominal, the refitted and the amended model, and of that without findings.
+
+    Parameters
+    ----------
+    total : sequence of float
+        The error of every model over all channels.
+    errors : sequence of mapping
+        The same by channel.
+    noise : (mapping, float)
+        By channel and over all of them.
+    moved : sequence of mapping
+        By how much the removal of every finding moves every channel.
+    samples : int
+        Of a channel.
+    """
+    stands = 0 if total[1] > total[0] else 1
+    names = list(errors[0])
+
+    def row(values: Mapping[str, float]) -> Array:
+        return np.array([values[name] for name in names])
+
+    parts = [
+        part_of(name, left, row(m), row(errors[2]), row(noise[0]), [samples] * len(names))
+        for name, left, m in zip(findings, total[3:], moved, strict=False)
+    ]
     return CheckedFrequency(
         name=data.name,
         role=data.role,
-        nominal=nominal,
-        before=before,
-        after=after,
-        noise=noise,
-        channels={name: tuple(errors) for name, errors in channels.items()},  # type: ignore[misc]
+        nominal=total[0],
+        before=total[stands],
+        after=total[2],
+        noise=noise[1],
+        channels={n: tuple(float(e[n]) for e in (errors[0], errors[stands], errors[2], noise[0])) for n in names},  # type: ignore[misc]
+        refitted=total[1],
+        bare=total[-1] if findings else float("nan"),
+        parts=tuple(parts),
         measured=data,
-        answers=tuple(answers),
+        answers=tuple(answers[:3]),
     )
+
+
+def _rms(values: Mapping[str, float]) -> float:
+    return float(np.sqrt(np.mean([v**2 for v in values.values()])))
 
 
 def modal_answer(view: View, state: State, data: Modes) -> ModalAnswer:
@@ -257,85 +319,12 @@ def modal_errors(data: Modes, own: ModalAnswer) -> dict[str, Array]:
     return {name: np.where(np.isfinite(e), e, 1.0) for name, e in out.items()}
 
 
-def _checked_modes(data: Modes, answers: list[ModalAnswer]) -> CheckedFrequency:
+def _checked_modes(data: Modes, answers: list[ModalAnswer], findings: Sequence[str]) -> CheckedFrequency:
     each = [modal_errors(data, own) for own in answers]
     noise = {"frequency": data.freq_sd, "damping": data.zeta_sd, "shape": data.shape_sd}
     floor = {name: float(np.sqrt(np.mean(np.minimum(noise[name], 1.0) ** 2))) for name in each[0]}
     errors = [{name: float(np.sqrt(np.mean(e[name] ** 2))) for name in e} for e in each]
-    channels = {name: (*(e[name] for e in errors), floor[name]) for name in errors[0]}
     unit = floor["frequency"]
     total = [unit * float(np.sqrt(np.mean([(e[n] / floor[n]) ** 2 for n in e]))) for e in errors]
-    return _checked(data, [*total, unit], channels, answers)
-
-
-# ---- leaving out ----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True)
-class LeftOut:
-    """How well hypotheses predict what they were not fitted to, part by part of the data.
-
-    Parameters
-    ----------
-    parts : int
-        Responses of one output, or modes, that were left out one after the other.
-    before, after, noise : float
-        Root mean square of the differences there, without and with the physics found.
-    """
-
-    parts: int
-    before: float
-    after: float
-    noise: float
-
-    @property
-    def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise."""
-        return gap_closed(self.before, self.after, self.noise)
-
-
-def leave_out(problem: FrequencyProblem, fitter: Fitter, before: Fit, after: Fit) -> LeftOut | None:
-    """Fit again without one part of the data after the other and predict it; None where only one part is there."""
-    parts: list[tuple[int, int]] = []
-    for i, data in enumerate(problem.measured):
-        count = len(data.outputs) if isinstance(data, Response) else data.n
-        parts += [(i, k) for k in range(count)]
-    if len(parts) < 3:
-        return None
-    chosen = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, LEFT_OUT).astype(int))]
-    squares = []
-    for i, k in chosen:
-        data = problem.measured[i]
-        rest = [d for j, d in enumerate(problem.measured) if j != i]
-        if isinstance(data, Response):
-            rest += [data.of_output(o) for o in range(len(data.outputs)) if o != k]
-        else:
-            rest.append(data.without(k))
-        part = Fitter(problem, rest)
-        row = []
-        for fit in (before, after):
-            again = part.fit(fit.terms, fit.theta, iterations=REFITTED)
-            row.append(_predicted(fitter, again, data, k))
-        squares.append((*row, _noise(data, k)))
-    means = np.sqrt(np.mean(np.array(squares), axis=0))
-    return LeftOut(parts=len(chosen), before=float(means[0]), after=float(means[1]), noise=float(means[2]))
-
-
-def _predicted(fitter: Fitter, fit: Fit, data: Measured, k: int) -> float:
-    """Return the mean squared difference of one part of the data."""
-    problem = fitter.problem
-    point = Point(theta=fit.theta, terms=fit.terms)
-    state = problem.state(point.theta)
-    if isinstance(data, Response):
-        H = answer(problem.view, state, data, problem.wires, point.terms).H
-        return float(np.nanmean(apart(data, H)[:, k]))
-    view = replace(problem.view, fixed=(*problem.view.fixed, *point.terms))
-    errors = modal_errors(data, modal_answer(view, state, data))
-    unit = float(np.sqrt(np.mean(data.freq_sd**2)))
-    return (unit * errors["frequency"][k] / data.freq_sd[k]) ** 2
-
-
-def _noise(data: Measured, k: int) -> float:
-    if isinstance(data, Response):
-        return float(np.nanmean(noise_apart(data)[:, k]))
-    return float(np.mean(data.freq_sd**2))
+    moved = [{n: float(np.sqrt(np.mean((e[n] - each[2][n]) ** 2))) for n in each[0]} for e in each[3:]]
+    return _checked(data, total, errors, (floor, unit), answers, findings, moved, data.n)

@@ -30,16 +30,25 @@ LEAST_SAMPLES = 150
 SEGMENTS = 8
 MOST_LABELLED = 100.0
 """Of a panel of half the width, the most that its frequencies may span if they are labelled within decades, too."""
-LOOKS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("measured", {"color": INK, "linestyle": "-"}),
-    ("refitted", {"color": COLOURS[1], "linestyle": (0, (5, 1.6))}),
-    ("amended", {"color": COLOURS[0], "linestyle": "-"}),
-)
+LOOKS: dict[str, dict[str, Any]] = {
+    "measured": {"color": INK, "linestyle": "-"},
+    "as given": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
+    "refitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "amended": {"color": COLOURS[0], "linestyle": "-"},
+}
+"""How what was measured and what every model does is drawn."""
 
 
 @styled
 def overlay_figure(
-    measured: Recording, refitted: Recording, amended: Recording | None, channel: str, *, noise: float, worst_s: float
+    measured: Recording,
+    refitted: Recording,
+    amended: Recording | None,
+    channel: str,
+    *,
+    noise: float,
+    worst_s: float,
+    before: str = "refitted",
 ) -> Figure:
     """Draw a channel measured, refitted and amended: all of it, the worst stretch enlarged, what is left, and spectra of what is left.
 
@@ -51,11 +60,13 @@ def overlay_figure(
         Standard deviation of the channel's noise, in its unit.
     worst_s : float
         Middle of the stretch that is enlarged [s].
+    before : str
+        What is refitted, or ``"as given"`` where that is nearer.
     """
     label = measured.channels[measured.index(channel)]
     curves = [
-        (name, look, r[channel])
-        for (name, look), r in zip(LOOKS, (measured, refitted, amended), strict=True)
+        (name, LOOKS[name], r[channel])
+        for name, r in (("measured", measured), (before, refitted), ("amended", amended))
         if r is not None
     ]
     figure = Figure(figsize=(7.2, 6.8), layout="constrained")
@@ -72,7 +83,7 @@ def overlay_figure(
     whole.axvspan(time[near][0], time[near][-1], color="#f0e3c4", zorder=0)
     for axes, what in (
         (whole, "all of it"),
-        (zoom, f"where the refitted model is furthest off, around {worst_s:.4g} s"),
+        (zoom, f"where the {before} model is furthest off, around {worst_s:.4g} s"),
     ):
         axes.set_title(as_text(what), loc="left")
     rest.set_title("left over: measured minus simulated; grey: noise, one standard deviation", loc="left")
@@ -132,11 +143,11 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
     """Draw the magnitude of one frequency response as measured, refitted and amended, with the coherence of the measured one."""
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
     size, coherence = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
-    looks, handles = dict(LOOKS), []
+    handles = []
     for name, frf in curves:
-        handles.append(draw_line(size, frf.freq, np.abs(frf.H[:, 0, 0]), 0, **looks[name]))
+        handles.append(draw_line(size, frf.freq, np.abs(frf.H[:, 0, 0]), 0, **LOOKS[name]))
         if name == "measured" and frf.coherence is not None:
-            draw_line(coherence, frf.freq, frf.coherence[:, 0], 0, **looks[name])
+            draw_line(coherence, frf.freq, frf.coherence[:, 0], 0, **LOOKS[name])
     whole = f"({output.unit})" if "/" in output.unit else output.unit or "1"
     unit = pretty_unit(f"{whole}/{source.unit}" if source.unit else whole)
     size.set(yscale="log", ylabel=f"magnitude\n[{unit}]")
@@ -195,25 +206,31 @@ def mismatch_figure(
 
 
 @styled
-def ranking_figure(options: Sequence[tuple[str, float, float]], chosen: int = 0) -> Figure:
-    """Draw the probabilities of alternatives, and how much each leaves over.
+def ranking_figure(
+    options: Sequence[tuple[str, float, float]], chosen: int = 0, *, is_probability: bool = True
+) -> Figure:
+    """Draw the probabilities of alternatives, or what share of the misfit they leave, and how much each leaves over.
 
     Parameters
     ----------
-    options : sequence of (label, probability, left over in multiples of the noise)
+    options : sequence of (label, probability or share, left over in multiples of the noise)
     chosen : int
         The one that the diagnosis reports; -1 for none.
+    is_probability : bool
+        Whether the first number is one.
     """
     count, lines = len(options), 1 + any(" + " in label for label, _, _ in options)
     figure = Figure(figsize=(7.2, 1.1 + 0.28 * lines * count), layout="constrained")
     bars, rest = figure.subplots(1, 2, sharey=True, width_ratios=[2.0, 1.0])
     colours = [COLOURS[0] if i == chosen else "#9fc5de" for i in range(count)]
     bars.barh(np.arange(count), [p for _, p, _ in options], color=colours, height=0.7)
+    widest = 1.0 if is_probability else max(1.0, *(p for _, p, _ in options))
     for i, (_, p, _) in enumerate(options):
-        bars.text(p + 0.01, i, f"{100 * p:.3g} %" if p >= 5e-4 else "< 0.05 %", va="center", fontsize=8)
+        text = "< 0.1 %" if is_probability and p < 1e-3 else f"{100 * p:.3g} %"
+        bars.text(p + 0.01 * widest, i, text, va="center", fontsize=8)
     bars.set(
-        xlim=(0, 1.18),
-        xlabel="probability [-]",
+        xlim=(0, 1.18 * widest),
+        xlabel="probability [-]" if is_probability else "left over / left over by the refitted model [-]",
         yticks=np.arange(count),
         yticklabels=[as_text(o[0].replace(" + ", "\n+ ")) for o in options],
     )
