@@ -5,7 +5,7 @@ import traceback
 from pathlib import Path
 
 import vlab
-from vlab.text import one_line
+from vlab.errors import one_line
 
 STATUS = 3
 """Exit status after an error that is vlab's own fault."""
@@ -26,9 +26,7 @@ def line_of(error: BaseException) -> str:
 def place_of(error: BaseException) -> str:
     """Return module and line of vlab where an error happened, the innermost one; what happened in a process of its own included."""
     frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
-    if type(error.__cause__).__name__.endswith(
-        "RemoteTraceback"
-    ):  # all that is left of a worker's frames is their text
+    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # of a worker's frames only their text is left
         frames += [(file, int(number)) for file, number in _FRAME.findall(str(error.__cause__))]
     for file, number in reversed(frames):
         path = Path(file)

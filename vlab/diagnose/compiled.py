@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from vlab.diagnose.compiling import compiled
 from vlab.physics.tape import CODE, SIGNALS, Tape
 from vlab.signals import Array
 
@@ -28,7 +28,7 @@ AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS
 """Registers of what a law sees of its step."""
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def play(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
     """Do a tape's operations on registers (n_registers, n)."""
     n = registers.shape[1]
@@ -100,7 +100,7 @@ def play(operations: Array, first: int, registers: Array) -> None:  # pragma: no
             _play_slowly(code, a, b, out)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Do an operation that takes longer than it takes to choose it."""
     for e in range(out.size):
@@ -128,7 +128,7 @@ def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: 
         out[e] = y
 
 
-in_any_order = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 """Compiles loops whose sums may be taken in any order, several terms at a time."""
 
 
@@ -287,7 +287,7 @@ def march_looped(
             last[:] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _series(
     operations: Array, first: int, registers: Array, signals: Array, remembers: Array, recalled: Array, result: int
 ) -> Array:  # pragma: no cover - compiled

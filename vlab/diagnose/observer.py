@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from vlab.diagnose.compiling import compiled
 from vlab.diagnose.recursion import states_of
 from vlab.diagnose.signals import Signals
 from vlab.diagnose.twin import Discrete, Twin, discretise
@@ -66,7 +66,7 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
     return Gains(K=K, S=S, P=P)
 
 
-@njit(cache=True)
+@compiled()
 def _riccati(
     A: Array, C: Array, Q: Array, N: Array, R: Array, start: Array
 ) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
@@ -93,7 +93,7 @@ def _riccati(
     return Ks[:count].copy(), Ss[:count].copy(), Ps[:count].copy()
 
 
-@njit(cache=True)
+@compiled()
 def _with_room(kept: Array) -> Array:  # pragma: no cover - compiled
     """Return matrices with room for as many more."""
     out = np.empty((2 * len(kept), kept.shape[1], kept.shape[2]))
