@@ -58,7 +58,9 @@ def test_a_wheel_installs_vlab_alone_with_laws_and_assets():
     files = wheel_files()
     assert {Path(name).parts[0] for name in files} == {"vlab"}
     assert {f"vlab/controllers/{name}.py" for name in ["__init__", *LAWS]} <= set(files)
-    assert {"vlab/_assets/beam.toml", "vlab/_assets/cases/emps/case.toml", "vlab/_assets/examples/plan.toml"} <= set(files)
+    assert {"vlab/_assets/beam.toml", "vlab/_assets/cases/emps/case.toml", "vlab/_assets/examples/plan.toml"} <= set(
+        files
+    )
     assert len(files) == len(set(files))
 
 
