@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vlab.errors import UnknownName
 
-_CANDIDATES = (Path(__file__).parent.parent / "assets", Path(__file__).parent / "_assets")
+_CANDIDATES = (Path(__file__).parent / "_assets", Path(__file__).parent.parent / "assets")
 
 
 def asset(name: str) -> Path:

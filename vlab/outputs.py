@@ -1,10 +1,12 @@
 """Output folders: written beside their place and moved in whole, so that nothing half-written stays behind."""
 
 import contextlib
+import itertools
 import json
 import math
 import os
 import platform
+import re
 import shutil
 import sys
 import tempfile
@@ -21,56 +23,144 @@ MANIFEST = "manifest.json"
 
 
 @contextlib.contextmanager
-def output_folder(path: Path | str) -> Iterator[Path]:
+def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
     """Yield a fresh folder that becomes `path` when the block ends well, and vanishes when it does not.
 
-    A folder that vlab wrote before (it holds a manifest) is replaced as a whole; any other folder with something in it
-    is refused, so nothing of anybody else's is lost.
+    Parameters
+    ----------
+    overwrite : bool
+        Replace as a whole a folder that vlab wrote before (it holds a manifest). Any other folder with something in it is
+        refused in either case, so nothing of anybody else's is lost.
 
     Raises
     ------
     OutputRefused
-        The place cannot be written, or holds files that are not vlab's.
+        The place cannot be written, or holds files already.
     """
     target = Path(path)
-    if target.is_dir() and any(target.iterdir()) and not _is_ours(target):
+    check_output(target, overwrite=overwrite)
+    with _parents(target):
+        try:
+            sweep(target.parent)
+            fresh, held = make_held(lambda: _beside(target, PART))
+        except OSError as error:
+            raise _not_writable(target, error) from error
+        try:
+            yield fresh
+            fresh.chmod(0o755)
+            _move_in(fresh, target, overwrite)
+        except OutputRefused:
+            raise
+        except OSError as error:
+            raise OutputRefused(f"writing the output folder {target} failed: {error.strerror or error}") from error
+        finally:
+            shutil.rmtree(fresh, ignore_errors=True)
+            release(held)
+
+
+@contextlib.contextmanager
+def numbered_folder(stem: Path | str) -> Iterator[Path]:
+    """Yield ``stem-001``, or the number after the last one there, which nobody else gets while the block runs.
+
+    The claim is an empty folder, for `output_folder` to fill; it goes where nothing came into it.
+
+    Raises
+    ------
+    OutputRefused
+        The place cannot be written.
+    """
+    stem = Path(stem)
+    with _parents(stem):
+        try:
+            claimed = _claimed(stem)
+        except OSError as error:
+            raise _not_writable(stem, error) from error
+        try:
+            yield claimed
+        finally:
+            with contextlib.suppress(OSError):
+                claimed.rmdir()
+
+
+def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "name another with --out") -> None:
+    """Refuse an output folder that holds something: before the work that would fill it, and before it is filled.
+
+    Parameters
+    ----------
+    overwrite : bool
+        Accept a folder that vlab wrote.
+    remedy : str
+        What is said to do instead where vlab wrote it.
+
+    Raises
+    ------
+    OutputRefused
+        A file, a folder with files of somebody else's, or one of vlab's that is not to be overwritten.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_dir():
+        raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
+    if not target.is_dir() or not any(target.iterdir()):
+        return
+    if not _is_ours(target):
         raise OutputRefused(
             f"the output folder {target} holds files that vlab did not write; name an empty or new folder with --out"
         )
-    if target.exists() and not target.is_dir():
-        raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
-    made = [folder for folder in target.parents if not folder.exists()]  # the deepest first
+    if not overwrite:
+        raise OutputRefused(f"the output folder {target} is there already; {remedy}")
+
+
+def _move_in(fresh: Path, target: Path, overwrite: bool) -> None:
+    """Put a folder where it belongs: in one step, so that a claimed number is never free in between."""
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        sweep(target.parent)
-        fresh, held = make_held(lambda: _beside(target, PART))
-    except OSError as error:
-        raise OutputRefused(
-            f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out"
-        ) from error
-    try:
-        yield fresh
-        fresh.chmod(0o755)
-        if target.exists():
-            old, held_old = make_held(lambda: _beside(target, OLD))
-            os.replace(target, old / WAS)
-            os.replace(fresh, target)
-            shutil.rmtree(old, ignore_errors=True)
-            release(held_old)
-        else:
-            os.replace(fresh, target)
-    except OSError as error:
-        raise OutputRefused(f"writing the output folder {target} failed: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+        os.replace(fresh, target)  # an empty folder gives way
+    except OSError:
+        if not target.is_dir():
+            raise
+        check_output(target, overwrite=overwrite)  # somebody may have written there meanwhile
+        old, held = make_held(lambda: _beside(target, OLD))
+        os.replace(target, old / WAS)
+        os.replace(fresh, target)
+        shutil.rmtree(old, ignore_errors=True)
         release(held)
-        for folder in made:  # goes where nothing came into it
-            with contextlib.suppress(OSError):
-                folder.rmdir()
 
 
 def _beside(target: Path, ending: str) -> Path:
     return Path(tempfile.mkdtemp(prefix=f".{target.name}-", suffix=ending, dir=target.parent))
+
+
+def _claimed(stem: Path) -> Path:
+    """Make the empty folder of the next number; the system lets one process make it."""
+    named = (re.fullmatch(rf"{re.escape(stem.name)}-(\d+)", path.name) for path in stem.parent.iterdir())
+    numbers = [int(match[1]) for match in named if match]
+    for number in itertools.count(max(numbers, default=0) + 1):
+        with contextlib.suppress(FileExistsError):
+            claimed = stem.with_name(f"{stem.name}-{number:03d}")
+            claimed.mkdir()
+            return claimed
+    raise AssertionError("numbers have no end")
+
+
+@contextlib.contextmanager
+def _parents(target: Path) -> Iterator[None]:
+    """Make the folders above a place, and remove those again into which nothing came."""
+    made = [folder for folder in target.parents if not folder.exists()]  # the deepest first
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_writable(target, error) from error
+    try:
+        yield
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _not_writable(target: Path, error: OSError) -> OutputRefused:
+    return OutputRefused(
+        f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out"
+    )
 
 
 def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:

@@ -332,7 +332,7 @@ def test_an_error_inside_leaves_the_old_folder(tmp_path):
     with output_folder(tmp_path / "out") as folder:
         (folder / "kept.txt").write_text("old")
         write_manifest(folder)
-    with pytest.raises(ZeroDivisionError), output_folder(tmp_path / "out") as folder:  # noqa: PT012
+    with pytest.raises(ZeroDivisionError), output_folder(tmp_path / "out", overwrite=True) as folder:  # noqa: PT012
         (folder / "half.txt").write_text("new")
         raise ZeroDivisionError
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["kept.txt", "manifest.json"]

@@ -4,26 +4,26 @@ import argparse
 
 from vlab.cases.compare import compare_case
 from vlab.cli.common import Outcome, text_table
-from vlab.outputs import keep_apart, output_folder, write_manifest
+from vlab.cli.destination import add_out, check_out
+from vlab.outputs import output_folder, write_manifest
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("case", help="a case folder with case.toml, or a case file")
-    parser.add_argument("--out", help="folder for report.html and run.rrd")
+    add_out(parser, "folder for report.html and run.rrd")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Simulate the case's recordings with its model and say how much they differ."""
-    if arguments.out:
-        keep_apart(arguments.out, [arguments.case])
+    check_out(arguments, read=[arguments.case])
     comparison = compare_case(arguments.case)
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case
 
     text = comparison.case.table.title + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
     if arguments.out:
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_case(comparison, folder)
             write_manifest(folder, verb="compare", case=str(arguments.case))
         document["out"] = str(arguments.out)

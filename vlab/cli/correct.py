@@ -4,6 +4,7 @@ import argparse
 import json
 
 from vlab.cli.common import Outcome, progress_bar, text_table
+from vlab.cli.destination import add_out, check_out
 from vlab.outputs import finite, output_folder, write_manifest
 from vlab.reproduce.measured_correction import correct_by_test
 
@@ -39,11 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="COORDINATE",
         help="a coordinate of the reduced model, such as v:joint1 or rx:point13; by default those the structure file names",
     )
-    parser.add_argument("--out", help="folder for the corrected matrices, the numbers and the MAC as a figure")
+    add_out(parser, "folder for the corrected matrices, the numbers and the MAC as a figure")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Test the structure and correct its model."""
+    check_out(arguments, read=[arguments.structure])
     with progress_bar("modal test", PERIOD_S * PERIODS) as progress:
         result = correct_by_test(
             arguments.structure,
@@ -89,7 +91,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         from vlab.modal.mac import mac
         from vlab.views.figures import mac_figure, to_svg
 
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             before, after = result.correction.uncorrected, result.correction.model
             np.savez(folder / "corrected.npz", M=after.M, C=after.C, K=after.K, coordinates=np.array(after.coordinates))
             likeness = mac(before.eigen[1], result.measured.shapes)

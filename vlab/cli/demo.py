@@ -5,21 +5,25 @@ import sys
 import time
 
 from vlab.cli.common import Outcome, text_table
+from vlab.cli.destination import add_out, check_out, destination
 from vlab.demo import run_demo
 from vlab.diagnose.words import probability_in_words
 from vlab.outputs import output_folder, write_manifest
 
+OUT = "out/demo"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("--out", default="out/demo", help="folder for report.html and run.rrd (default out/demo)")
+    add_out(parser, "folder for report.html and run.rrd", default=OUT)
     parser.add_argument("--seed", type=int, default=0, help="draws what is concealed in the beam (default 0)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Run the demo and write its report."""
     begun = time.perf_counter()
-    with output_folder(arguments.out) as folder:
+    check_out(arguments)
+    with destination(arguments, OUT) as out, output_folder(out, overwrite=arguments.overwrite) as folder:
         demo = run_demo(
             folder,
             seed=arguments.seed,
@@ -50,13 +54,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
                 ],
             ),
             "Real recordings beside their nominal model\n" + text_table(["case", "recording", "NRMSE"], misfits),
-            f"{seconds:.0f} s; report: {arguments.out}/report.html; moving structure: vlab show {arguments.out}",
+            f"{seconds:.0f} s; report: {out}/report.html; moving structure: vlab show {out}",
         ]
     )
     document = {
-        "out": str(arguments.out),
-        "report": f"{arguments.out}/report.html",
-        "rrd": f"{arguments.out}/run.rrd",
+        "out": str(out),
+        "report": f"{out}/report.html",
+        "rrd": f"{out}/run.rrd",
         "seconds": seconds,
         "tables_ok": all(t.ok for t in demo.tables),
         "closed_loop": [

@@ -12,6 +12,7 @@ import numpy as np
 
 from vlab import units
 from vlab.cli.common import Outcome, text_table
+from vlab.cli.destination import add_out, check_out
 from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
 from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
 from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
@@ -32,7 +33,7 @@ from vlab.fe.reduced import MODELS, build_reduced_model
 from vlab.hardware.array_controller import array_report, array_text
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report, robustness_text
-from vlab.outputs import finite, keep_apart, output_folder, write_manifest
+from vlab.outputs import finite, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
@@ -76,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--robustness", action="store_true", help="margins of the sampled loop, and which mode goes first"
     )
     parser.add_argument("--array", action="store_true", help="whether the law fits the array controller, and how")
-    parser.add_argument("--out", help="folder for design.json, controller.toml and figures")
+    add_out(parser, "folder for design.json, controller.toml and figures")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,8 +112,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
     if arguments.with_delay and arguments.law != "lqg":
         raise BadDesign(f"--with-delay is for the law lqg; {arguments.law!r} has no model that the delay could be in")
-    if arguments.out:
-        keep_apart(arguments.out, [arguments.structure, file_of(arguments.law)])
+    check_out(arguments, read=[arguments.structure, file_of(arguments.law)])
     begun = time.perf_counter()
     made = _judge(arguments, structure) if is_given(arguments.law) else _design(arguments, structure)
     document = made.document
@@ -128,7 +128,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             loop = loop_on(full, law, hardware.converter)
             document["robustness"] = finite(robustness_report(loop, modelled=_modelled(full, made.modelled)))
     if arguments.out:
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             _write(folder, made, loop)
             settings = {key: document[key] for key in ("law", "structure", "model")}
             write_manifest(folder, verb="design", **settings, asked=as_plain(made.asked))

@@ -6,12 +6,13 @@ from typing import Any
 
 from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
+from vlab.cli.destination import add_out, check_out
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
 from vlab.diagnose.distance import Distance
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
 from vlab.errors import BadExperiment
-from vlab.outputs import keep_apart, output_folder, write_manifest
+from vlab.outputs import output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS, effect_named
 
 OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
@@ -33,13 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py:CLASS",
         help="an effect of your own, sought beside the catalogue; may be repeated; runs the code of that file",
     )
-    parser.add_argument("--out", help="folder for diagnosis.json, report.html, run.rrd and the amended model")
+    add_out(parser, "folder for diagnosis.json, report.html, run.rrd and the amended model")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Say what physics the case's model lacks."""
-    if arguments.out:
-        keep_apart(arguments.out, [arguments.case])
+    check_out(arguments, read=[arguments.case])
     case = load_case(arguments.case)
     own = [effect_named(name) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         with share_bar("diagnose") as report:
             diagnosis = diagnose(case, effects=effects, progress=report).diagnosis
         return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
-    with output_folder(arguments.out) as folder:
+    with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
         with share_bar("diagnose") as report:
             done = diagnose(case, effects=effects, progress=report)
         from vlab.views.diagnosis_report import write_diagnosis

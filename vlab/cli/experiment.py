@@ -8,6 +8,7 @@ from typing import Any
 
 from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, share_bar
+from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.given_law import file_of
 from vlab.cli.loop_words import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
@@ -16,7 +17,7 @@ from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings, perform
-from vlab.outputs import keep_apart, output_folder
+from vlab.outputs import output_folder
 from vlab.recordings import write_recording
 from vlab.views.viewer import PORT, listening, viewer_at
 
@@ -110,7 +111,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         help="with --live: most simulated seconds a second (default 1, real time; inf: as fast as it is computed)",
     )
-    parser.add_argument("--out", help=f"run folder (default {RUN_OUT}), or folder of a plan (default {PLAN_OUT})")
+    add_out(
+        parser,
+        f"run folder (default {RUN_OUT}-001, or the next number), or folder of a plan, which goes on there (default {PLAN_OUT})",
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -121,8 +125,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment("the following is required: structure, or a test plan with --plan")
     if arguments.pace is not None and arguments.live is None:
         raise BadExperiment("--pace is for --live; without it a run goes as fast as it is computed")
-    out = arguments.out or RUN_OUT
-    keep_apart(out, [arguments.structure, arguments.hardware, file_of(arguments.law or "")])
+    check_out(arguments, read=[arguments.structure, arguments.hardware, file_of(arguments.law or "")])
     settings = RunSettings(
         structure=arguments.structure,
         plant=arguments.plant,
@@ -152,7 +155,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         pace = 1.0 if arguments.pace is None else arguments.pace
         live = LiveView(prepared, pace=pace, connect=lambda: viewer_at(arguments.live))
-    with output_folder(out) as folder:
+    with destination(arguments, RUN_OUT) as out, output_folder(out, overwrite=arguments.overwrite) as folder:
         with progress_bar("experiment", settings.seconds) as report:
             done = perform(prepared, folder, progress=report, watch=live.watch if live is not None else None)
         if live is not None:

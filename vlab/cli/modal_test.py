@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cli.common import Outcome, text_table
+from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
 from vlab.lab.run_folder import RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
 from vlab.modal.recognise import KINDS
-from vlab.outputs import keep_apart, output_folder, write_manifest
+from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
@@ -85,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for run folders: the plant's own linearised modes beside those found, within 0.1 %% of frequency, 5 %% of damping and "
         "a MAC of .98; exit status 1 where one is missed",
     )
-    parser.add_argument("--out", help="folder for a report, figures and the responses")
+    add_out(parser, "folder for a report, figures and the responses")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -102,8 +103,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         dwell_s=arguments.dwell,
         end_level=arguments.window_end,
     )
-    if arguments.out:
-        keep_apart(arguments.out, arguments.run)
+    check_out(arguments, read=arguments.run)
     runs = [_load(path, arguments) for path in arguments.run]
     recordings = [recording for recording, _ in runs]
     if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.out:
         from vlab.views.modal_test_report import write_modal_test
 
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_modal_test(result, folder, title=_title(arguments.run), found=found, true=true)
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)
@@ -183,7 +183,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
     if arguments.out:
         from vlab.views.modal_test_report import write_dwells
 
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_dwells(dwells, folder, title=_title(arguments.run))
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)

@@ -5,6 +5,7 @@ import argparse
 import numpy as np
 
 from vlab.cli.common import Outcome, text_table
+from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadStructure
 from vlab.modal.mac import comac, mac
 from vlab.outputs import output_folder, write_manifest
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", metavar="PLACE", help="with --out: responses to a force there, open loop, as figures"
     )
     parser.add_argument("--response", nargs="+", metavar="PLACE", help="where; at all coils by default")
-    parser.add_argument("--out", help="folder for mode shapes, their differences, MAC and responses as figures")
+    add_out(parser, "folder for mode shapes, their differences, MAC and responses as figures")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -44,6 +45,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     structure = load_structure(arguments.structure)
     if (arguments.force or arguments.response) and not (arguments.force and arguments.out):
         raise BadStructure("responses are figures: give --force, where the force acts, and --out, the folder for them")
+    check_out(arguments, read=[arguments.structure])
     check = cross_check(structure, arguments.variant, model=arguments.model, modes=arguments.modes)
     document = check.as_dict()
     plants = list(check.plants)
@@ -85,7 +87,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             from vlab.views.response_view import response_figures
 
             responses = response_figures(check.fe, arguments.force, arguments.response or ())
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             for file, figure in responses.items():
                 (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
             for name, modes in plant_modes.items():

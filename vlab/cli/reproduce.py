@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from vlab.cli.common import Outcome, progress_bar, share_bar, text_table
+from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_words import effort_table, ring_down_table
 from vlab.errors import BadExperiment
 from vlab.outputs import finite, output_folder, write_manifest
@@ -48,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="instead of tables, the vibration of 41 Hz that LQG had on the beam (section 6.1): what the model explains of it",
     )
-    parser.add_argument(
-        "--out",
-        help="with --figure: the folder (default out/figure-N); with --limit-cycle: folder for the study as JSON, its time "
-        "histories and figures (two minutes)",
+    add_out(
+        parser,
+        "with --figure N: the folder (default out/figure-N-001, or the next number); with --limit-cycle: folder for the study as "
+        "JSON, its time histories and figures (two minutes)",
     )
 
 
@@ -61,6 +62,7 @@ def _default_plants() -> str:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """Print each cell published / ours / tolerance / ok."""
+    check_out(arguments)
     if arguments.limit_cycle:
         return _limit_cycle(arguments)
     if arguments.figure is not None:
@@ -141,14 +143,16 @@ def _figure(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment(
             f"--figure {arguments.figure} stands alone; leave the tables {', '.join(arguments.table)} away"
         )
-    out = arguments.out or f"out/figure-{arguments.figure}"
     with share_bar(f"figure {arguments.figure}") as report:
         figure = control_figure(
             arguments.figure, plant=arguments.plant, seed=arguments.seed, progress=lambda text: report(0.0, text)
         )
     from vlab.views.control_test import write_control_figure
 
-    with output_folder(out) as folder:
+    with (
+        destination(arguments, f"out/figure-{figure.number}") as out,
+        output_folder(out, overwrite=arguments.overwrite) as folder,
+    ):
         files = write_control_figure(folder, figure)
         write_manifest(
             folder,
@@ -208,7 +212,7 @@ def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
     else:
         from vlab.views.limit_cycle import write_limit_cycle
 
-        with output_folder(arguments.out) as folder:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             with progress_bar("time histories", simulated_seconds()) as report:
                 document = write_limit_cycle(folder, beam, odds, progress=report)
             write_manifest(folder, verb="reproduce", structure=beam.name, study="limit-cycle")

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from vlab.cli.common import Outcome
+from vlab.cli.destination import OVERWRITE
 from vlab.errors import BadRecording, OutputRefused
 
 NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--save", metavar="FILE.rrd", help="with two runs: write what would be shown and open no viewer"
     )
+    parser.add_argument(OVERWRITE, action="store_true", help="replace the file of --save")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -44,6 +46,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         target = Path(arguments.save)
         if target.suffix != ".rrd":
             raise OutputRefused(f"{target}: the viewer knows its files by their ending; name it {target.stem}.rrd")
+        if target.exists() and not arguments.overwrite:
+            raise OutputRefused(f"{target} is there already; name another with --save, or add {OVERWRITE}")
         write_two_runs(target, runs)
         return Outcome(document={"rrd": str(target)}, text=f"written: {target}   (vlab show {target})")
     with tempfile.TemporaryDirectory(prefix="vlab-") as folder:

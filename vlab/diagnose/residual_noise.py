@@ -20,6 +20,7 @@ T. McKelvey, G. Guérin, Non-parametric frequency response estimation using a lo
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import stats
 
 from vlab.cases.wiring import ORDER, Run
 from vlab.diagnose.signals import fastest, uniform
@@ -71,9 +72,9 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
 
 
 def _of_mean(power: Array) -> float:
-    """Return the most that noise adds to the square of a record's mean: noise as red as a random walk, of power 1/f^2.
+    """Return the 95 % quantile of what noise as red as a random walk, of power 1/f^2, adds to the square of a record's mean.
 
-    The mean stands for the frequencies below half of the first line's.
+    The mean stands for half of the first line's frequency, and its square is chi-squared with one degree of freedom.
 
     Parameters
     ----------
@@ -81,7 +82,11 @@ def _of_mean(power: Array) -> float:
         Of the noise on the lines from the first one on.
     """
     first = power[:FIRST_LINES]
-    return 4.0 * 2.0 * float(np.mean(first * np.arange(1, len(first) + 1) ** 2)) if len(first) else 0.0
+    return (
+        float(stats.chi2.ppf(0.95, 1)) * 4.0 * 2.0 * float(np.mean(first * np.arange(1, len(first) + 1) ** 2))
+        if len(first)
+        else 0.0
+    )
 
 
 def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> float | None:

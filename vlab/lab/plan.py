@@ -246,7 +246,7 @@ def _perform(
         progress(PlanProgress(share=share + done_s / plan.seconds, record=record.name))
 
     report(0.0)
-    with output_folder(folder / record.name) as fresh:
+    with output_folder(folder / record.name, overwrite=True) as fresh:
         done = perform(run, fresh, progress=report)
         if not plan.concealed:
             views(fresh, done)

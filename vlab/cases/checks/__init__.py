@@ -1,0 +1,1 @@
+"""Checks of recordings beside their model, before anything is fitted."""
