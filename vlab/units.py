@@ -87,7 +87,7 @@ def _registry() -> Any:
     try:
         import pint  # deferred: reading the unit definitions costs a second that most calls do not need
 
-        registry = pint.UnitRegistry()
+        registry: Any = pint.UnitRegistry()
         registry.Quantity(1.0, registry.parse_units("kg m/s^2")).to_base_units()
     except Exception as error:
         version = metadata.version("pint")
