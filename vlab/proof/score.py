@@ -230,7 +230,7 @@ def baseline_rows(judged: Sequence[Judged], answers: dict[str, Any], truths: dic
     known = [j for j in judged if j.suite in HEADLINE and j.in_library]
     with_before = [j for j in known if (answers[j.case].get("heldout") or {}).get("nrmse_before") is not None]
     explained = [
-        _refitted(answers[j.case]["heldout"]) <= 1.5 * (answers[j.case]["heldout"]["nrmse_noise"] or 0.0)
+        answers[j.case]["heldout"]["nrmse_before"] <= 1.5 * (answers[j.case]["heldout"]["nrmse_noise"] or 0.0)
         for j in with_before
     ]
     note = f"leaves at most 1.5 x the noise in {sum(explained)} of {len(explained)}"
@@ -283,13 +283,6 @@ def _row(
 def _named_right(baseline: dict[str, Any], truth: dict[str, Any]) -> bool:
     names = {n["effect"] for n in baseline["named"]}
     return any(names & right_class(truth, h) for h in truth["hidden"])
-
-
-def _refitted(heldout: dict[str, Any]) -> float:
-    """Return what a refit alone leaves; answers of earlier versions state it as what is there before, of later ones that is the better
-    of it and the model as given."""
-    error = heldout.get("nrmse_refitted", heldout["nrmse_before"])
-    return float("inf") if error is None else float(error)
 
 
 def _gap(answer: dict[str, Any], baseline: dict[str, Any]) -> float | None:
