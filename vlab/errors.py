@@ -63,12 +63,3 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
     hint = f"; did you mean {near[0]!r}?" if near else ""
     place = f"{where}: " if where else ""
     return UnknownName(f"{place}unknown {kind} {given!r}{hint} (accepted: {', '.join(names) or 'none'})")
-
-
-def one_line(text: object, *, longest: int = 400) -> str:
-    """Return text from a file or a library as one printable line, so that it cannot forge or break a message."""
-    line = "".join(
-        c if c.isprintable() else " " if c.isspace() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * longest]
-    )
-    line = " ".join(line.split())
-    return line if len(line) <= longest else line[:longest] + "..."

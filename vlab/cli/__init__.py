@@ -19,10 +19,11 @@ from typing import Any, NoReturn
 from vlab import __version__
 from vlab.cli import unforeseen
 from vlab.cli.common import Outcome
-from vlab.errors import Diverged, VlabError, one_line
+from vlab.errors import Diverged, VlabError
 from vlab.interrupts import LEFT, LeavingAtOnce, Noted
 from vlab.interrupts import STATUS as INTERRUPTED
 from vlab.outputs import finite
+from vlab.text import one_line
 
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",

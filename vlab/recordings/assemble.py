@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab import units
-from vlab.errors import BadRecording, BadUnit, one_line, unknown_name
-from vlab.recordings.files import refuse
+from vlab.errors import BadRecording, BadUnit, unknown_name
+from vlab.recordings.files import one_line, refuse
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, Array, Channel, Recording
 

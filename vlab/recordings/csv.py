@@ -23,9 +23,9 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from vlab import units as known_units
-from vlab.errors import BadRecording, one_line, unknown_name
+from vlab.errors import BadRecording, unknown_name
 from vlab.recordings.cells import cut_line, parse_number
-from vlab.recordings.files import PathLike, refuse, written_whole
+from vlab.recordings.files import PathLike, one_line, refuse, written_whole
 from vlab.recordings.table import (
     FORMAT_VERSION,
     MAX_COLUMNS,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from vlab.errors import BadRecording, OutputRefused, one_line
+from vlab.errors import BadRecording, OutputRefused
 
 MAX_BYTES = 2 * 1024**3
 """Largest file that is opened and largest content that is unpacked from one [bytes]; a recording is held in memory."""
@@ -17,6 +17,15 @@ _ALWAYS = 64 * 1024**2  # bytes that any file may unpack to: half a second of wo
 _RATIO = 200  # bytes out of one packed byte; a recording of mostly silent channels is below, a bomb is at 1000
 
 PathLike = str | os.PathLike[str]
+
+
+def one_line(text: object, *, longest: int = 400) -> str:
+    """Return text from a file or a library as one printable line, so that it cannot forge or break a message."""
+    line = "".join(
+        c if c.isprintable() else " " if c.isspace() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * longest]
+    )
+    line = " ".join(line.split())
+    return line if len(line) <= longest else line[:longest] + "..."
 
 
 def refuse(path: PathLike, what: str, *, fix: str = "") -> BadRecording:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab import units
-from vlab.errors import BadRecording, BadUnit, one_line
-from vlab.recordings.files import refuse
+from vlab.errors import BadRecording, BadUnit
+from vlab.recordings.files import one_line, refuse
 from vlab.recordings.table import Table
 from vlab.signals import FrequencyResponse
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab import units
-from vlab.errors import BadRecording, BadUnit, one_line, unknown_name
+from vlab.errors import BadRecording, BadUnit, unknown_name
 from vlab.recordings.assemble import ColumnSpec, own_si
+from vlab.recordings.files import one_line
 from vlab.recordings.table import not_finite
 from vlab.recordings.variables import to_float
 from vlab.signals import KIND_UNITS, Channel, Recording

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab import units
-from vlab.errors import BadRecording, BadUnit, VlabError, one_line, unknown_name
-from vlab.recordings.files import PathLike, read_guarded, refuse
+from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
+from vlab.recordings.files import PathLike, one_line, read_guarded, refuse
 from vlab.signals import Channel
 
 READERS = {
