@@ -15,6 +15,7 @@ from typing import Any
 
 from vlab import __version__
 from vlab.errors import OutputRefused
+from vlab.leftovers import OLD, PART, WAS, make_held, release, sweep
 
 MANIFEST = "manifest.json"
 
@@ -41,7 +42,8 @@ def output_folder(path: Path | str) -> Iterator[Path]:
     made = [folder for folder in target.parents if not folder.exists()]  # the deepest first
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        sweep(target.parent)
+        fresh, held = make_held(lambda: _beside(target, PART))
     except OSError as error:
         raise OutputRefused(
             f"the output folder {target} cannot be written: {error.strerror or error}; name another with --out"
@@ -50,19 +52,25 @@ def output_folder(path: Path | str) -> Iterator[Path]:
         yield fresh
         fresh.chmod(0o755)
         if target.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-            os.replace(target, old / "was")
+            old, held_old = make_held(lambda: _beside(target, OLD))
+            os.replace(target, old / WAS)
             os.replace(fresh, target)
             shutil.rmtree(old, ignore_errors=True)
+            release(held_old)
         else:
             os.replace(fresh, target)
     except OSError as error:
         raise OutputRefused(f"writing the output folder {target} failed: {error.strerror or error}") from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
+        release(held)
         for folder in made:  # goes where nothing came into it
             with contextlib.suppress(OSError):
                 folder.rmdir()
+
+
+def _beside(target: Path, ending: str) -> Path:
+    return Path(tempfile.mkdtemp(prefix=f".{target.name}-", suffix=ending, dir=target.parent))
 
 
 def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vlab import units as known_units
 from vlab.errors import BadRecording, unknown_name
 from vlab.recordings.cells import cut_line, parse_number
-from vlab.recordings.files import PathLike, one_line, refuse, written_whole
+from vlab.recordings.files import PathLike, refuse, written_whole
 from vlab.recordings.table import (
     FORMAT_VERSION,
     MAX_COLUMNS,
@@ -36,6 +36,7 @@ from vlab.recordings.table import (
     read_meta,
 )
 from vlab.signals import Channel, Recording
+from vlab.text import one_line
 
 _SIGNATURE = "vlab-recording"
 _LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters

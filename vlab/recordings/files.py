@@ -1,31 +1,23 @@
 """Files at the edge: refused before anything believes them, written whole or not at all."""
 
 import contextlib
+import errno
 import os
 import stat
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from vlab.errors import BadRecording, OutputRefused
+from vlab.inside import NotInside, PathLike, path_inside
+from vlab.leftovers import part_beside
+from vlab.text import one_line
 
 MAX_BYTES = 2 * 1024**3
 """Largest file that is opened and largest content that is unpacked from one [bytes]; a recording is held in memory."""
 
 _ALWAYS = 64 * 1024**2  # bytes that any file may unpack to: half a second of work
 _RATIO = 200  # bytes out of one packed byte; a recording of mostly silent channels is below, a bomb is at 1000
-
-PathLike = str | os.PathLike[str]
-
-
-def one_line(text: object, *, longest: int = 400) -> str:
-    """Return text from a file or a library as one printable line, so that it cannot forge or break a message."""
-    line = "".join(
-        c if c.isprintable() else " " if c.isspace() else f"\\x{ord(c):02x}" for c in str(text)[: 2 * longest]
-    )
-    line = " ".join(line.split())
-    return line if len(line) <= longest else line[:longest] + "..."
 
 
 def refuse(path: PathLike, what: str, *, fix: str = "") -> BadRecording:
@@ -54,11 +46,7 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
         Outside the folder, missing, unreadable, not an ordinary file, empty or larger than `MAX_BYTES`.
     """
     try:
-        real = (Path(path) if folder is None else Path(folder) / path).resolve()
-        if folder is not None and not real.is_relative_to(Path(folder).resolve()):
-            raise refuse(
-                path, f"the file lies outside {folder}", fix="copy it into that folder and name it relative to it"
-            )
+        real = Path(path).resolve() if folder is None else path_inside(path, folder)
         status = real.stat()  # before opening: opening a pipe would wait for ever
         if stat.S_ISDIR(status.st_mode):
             raise refuse(path, "it is a folder", fix="name the file in it")
@@ -72,6 +60,8 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
             )
         with open(real, "rb") as stream:
             data = stream.read(MAX_BYTES + 1)
+    except NotInside as error:
+        raise refuse(path, f"the file {error}", fix="copy it into the folder and name it relative to it") from error
     except FileNotFoundError as error:
         raise refuse(path, "there is no such file", fix="check the name and the folder") from error
     except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links (Python 3.11 and 3.12)
@@ -86,19 +76,50 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
 
 
 @contextlib.contextmanager
-def written_whole(path: PathLike) -> Iterator[BinaryIO]:
-    """Open a file for writing that appears under its name only when the block has ended without error."""
+def written_whole(path: PathLike, *, is_new: bool = False) -> Iterator[BinaryIO]:
+    """Open a file for writing that appears under its name only when the block has ended without error.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    is_new : bool
+        Never write over a file: where one of that name is there when the block ends, it stays as it is.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written, or is there already although it must be new.
+    """
     path = Path(path)
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     try:
-        with open(part, "xb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, path)
+        with part_beside(path) as part:
+            with open(part, "wb") as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+            if is_new:
+                _move_new(part, path)
+            else:
+                os.replace(part, path)
+    except FileExistsError as error:
+        raise OutputRefused(
+            f"{one_line(path)}: is there already and is never written over; name another folder"
+        ) from error
     except OSError as error:
+        if isinstance(error, OutputRefused):
+            raise
         raise OutputRefused(
             f"{one_line(path)}: cannot be written: {one_line(error.strerror or error)}; check the folder and its free space"
         ) from error
-    finally:
-        part.unlink(missing_ok=True)
+
+
+def _move_new(part: Path, path: Path) -> None:
+    """Give a file its name in one step that fails where the name is taken."""
+    try:
+        os.link(part, path)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+        with open(path, "xb") as stream:  # a file system without hard links
+            stream.write(part.read_bytes())

@@ -7,10 +7,11 @@ parts were never written is refused: the library would fill them with zeros.
 from collections.abc import Sequence
 from pathlib import Path
 
-from vlab.recordings.files import one_line, refuse
+from vlab.recordings.files import refuse
 from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import Table
 from vlab.recordings.variables import Damaged, Variables
+from vlab.text import one_line
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:

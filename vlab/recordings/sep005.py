@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, unknown_name
 from vlab.recordings.assemble import ColumnSpec, own_si
-from vlab.recordings.files import one_line
 from vlab.recordings.table import not_finite
 from vlab.recordings.variables import to_float
 from vlab.signals import KIND_UNITS, Channel, Recording
+from vlab.text import one_line
 
 _PROHIBITED = "timestamp"
 _STRAIN = ("strain", "e")

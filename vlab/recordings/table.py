@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
-from vlab.recordings.files import PathLike, one_line, read_guarded, refuse
+from vlab.recordings.files import PathLike, read_guarded, refuse
 from vlab.signals import Channel
+from vlab.text import one_line
 
 READERS = {
     ".csv": "vlab.recordings.csv",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from vlab.errors import OutputRefused
+from vlab.leftovers import part_beside
 from vlab.signals import Array, Recording
 from vlab.views.figures import COLOURS
 
@@ -35,24 +36,21 @@ WIDTH_TO_HEIGHT = 0.5
 def rrd_file(path: Path | str, name: str, layout: Any, identity: Any) -> Iterator[Any]:
     """Yield a recording stream whose file appears under its name only when everything is in it."""
     path = Path(path)
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     try:
-        part.touch(exist_ok=False)  # a folder that cannot be written shows here, before Rerun warns on its own
-        # The same content gets the same identity, so that a viewer does not merge different runs; no wall clock goes in.
-        stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
-        try:
-            _save(stream, part, layout)
-            stream.send_recording_name(name)
-            yield stream
-        finally:
-            stream.disconnect()
-        _check_whole(part)
-        os.replace(part, path)
+        with part_beside(path) as part:  # a folder that cannot be written shows here, before Rerun warns on its own
+            # The same content gets the same identity, so that a viewer does not merge different runs; no wall clock goes in.
+            stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
+            try:
+                _save(stream, part, layout)
+                stream.send_recording_name(name)
+                yield stream
+            finally:
+                stream.disconnect()
+            _check_whole(part)
+            os.replace(part, path)
     except OSError as error:
         reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise OutputRefused(f"{path} cannot be written: {reason}; check the folder and its free space") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _save(stream: Any, part: Path, layout: Any) -> None:
