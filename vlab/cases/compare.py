@@ -1,7 +1,8 @@
 """A case's model beside its recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,9 +106,9 @@ class Comparison:
         }
 
 
-def compare_run(plant: Plant, run: Run) -> RunComparison:
+def compare_run(plant: Plant, run: Run, *, progress: Callable[[float], None] = lambda share: None) -> RunComparison:
     """Simulate one recording with a plant and measure the misfit of every compared channel."""
-    simulation = simulate(plant, run)
+    simulation = simulate(plant, run, progress=progress)
     channels = [c.channel for c in run.compared]
     constant = tuple(name for name in channels if np.ptp(run.measured[name]) == 0.0)
     return RunComparison(
@@ -118,7 +119,12 @@ def compare_run(plant: Plant, run: Run) -> RunComparison:
     )
 
 
-def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout")) -> Comparison:
+def compare_case(
+    path: Path | str,
+    *,
+    roles: Sequence[str] = ("fit", "holdout"),
+    progress: Callable[[float, str], None] = lambda share, what: None,
+) -> Comparison:
     """Simulate a case's recordings with its nominal model and say how far they are apart.
 
     Parameters
@@ -127,6 +133,8 @@ def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout"))
         The case's folder or file.
     roles : sequence of str
         Which recordings to use; those of other roles are not opened.
+    progress : callable
+        Called with the share done and what is being done.
 
     Raises
     ------
@@ -141,4 +149,12 @@ def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout"))
                 f"{case.path}: only recordings over time are compared here; vlab diagnose puts [[frf]] and [[modal]] beside the model"
             )
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
-    return Comparison(case=case, runs=tuple(compare_run(case.plant, run) for run in runs))
+    compared = []
+    for i, run in enumerate(runs):
+        share = partial(_share, progress, f"simulating {run.name}", i, len(runs))
+        compared.append(compare_run(case.plant, run, progress=share))
+    return Comparison(case=case, runs=tuple(compared))
+
+
+def _share(progress: Callable[[float, str], None], what: str, done: int, of: int, share: float) -> None:
+    progress((done + share) / of, what)

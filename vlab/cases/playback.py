@@ -23,14 +23,16 @@ from vlab.hardware.sensing import coil_gain
 from vlab.lab.callback import control_callback
 from vlab.physics.running import STAGGERED, Running
 from vlab.plants.base import Plant, Port, check_run
+from vlab.plants.computable import computable
 from vlab.signals import Array
 
 Loads = Sequence[tuple[Port, float]]
 """Forces [N or N m] on ports."""
 CHECK_EVERY = 500
 """Integration steps between two looks at the state: a diverged run stops here."""
-MAX_STEPS = 100_000_000
-"""Longest run [integration steps]; at 5 us a step it takes minutes."""
+MAX_STEPS, MAX_EACH = 100_000_000, 10_000
+"""Longest run [integration steps], at 5 us a step it takes minutes; and steps from one sample to the next on average: a short file
+is a short run."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def plan_clock(timestep: float, run: Run) -> Clock:
     Raises
     ------
     BadCase
-        The run would take more than `MAX_STEPS` steps.
+        The run would take more than `MAX_STEPS` steps, or more than `MAX_EACH` for every sample.
     """
     time = run.measured.time - run.measured.time[0]
     sample = 1.0 / run.measured.rate if run.measured.is_uniform else None
@@ -101,7 +103,14 @@ def plan_clock(timestep: float, run: Run) -> Clock:
         law_every, steps = steps, 1
     if time[-1] / step > MAX_STEPS:
         raise BadCase(
-            f"{run.name}: {time[-1]:g} s at a step of {step:g} s are {time[-1] / step:.3g} steps; at most {MAX_STEPS} are run"
+            f"{run.name}: {time[-1]:g} s at a step of {step:g} s are {time[-1] / step:.3g} steps; at most {MAX_STEPS} are run: is the "
+            "time in seconds?"
+        )
+    each = time[-1] / step / (time.size - 1)
+    if each > MAX_EACH:
+        raise BadCase(
+            f"{run.name}: samples that are {time[-1] / (time.size - 1):.3g} s apart on average take {each:.3g} steps of {step:g} s each; "
+            f"at most {MAX_EACH} are run: is the time in seconds?"
         )
     block = steps * step
     readings = int(np.ceil(time[-1] / block - 1e-6)) + 1
@@ -272,25 +281,45 @@ def bench_for(plant: Plant, run: Run) -> Bench:
     return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
 
 
-def play(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None) -> Played:
+def play(
+    bench: Bench,
+    run: Run,
+    clock: Clock,
+    state: State,
+    law: Law | None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Played:
     """Run a plant from a true state under a recording's inputs and a law.
 
     Parameters
     ----------
     law : Law or None
         With its memory as it is at the start; it is stepped.
+    progress : callable
+        Called with the share of the run that is done.
 
     Raises
     ------
     Diverged
         The run left the finite world or MuJoCo reset it.
+    BadStructure
+        MuJoCo cannot compute the model in a state that it came to.
     """
     physics = _physics(bench, run, clock, state)
-    with nullcontext() if physics is None else control_callback(bench.data, physics.callback):
-        return _played(bench, run, clock, state, law, physics)
+    callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
+    with computable(f"{run.name}: the model as it moves"), callback:
+        return _played(bench, run, clock, state, law, physics, progress)
 
 
-def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None, physics: Running | None) -> Played:
+def _played(
+    bench: Bench,
+    run: Run,
+    clock: Clock,
+    state: State,
+    law: Law | None,
+    physics: Running | None,
+    progress: Callable[[float], None],
+) -> Played:
     plant, model, data = bench.plant, bench.model, bench.data
     means, present = _drives(run, clock, plant)
     loads = [drive for drive in run.drives if drive.port]
@@ -335,6 +364,7 @@ def _played(bench: Bench, run: Run, clock: Clock, state: State, law: Law | None,
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
+            progress((k + 1) / (clock.readings - 1))
     if raw is not None:
         sensors = bench.sensors(raw)
         for i, c in enumerate(run.compared):

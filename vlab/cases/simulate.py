@@ -1,6 +1,7 @@
 """Simulating a recording: the model driven as the thing was, sampled at the same time stamps."""
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +36,13 @@ class Simulation:
     notes: tuple[str, ...] = ()
 
 
-def simulate(plant: Plant, run: Run, *, initial: InitialState | None = None) -> Simulation:
+def simulate(
+    plant: Plant,
+    run: Run,
+    *,
+    initial: InitialState | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Simulation:
     """Simulate a recording.
 
     The inputs act as they were recorded; where a law was in the loop, it acts on the simulated sensors at its own rate and
@@ -46,6 +53,8 @@ def simulate(plant: Plant, run: Run, *, initial: InitialState | None = None) -> 
     ----------
     initial : InitialState, optional
         Where the model starts; found from the recording by default, see `find_initial_state`.
+    progress : callable
+        Called with the share of the run that is done.
 
     Raises
     ------
@@ -69,7 +78,7 @@ def simulate(plant: Plant, run: Run, *, initial: InitialState | None = None) -> 
     if initial is None:
         initial = find_initial_state(plant, run, law)
     try:
-        played = play(bench, run, clock, State(initial.qpos, initial.qvel), law)
+        played = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
     except Diverged as error:
         raise Diverged(f"{run.name}: {error}; are the inputs in the right unit?") from error
     return Simulation(

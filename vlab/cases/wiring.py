@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -332,7 +333,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
     Raises
     ------
     BadRecording
-        Fewer than two samples between start and stop.
+        Fewer than two samples between start and stop, or samples of a size that MuJoCo takes for a run that has diverged.
     """
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
@@ -344,6 +345,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
             f"{table.file}: fewer than 2 samples from start_s = {table.start_s} to stop_s = {table.stop_s}; "
             f"the recording runs from {whole.time[0]:g} to {whole.time[-1]:g} s"
         )
+    _check_size(measured, table)
     drives, compared, law = wire(plant, table)
     return Run(
         name=name,
@@ -356,6 +358,18 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         hardware=hardware,
         initial=table.initial,
     )
+
+
+def _check_size(measured: Recording, table: RecordingTable) -> None:
+    """Refuse samples that no simulation can have: MuJoCo begins anew where a state or a command is so large."""
+    sizes = np.abs(measured.data).max(axis=0)
+    worst = int(np.argmax(sizes))
+    if sizes[worst] > mujoco.mjMAXVAL:
+        channel = measured.channels[worst]
+        raise BadRecording(
+            f"{table.file}: {channel.name!r} reaches {sizes[worst]:.3g} {channel.unit}; MuJoCo takes more than {mujoco.mjMAXVAL:.0e} "
+            "for a run that has diverged: check the column, its unit and its scale"
+        )
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

@@ -3,7 +3,7 @@
 import argparse
 
 from vlab.cases.compare import compare_case
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.outputs import output_folder, write_manifest
 
@@ -17,7 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Outcome:
     """Simulate the case's recordings with its model and say how much they differ."""
     check_out(arguments, read=[arguments.case])
-    comparison = compare_case(arguments.case)
+    with share_bar("compare") as report:
+        comparison = compare_case(arguments.case, progress=report)
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case
 

@@ -312,6 +312,14 @@ def without_limits(plant: Plant) -> Plant:
     return replace(plant, model=model)
 
 
+_DIVERGED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC", "mjWARN_BADCTRL")
+
+
+def has_diverged(data: Any) -> list[str]:
+    """Return the names of MuJoCo's warnings of states or controls beyond what it takes for sane, with which it begins anew."""
+    return [name for name in _DIVERGED if data.warning[getattr(mujoco.mjtWarning, name)].number]
+
+
 def check_run(model: Any, data: Any, expected_time: float) -> None:
     """Refuse the state of a run that diverged or that MuJoCo reset on its own.
 
@@ -320,11 +328,7 @@ def check_run(model: Any, data: Any, expected_time: float) -> None:
     Diverged
         A BADQPOS, BADQVEL or BADQACC warning was counted, the clock is not where it must be, or a number is not finite.
     """
-    bad = [
-        name
-        for name in ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC", "mjWARN_BADCTRL")
-        if data.warning[getattr(mujoco.mjtWarning, name)].number
-    ]
+    bad = has_diverged(data)
     if bad or abs(data.time - expected_time) > 0.5 * model.opt.timestep or not np.all(np.isfinite(data.qpos)):
         raise Diverged(
             f"the simulation diverged before t = {expected_time:.4g} s ({', '.join(bad) or 'the clock was reset'}): "

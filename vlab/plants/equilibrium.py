@@ -5,10 +5,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vlab.plants.base import has_diverged
+from vlab.plants.computable import check_numbers, computable
 from vlab.signals import Array
 
-RELAXING_STEPS = 60_000
-"""Integration steps after which the search for an equilibrium by motion gives up."""
+RELAXING_STEPS, SMALL = 60_000, 300
+"""Integration steps after which the search for an equilibrium by motion gives up, of a model of so many degrees of freedom and
+constraints at most; of a larger one a step counts as several, as it takes so much longer."""
 
 
 def settle(model: Any) -> tuple[Array, list[str]]:
@@ -16,16 +19,27 @@ def settle(model: Any) -> tuple[Array, list[str]]:
 
     The keyframe ``rest``, or else the first one, or else ``qpos0``, where the forces balance; otherwise what it moves to
     when its kinetic energy is taken out at every peak (dynamic relaxation), polished by Newton's method.
+
+    Raises
+    ------
+    BadStructure
+        MuJoCo cannot compute the forces there: they are no numbers whose squares are finite, or its memory does not do.
     """
+    with computable("the model where it starts"):
+        return _settled(Forces(model), model)
+
+
+def _settled(forces: "Forces", model: Any) -> tuple[Array, list[str]]:
     names = [model.key(i).name for i in range(model.nkey)]
     key = names.index("rest") if "rest" in names else 0
     start = model.key_qpos[key].copy() if names else model.qpos0.copy()
-    left, tolerance = _residual(model, start)
+    left, tolerance = forces.left(start)
+    check_numbers(left, "a force on the model where it starts")
     if np.abs(left).max() <= tolerance:
-        return start, _free_motion(model, start)
-    rest = _newton(model, _relax(model, start))
-    left, tolerance = _residual(model, rest)
-    if np.abs(left).max() > tolerance:
+        return start, _free_motion(forces, start)
+    rest = _newton(forces, _relax(forces, start))
+    left, tolerance = forces.left(rest)
+    if not np.abs(left).max() <= tolerance:
         return start, [
             f"no equilibrium was found (a force of {np.abs(left).max():.3g} is left over): the model falls or slides "
             "freely, or rests on contacts; it starts from its initial configuration and has no linearisation"
@@ -33,28 +47,40 @@ def settle(model: Any) -> tuple[Array, list[str]]:
     moved = np.zeros(model.nv)
     mujoco.mj_differentiatePos(model, moved, 1.0, start, rest)
     note = f"the initial configuration is no equilibrium: settled, moving joints by up to {np.abs(moved).max():.4g} (m or rad)"
-    return rest, [note, *_free_motion(model, rest)]
+    return rest, [note, *_free_motion(forces, rest)]
 
 
-def _residual(model: Any, qpos: Array) -> tuple[Array, float]:
-    """Return the forces left over at rest and how small they must be, as `linearise` has it."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(model, data)
-    scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
-    return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
+class Forces:
+    """The forces that are left over on a model at rest."""
+
+    def __init__(self, model: Any) -> None:
+        self.model = model
+        self._data = mujoco.MjData(model)
+
+    def left(self, qpos: Array) -> tuple[Array, float]:
+        """Return the forces left over at rest in a configuration, (nv,), and how small they must be, as `linearise` has it."""
+        data = self._data
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:] = qpos
+        mujoco.mj_forward(self.model, data)
+        scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
+        return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
 
 
-def _relax(model: Any, start: Array) -> Array:
+def _relax(forces: Forces, start: Array) -> Array:
+    model = forces.model
     data = mujoco.MjData(model)
     data.qpos[:] = start
-    kinetic = 0.0
-    for _ in range(RELAXING_STEPS):
+    kinetic, steps = 0.0, 0.0
+    while steps < RELAXING_STEPS:
         mujoco.mj_step(model, data)
+        steps += max(1.0, (model.nv + data.nefc) / SMALL)
+        if has_diverged(data):  # MuJoCo begins anew, and would again
+            return start
         mujoco.mj_energyVel(model, data)
         if data.energy[1] < kinetic:
             data.qvel[:] = 0.0
-            left, tolerance = _residual(model, data.qpos)
+            left, tolerance = forces.left(data.qpos)
             if np.abs(left).max() <= 1e3 * tolerance:
                 break
             kinetic = 0.0
@@ -63,8 +89,8 @@ def _relax(model: Any, start: Array) -> Array:
     return np.array(data.qpos) if np.all(np.isfinite(data.qpos)) else start
 
 
-def _stiffness(model: Any, qpos: Array) -> Array:
-    step = 1e-6
+def _stiffness(forces: Forces, qpos: Array) -> Array:
+    step, model = 1e-6, forces.model
     K = np.zeros((model.nv, model.nv))
     for i in range(model.nv):
         sides = []
@@ -72,21 +98,23 @@ def _stiffness(model: Any, qpos: Array) -> Array:
             moved, unit = qpos.copy(), np.zeros(model.nv)
             unit[i] = 1.0
             mujoco.mj_integratePos(model, moved, unit, sign * step)
-            sides.append(_residual(model, moved)[0])
-        K[:, i] = (sides[1] - sides[0]) / (2 * step)
+            sides.append(forces.left(moved)[0])
+        with np.errstate(over="ignore", invalid="ignore"):  # checked below
+            K[:, i] = (sides[1] - sides[0]) / (2 * step)
+    check_numbers(K, "a stiffness of the model where it starts")
     return K
 
 
-def _newton(model: Any, qpos: Array) -> Array:
-    left, tolerance = _residual(model, qpos)
+def _newton(forces: Forces, qpos: Array) -> Array:
+    left, tolerance = forces.left(qpos)
     for _ in range(30):
         if np.abs(left).max() <= 1e-3 * tolerance:
             break
-        step = np.linalg.lstsq(_stiffness(model, qpos), left, rcond=1e-10)[0]
+        step = np.linalg.lstsq(_stiffness(forces, qpos), left, rcond=1e-10)[0]
         for fraction in 0.5 ** np.arange(8):
             moved = qpos.copy()
-            mujoco.mj_integratePos(model, moved, step, fraction)
-            trial = _residual(model, moved)[0]
+            mujoco.mj_integratePos(forces.model, moved, step, fraction)
+            trial = forces.left(moved)[0]
             if np.abs(trial).max() < np.abs(left).max():
                 qpos, left = moved, trial
                 break
@@ -95,15 +123,15 @@ def _newton(model: Any, qpos: Array) -> Array:
     return qpos
 
 
-def _free_motion(model: Any, rest: Array) -> list[str]:
+def _free_motion(forces: Forces, rest: Array) -> list[str]:
     """Say what the springs do not hold at the configuration at rest."""
-    K = _stiffness(model, rest)
+    K = _stiffness(forces, rest)
     stiffness = np.linalg.eigvalsh((K + K.T) / 2)
     largest = np.abs(stiffness).max()
     loose, unstable = int(np.sum(np.abs(stiffness) <= 1e-9 * largest)), int(np.sum(stiffness < -1e-9 * largest))
     notes = []
     if largest == 0.0 or loose:
-        count = model.nv if largest == 0.0 else loose
+        count = len(K) if largest == 0.0 else loose
         notes.append(
             f"{count} direction{'s are' if count > 1 else ' is'} free to move: no spring holds {'them' if count > 1 else 'it'}"
         )

@@ -16,6 +16,7 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
+from vlab.plants.computable import check_numbers
 from vlab.plants.equilibrium import settle
 from vlab.plants.linearise import linearise
 from vlab.signals import Array
@@ -118,7 +119,7 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
     if not (np.isfinite(step) and 0 < step <= 1):
         raise BadStructure(f"{label}: the timestep is {step} s; accepted: above 0 up to 1 s")
     model = _compiled(spec.compile, label)
-    _check_finite(model, label)
+    _check_numbers(model, label)
     if model.nv == 0:
         raise BadStructure(f"{label}: nothing in the model can move; it needs at least one joint")
     wide = [i for i in range(model.nactuator) if model.actuator_ctrlnum[i] != 1]
@@ -127,7 +128,10 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
         raise BadStructure(
             f"{label}: {name!r} takes {model.actuator_ctrlnum[wide[0]]} inputs; only actuators of one input can be driven"
         )
-    rest, notes = settle(model)
+    try:
+        rest, notes = settle(model)
+    except BadStructure as error:
+        raise BadStructure(f"{label}: {error}") from error
     sensors, unread = _sensor_taps(model)
     unnamed = sum(not model.actuator(i).name for i in range(model.nu))
     if unnamed:
@@ -227,15 +231,15 @@ def _leaves(value: str) -> bool:
     return bool(posix.is_absolute() or windows.drive or windows.root or ".." in windows.parts or value.startswith("~"))
 
 
-def _check_finite(model: Any, label: str) -> None:
+def _check_numbers(model: Any, label: str) -> None:
     for holder, prefix in ((model, ""), (model.opt, "option ")):
         for name in dir(holder):
             if name.startswith("_"):
                 continue
             value = getattr(holder, name)
             is_number = isinstance(value, float | np.ndarray) and np.asarray(value).dtype.kind == "f"
-            if is_number and not np.all(np.isfinite(value)):
-                raise BadStructure(f"{label}: {prefix}{name} of the compiled model is not finite; check its numbers")
+            if is_number:
+                check_numbers(value, f"{label}: {prefix}{name} of the compiled model")
 
 
 # ---- taps and ports ------------------------------------------------------------------------------------------------
