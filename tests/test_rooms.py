@@ -6,6 +6,10 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 ROOMS = [
     "vlab.errors",
+    "vlab.text",
+    "vlab.inside",
+    "vlab.locks",
+    "vlab.leftovers",
     "vlab.units",
     "vlab.schema",
     "vlab.assets",

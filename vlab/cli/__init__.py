@@ -18,6 +18,7 @@ from vlab import __version__
 from vlab.cli.common import Outcome
 from vlab.errors import Diverged, VlabError
 from vlab.outputs import finite
+from vlab.text import in_line, printable
 
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",
@@ -46,7 +47,7 @@ the small matrices here are faster that way."""
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong and leave with status 2."""
-        print(f"error: {self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
+        print(f"error: {self.prog}: {in_line(message)} (see {self.prog} --help)", file=sys.stderr)
         raise SystemExit(2)
 
 
@@ -71,6 +72,7 @@ def _module(verb: str) -> Any:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes that are started run no modules of the current folder
     words = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in words if word in VERBS), None)
     arguments = build_parser(chosen).parse_args(words)
@@ -84,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
         outcome: Outcome = module.run(arguments)
     except VlabError as error:
-        print("error: " + " ".join(str(error).split()), file=sys.stderr)
+        print("error: " + in_line(" ".join(str(error).split())), file=sys.stderr)
         return 1 if isinstance(error, Diverged) else 2
     except PermissionError as error:
         print(
@@ -97,7 +99,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 141
     try:
-        print(json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else outcome.text)
+        text = json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else printable(outcome.text)
+        print(text)
         sys.stdout.flush()
     except BrokenPipeError:
         sys.stderr.close()

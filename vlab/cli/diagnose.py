@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from controllers.user_law import code_of
 from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.diagnose.diagnosis import Diagnosis
@@ -10,6 +11,7 @@ from vlab.diagnose.engine import diagnose
 from vlab.errors import BadExperiment
 from vlab.outputs import keep_apart, output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.text import in_line
 
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
@@ -37,7 +39,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.out:
         keep_apart(arguments.out, [arguments.case])
     case = load_case(arguments.case)
-    own = [effect_named(name) for name in arguments.effect]
+    own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
     names = [effect.name for effect in effects]
     for effect in own:
@@ -61,16 +63,18 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _text(diagnosis: Diagnosis) -> str:
-    lines = [diagnosis.title, "", VERDICTS[diagnosis.verdict], ""]
+    lines = [in_line(diagnosis.title), "", VERDICTS[diagnosis.verdict], ""]
     for finding in diagnosis.findings:
-        lines.append(f"{finding.name} at {finding.place} (probability {finding.probability:.2f}): {finding.words}")
+        lines.append(
+            f"{finding.name} at {in_line(finding.place)} (probability {finding.probability:.2f}): {finding.words}"
+        )
         lines.append(f"  law: {finding.law}")
         for name, p in finding.parameters.items():
             lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
         if len(finding.alike) > 1:
             lines.append(f"  these recordings cannot tell it from: {', '.join(finding.alike[1:])}")
         if len(finding.places_90) > 1:
-            lines.append(f"  place: one of {', '.join(finding.places_90)}")
+            lines.append(f"  place: one of {in_line(', '.join(finding.places_90))}")
         lines.append("")
     heldout = diagnosis.heldout
     rows = [_row(r["name"], r["role"], r) for r in heldout["per_recording"]] + [_row("all", "", heldout)]
@@ -79,7 +83,11 @@ def _text(diagnosis: Diagnosis) -> str:
         rows = [[a["effect"], a["place"], a["probability"], a["remaining"]] for a in diagnosis.alternatives]
         lines += ["", text_table(["alternative", "place", "probability", "left over / noise"], rows)]
     lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]
-    lines += [f"Next measurement: {diagnosis.next_measurement}.", *diagnosis.notes, f"{diagnosis.seconds:.0f} s"]
+    lines += [
+        f"Next measurement: {diagnosis.next_measurement}.",
+        *map(in_line, diagnosis.notes),
+        f"{diagnosis.seconds:.0f} s",
+    ]
     return "\n".join(lines)
 
 
