@@ -10,7 +10,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,40 @@ FAILURES = (Exception, SystemExit)
 def is_user_law(text: str) -> bool:
     """Say whether a name means a user's own law rather than one of vlab's: it names a Python file or an entry point."""
     return text.startswith(ENTRY) or text.endswith(".py") or ".py:" in text
+
+
+def code_of(name: str) -> str:
+    """Return what a name would run: ``mine.py`` of ``mine.py:Class``, ``entry:NAME`` itself, ``""`` of a name without code."""
+    if not is_user_law(name):
+        return ""
+    file, colon, _ = name.rpartition(":")
+    return file if colon and file.endswith(".py") else name
+
+
+def check_code(name: str, code: Collection[str], *, kind: str = "law", error: type[VlabError] = BadController) -> None:
+    """Refuse a name that would run code which the user has not named: names may come from a data folder.
+
+    Parameters
+    ----------
+    name : str
+        Of a law or an effect.
+    code : collection of str
+        Python files and entry points that the user named, as `code_of` returns them.
+    kind, error : str, type
+        What is named, and what is raised, in the message.
+
+    Raises
+    ------
+    BadController
+        Or `error`: the code is not among them.
+    """
+    wanted = code_of(name)
+    if not wanted or wanted in code or Path(wanted).resolve() in {Path(c).resolve() for c in code if c.endswith(".py")}:
+        return
+    raise error(
+        f"the {kind} {name!r} is code that a file of data names, and data run nobody's code; accepted: {kind}s of vlab's own "
+        "catalogue, or code that you name yourself on the command line"
+    )
 
 
 def load_user_law(text: str) -> Controller:

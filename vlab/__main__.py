@@ -1,7 +1,9 @@
 """``python -m vlab`` and the command ``vlab``: the command line, guarded from its first import on."""
 
+import os
 import sys
 
+import vlab
 from vlab.interrupts import LeavingAtOnce
 
 
@@ -13,4 +15,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    # `python -m` looks for modules in the current folder first, which may be one of data; vlab's own checkout may stay
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(os.path.abspath(vlab.__file__))):
+        del sys.path[0]
     sys.exit(main())

@@ -11,7 +11,7 @@ class NotInside(ValueError):
     """A name that leads out of its folder, or is no name of an ordinary file; its text says which, for a message."""
 
 
-def path_inside(name: PathLike, folder: PathLike) -> Path:
+def path_inside(name: PathLike, folder: PathLike, *, called: str = "the folder") -> Path:
     """Return the real path that a name in a folder leads to, whether there is something or not.
 
     Parameters
@@ -20,6 +20,8 @@ def path_inside(name: PathLike, folder: PathLike) -> Path:
         As the data write it, relative to the folder.
     folder : str or path
         What the user named.
+    called : str
+        The folder, in the error's text.
 
     Returns
     -------
@@ -34,7 +36,7 @@ def path_inside(name: PathLike, folder: PathLike) -> Path:
     try:
         real = (Path(folder) / name).resolve()
         if not real.is_relative_to(Path(folder).resolve()):
-            raise NotInside("lies outside that folder")
+            raise NotInside(f"lies outside {called}")
         real.exists()  # a name too long shows only here
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, NotInside):
@@ -43,7 +45,7 @@ def path_inside(name: PathLike, folder: PathLike) -> Path:
     return real
 
 
-def file_inside(name: PathLike, folder: PathLike) -> Path:
+def file_inside(name: PathLike, folder: PathLike, *, called: str = "the folder") -> Path:
     """Return the real path of an ordinary file in a folder; see `path_inside`.
 
     Raises
@@ -51,7 +53,7 @@ def file_inside(name: PathLike, folder: PathLike) -> Path:
     NotInside
         It lies outside, or there is no such file, or it is a folder, a device or a pipe.
     """
-    real = path_inside(name, folder)
+    real = path_inside(name, folder, called=called)
     try:
         mode = real.stat().st_mode
     except OSError as error:

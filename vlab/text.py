@@ -20,6 +20,11 @@ def printable(text: object, *, keep: str = "\n\t") -> str:
     return "".join(c if c.isprintable() or c in keep else " " if _is_blank(c) else _escape(c) for c in str(text))
 
 
+def in_line(text: object) -> str:
+    """Return text that stays on its line: what ends one is written as an escape, too; see `printable`."""
+    return printable(text, keep="")
+
+
 def one_line(text: object, *, longest: int = 400) -> str:
     """Return text as one printable line, cut to a length, so that it cannot forge or break a message.
 

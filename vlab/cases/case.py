@@ -10,11 +10,11 @@ from pathlib import Path
 
 from vlab.cases.description import CaseTable, RecordingTable
 from vlab.cases.wiring import Run, find_input, find_output, find_place, make_run, wire
-from vlab.controllers.user_law import is_user_law
 from vlab.errors import BadCase, VlabError, unknown_name
 from vlab.hardware import Hardware, load_hardware
+from vlab.inside import NotInside, file_inside
 from vlab.physics.attach import Attached, attach
-from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.physics.catalogue import effect_named
 from vlab.plants.base import Plant
 from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
@@ -101,8 +101,11 @@ def load_case(path: Path | str) -> Case:
         The model cannot be built.
     """
     path = Path(path)
-    path = path / "case.toml" if path.is_dir() else path
+    is_folder = path.is_dir()
+    path = path / "case.toml" if is_folder else path
     reader = Reader(path, provenance_required=False, error=BadCase)
+    if is_folder and path.exists():  # a file that the user names himself may be a link
+        _check_inside(reader, "", path.name)
     table = reader.table(CaseTable, reader.load())
     for i, recording in enumerate(table.recording):
         _check_inside(reader, f"recording[{i}].file", recording.file)
@@ -115,17 +118,12 @@ def load_case(path: Path | str) -> Case:
 
 
 def _check_inside(reader: Reader, key: str, file: str) -> None:
-    folder = Path(reader.file).parent
     try:
-        real = (folder / file).resolve()
-        if not real.is_relative_to(folder.resolve()):
-            raise reader.fail(key, f"{file!r} lies outside the case's folder; copy it into that folder")
-        if not real.is_file():
-            raise reader.fail(key, f"there is no file {file!r} in the case's folder; check its name")
-    except (OSError, ValueError, RuntimeError) as error:  # a null byte, a name too long, a loop of links
-        if isinstance(error, BadCase):
-            raise
-        raise reader.fail(key, f"{file!r} is no file name: {error}") from error
+        file_inside(file, Path(reader.file).parent, called="the case's folder")
+    except NotInside as error:
+        raise reader.fail(
+            key, f"there is no file {file!r} of the case: it {error}; copy it into the case's folder and check its name"
+        ) from error
 
 
 def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None, Structure | None]:
@@ -158,8 +156,6 @@ def _with_effects(reader: Reader, table: CaseTable, plant: Plant) -> Plant:
     channels = {name for recording in table.recording for name in recording.channel_names}
     for i, effect in enumerate(table.model.effect):
         try:
-            if is_user_law(effect.name):
-                raise unknown_name("effect", effect.name, EFFECTS)
             one = Attached(effect=effect_named(effect.name), place=effect.place, values=effect.parameters)
             plant = attach(plant, [one], channels=sorted(channels))
         except VlabError as error:

@@ -23,7 +23,7 @@ from vlab.errors import Diverged, VlabError
 from vlab.interrupts import LEFT, LeavingAtOnce, Noted
 from vlab.interrupts import STATUS as INTERRUPTED
 from vlab.outputs import finite
-from vlab.text import one_line
+from vlab.text import in_line, one_line, printable
 
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",
@@ -57,7 +57,7 @@ DEBUG = "--debug"
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong and leave with status 2."""
-        print(f"error: {self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
+        print(f"error: {self.prog}: {in_line(message)} (see {self.prog} --help)", file=sys.stderr)
         raise SystemExit(2)
 
 
@@ -86,6 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
             stream.reconfigure(errors="backslashreplace")
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes that are started run no modules of the current folder
     words = list(sys.argv[1:] if argv is None else argv)
     is_debug = DEBUG in words
     with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written
@@ -111,7 +112,8 @@ def _run(words: Sequence[str]) -> int:
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
     outcome: Outcome = module.run(arguments)
     try:
-        print(json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else outcome.text)
+        text = json.dumps(finite(outcome.document), allow_nan=False) if arguments.json else printable(outcome.text)
+        print(text)
         sys.stdout.flush()
     except OSError:
         with contextlib.suppress(OSError, ValueError):  # what cannot be printed is not tried again at the end

@@ -9,6 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from vlab.interrupts import Noted
+from vlab.text import in_line
 
 LOG_S = 30.0
 """Time between two lines of progress in a log."""
@@ -25,6 +26,7 @@ class Outcome:
 
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return a table in aligned plain text; numbers to the right."""
+    headers = [in_line(h) for h in headers]
     cells = [[_show(cell) for cell in row] for row in rows]
     widths = [max(len(h), *(len(row[i]) for row in cells), 0) if cells else len(h) for i, h in enumerate(headers)]
     is_text = [any(isinstance(row[i], str) for row in rows) for i in range(len(headers))]
@@ -44,7 +46,7 @@ def _show(cell: Any) -> str:
         return "yes" if cell else "no"
     if isinstance(cell, float):
         return f"{cell:.4g}" if abs(cell) < 1e-3 or abs(cell) >= 1e4 else f"{cell:.4f}".rstrip("0").rstrip(".")
-    return str(cell)
+    return in_line(cell)
 
 
 class _Lines:
@@ -100,7 +102,7 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 
         def report(share: float, what: str) -> None:
             check()
-            bar.set_postfix_str(what, refresh=False)
+            bar.set_postfix_str(in_line(what), refresh=False)
             bar.update(100 * share - bar.n)
 
         yield report

@@ -6,6 +6,7 @@ from vlab.cases.compare import compare_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.outputs import output_folder, write_manifest
+from vlab.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +23,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case
 
-    text = comparison.case.table.title + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
+    text = in_line(comparison.case.table.title) + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
     if arguments.out:
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_case(comparison, folder)

@@ -7,6 +7,7 @@ from vlab.cli.common import Outcome, progress_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.outputs import finite, output_folder, write_manifest
 from vlab.reproduce.measured_correction import correct_by_test
+from vlab.text import in_line
 
 PERIOD_S, PERIODS = 100.0, 3
 
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     rows = [[row[key] for key in keys] for row in document["modes"]]
     count = len(rows)
     lines = [
-        f"{result.fe.structure.title}, variant {arguments.variant}, {arguments.reduction} reduction to "
+        f"{in_line(result.fe.structure.title)}, variant {arguments.variant}, {arguments.reduction} reduction to "
         f"{len(document['coordinates'])} coordinates; spread {arguments.spread:g}, noise {arguments.noise:g}, seed {arguments.seed}",
         f"{document['identified_modes']} modes identified, {count} used; the fit leaves {document['fit_residual']:.2g}",
         "",

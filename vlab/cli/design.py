@@ -36,6 +36,7 @@ from vlab.lab.robustness import robustness_report, robustness_text
 from vlab.outputs import finite, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
+from vlab.text import in_line
 
 PRINTED = "lbf s/in"
 """Unit in which gains of direct rate feedback are printed beside SI, as in Tables 7, 11 and 15."""
@@ -305,7 +306,7 @@ def _objective(design: Design, indices: Any, asked: Asked) -> dict[str, Any]:
 
 def _text(title: str, document: dict[str, Any]) -> str:
     objective = document["objective"]
-    lines = [f"{title}: {document['law']} on the {document['model']} model, {document['seconds']:.2f} s", ""]
+    lines = [f"{in_line(title)}: {document['law']} on the {document['model']} model, {document['seconds']:.2f} s", ""]
     gains = document["gains"]
     if gains["unit"] == "N s/m":
         D = units.from_si(np.array(gains["D"]), PRINTED, "N s/m")

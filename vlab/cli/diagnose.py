@@ -7,6 +7,7 @@ from typing import Any
 from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
+from vlab.controllers.user_law import code_of
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
 from vlab.diagnose.distance import Distance
 from vlab.diagnose.engine import diagnose
@@ -14,6 +15,7 @@ from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, prob
 from vlab.errors import BadExperiment
 from vlab.outputs import output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.text import in_line
 
 OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
 VERDICTS = {
@@ -41,7 +43,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Say what physics the case's model lacks."""
     check_out(arguments, read=[arguments.case])
     case = load_case(arguments.case)
-    own = [effect_named(name) for name in arguments.effect]
+    own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
     names = [effect.name for effect in effects]
     for effect in own:
@@ -67,14 +69,16 @@ def run(arguments: argparse.Namespace) -> Outcome:
 def _text(diagnosis: Diagnosis) -> str:
     is_of_the_fit_alone = diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone
     verdict = OF_THE_FIT_ALONE if is_of_the_fit_alone else VERDICTS[diagnosis.verdict]
-    lines = [diagnosis.title, "", verdict, ""]
+    lines = [in_line(diagnosis.title), "", verdict, ""]
     for finding in diagnosis.findings:
-        lines.append(f"{finding.name} at {finding.place} (probability {finding.probability:.2f}): {finding.words}")
+        lines.append(
+            f"{finding.name} at {in_line(finding.place)} (probability {finding.probability:.2f}): {finding.words}"
+        )
         lines += _values(finding)
         if len(finding.alike) > 1:
             lines.append(f"  these recordings cannot tell it from: {', '.join(finding.alike[1:])}")
         if len(finding.places_90) > 1:
-            lines.append(f"  place: one of {', '.join(finding.places_90)}")
+            lines.append(f"  place: one of {in_line(', '.join(finding.places_90))}")
         if diagnosis.is_held_out and not finding.verified_by:
             lines.append("  of the fit alone: no recording kept aside can verify it")
         lines.append("")
@@ -84,7 +88,11 @@ def _text(diagnosis: Diagnosis) -> str:
     if diagnosis.alternatives:
         lines += ["", *_alternatives(diagnosis)]
     lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]
-    lines += [f"Next measurement: {diagnosis.next_measurement}.", *diagnosis.notes, f"{diagnosis.seconds:.0f} s"]
+    lines += [
+        f"Next measurement: {diagnosis.next_measurement}.",
+        *map(in_line, diagnosis.notes),
+        f"{diagnosis.seconds:.0f} s",
+    ]
     return "\n".join(lines)
 
 
@@ -107,7 +115,7 @@ def _attempt(attempt: Attempt) -> list[str]:
     """Return what the best attempt is, and what it leaves."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
-        lines += [f"  {finding.name} at {finding.place}", *_values(finding)]
+        lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
     return [*lines, _errors(attempt.to_json(), attempt.checked)]
 
 

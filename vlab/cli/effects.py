@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from vlab.cli.common import Outcome
+from vlab.controllers.user_law import code_of
 from vlab.physics.catalogue import ALIASES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
 
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Outcome:
     """List the catalogue of physics that a model can have left out."""
-    wanted = [effect_named(name) for name in arguments.names] or list(EFFECTS.values())
+    wanted = [effect_named(name, code=[code_of(name)]) for name in arguments.names] or list(EFFECTS.values())
     document = [_plain(effect) for effect in wanted]
     return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
 

@@ -34,6 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a test plan instead of a structure and its settings: several records, written as run folders and a case; "
         "an interrupted plan goes on where it stood (an example: assets/examples/plan.toml)",
     )
+    parser.add_argument(
+        "--code",
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="with --plan: a Python file (or entry:NAME) whose laws and effects the plan may use; its code is run, and no other "
+        "that a plan names; may be given several times",
+    )
     parser.add_argument("--plant", default=default.plant, help="composite (default), fe (of the grid) or modal")
     parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
     parser.add_argument(
@@ -123,6 +131,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         return _run_plan(arguments)
     if not arguments.structure:
         raise BadExperiment("the following is required: structure, or a test plan with --plan")
+    if arguments.code:
+        raise BadExperiment("--code is for --plan; without one the code is named by --law and --effect")
     if arguments.pace is not None and arguments.live is None:
         raise BadExperiment("--pace is for --live; without it a run goes as fast as it is computed")
     check_out(arguments, read=[arguments.structure, arguments.hardware, file_of(arguments.law or "")])
@@ -148,7 +158,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         effect=tuple(arguments.effect),
         power_up=arguments.power_up,
     )
-    prepared = settings.prepare()
+    prepared = settings.prepare(code=settings.named_code)  # all of it was typed
     live = None
     if arguments.live is not None:
         from vlab.views.live import LiveView
@@ -198,7 +208,7 @@ def _run_plan(arguments: argparse.Namespace) -> Outcome:
     add_arguments(parser)
     default = vars(parser.parse_args([]))
     for name, value in default.items():
-        if name not in ("plan", "out", "report") and getattr(arguments, name) != value:
+        if name not in ("plan", "out", "report", "code") and getattr(arguments, name) != value:
             given = "a structure" if name == "structure" else f"--{name.replace('_', '-')}"
             raise BadExperiment(f"{given} was given besides --plan; everything that is run stands in {arguments.plan}")
     plan, folder = load_plan(arguments.plan), Path(arguments.out or PLAN_OUT)
@@ -207,6 +217,7 @@ def _run_plan(arguments: argparse.Namespace) -> Outcome:
         done = perform_plan(
             plan,
             folder,
+            code=arguments.code,
             views=lambda fresh, run: _write_views(fresh, run, report=arguments.report),
             progress=lambda p: bar(p.share, p.record),
         )

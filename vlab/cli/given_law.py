@@ -8,7 +8,7 @@ import numpy as np
 from vlab.controllers.catalogue import Asked
 from vlab.controllers.law_file import is_law_file
 from vlab.controllers.linear import LinearController
-from vlab.controllers.user_law import is_user_law
+from vlab.controllers.user_law import code_of, is_user_law
 from vlab.design import performance
 from vlab.design.state_model import state_model
 from vlab.design.weights import weights_of
@@ -26,8 +26,7 @@ def is_given(name: str) -> bool:
 
 def file_of(name: str) -> str:
     """Return the file that the name of a law states, ``mine.py`` of ``mine.py:Class``; of any other the name itself."""
-    file, colon, _ = name.rpartition(":")
-    return file if colon and file.endswith(".py") else name
+    return code_of(name) or name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,7 +89,7 @@ def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
     BadController
         The law is not linear, or does not fit the structure or the rate.
     """
-    law = named_law(fe.structure, name)
+    law = named_law(fe.structure, name, code=[code_of(name)])
     if not isinstance(law, LinearController):
         raise BadController(
             f"the law {name} has no `matrices`: poles and damping ratios are those of linear laws; run vlab experiment instead"

@@ -19,6 +19,8 @@ from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, ModalModel, Recording
+from vlab.structure import load_structure
+from vlab.text import in_line
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
 """Names by which the time column of a recording from elsewhere is known."""
@@ -109,7 +111,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):
         return _dwells([run_dwell_test(recording, test) for recording in recordings], arguments)
     result = run_modal_test(recordings, test)
-    found, true = _against_plant(result, [settings for _, settings in runs]) if arguments.against_plant else ([], None)
+    found, true = _against_plant(result, runs, arguments.run) if arguments.against_plant else ([], None)
     document = result.as_dict()
     if true is not None:
         document["against_plant"] = [mode.as_dict() for mode in found]
@@ -137,7 +139,7 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     ]
     headers = ["mode", "Hz", "sd", "zeta", "sd", "confidence", *result.mean.outputs]
     parts = [
-        f"input {', '.join(result.mean.inputs)}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
+        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
     from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
@@ -191,11 +193,12 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
 
 
 def _against_plant(
-    result: ModalTestResult, settings: Sequence[RunSettings | None]
+    result: ModalTestResult, runs: Sequence[tuple[Recording, RunSettings | None]], folders: Sequence[str]
 ) -> tuple[list[FoundMode], ModalModel]:
     """Compare with the linearised plant of the first run; all runs must be of that plant."""
-    first = settings[0]
-    if first is None or any(other is None or not _same_plant(first, other) for other in settings):
+    settings = [own.inside(Path(at)) for (_, own), at in zip(runs, folders, strict=True) if own is not None]
+    first = settings[0] if len(settings) == len(runs) else None
+    if first is None or any(not _same_plant(first, other) for other in settings):
         raise BadRecording(
             "--against-plant needs run folders of vlab experiment, all of one structure, plant and variant"
         )
@@ -210,7 +213,9 @@ def _against_plant(
 
 
 def _same_plant(a: RunSettings, b: RunSettings) -> bool:
-    return all(getattr(a, key) == getattr(b, key) for key in ("structure", "plant", "variant", "law", "effect"))
+    return load_structure(a.structure) == load_structure(b.structure) and all(
+        getattr(a, key) == getattr(b, key) for key in ("plant", "variant", "law", "effect")
+    )
 
 
 # ------------------------------------------------------------------------------------------ recordings from elsewhere

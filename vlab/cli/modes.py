@@ -13,6 +13,7 @@ from vlab.reproduce import cross_check
 from vlab.reproduce.cross_check import SILENT
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
+from vlab.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     headers = ["mode", "measured Hz", "published Hz", "FE Hz"]
     headers += [text for name in plants for text in (f"{name} Hz", "MAC")] + ["zeta"]
     lines = [
-        f"{structure.title}, variant {arguments.variant}, {arguments.model} FE model",
+        f"{in_line(structure.title)}, variant {arguments.variant}, {arguments.model} FE model",
         "",
         text_table(headers, rows),
         "",

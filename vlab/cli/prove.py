@@ -13,6 +13,8 @@ from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
 
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
+MOST_NAMED = 10
+"""Truths without salts that the text names."""
 MOST_SHOWN = 60
 """Cases up to which the text lists every one."""
 
@@ -110,6 +112,7 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
         rows = [[w["case"], w["suite"], _names(w), w["answered"], w["report"]] for w in found["worst"]]
         parts.append("worst:\n" + text_table(["case", "suite", "hidden", "answered", "report"], rows))
     parts.append(text_table(*baseline_table(found)))
+    parts.append(_opened(found))
     if not found["is_answered_first"]:
         parts.append("the truth had been opened for other answers before these were frozen: they are no evidence")
     if not found["is_counted_as_set_down"]:
@@ -122,6 +125,18 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
     drawn = "" if seed is None else f"seed {seed}; "
     parts.append(f"{found['cases']} cases; {drawn}{kept}")
     return Outcome(document={**found, "seed": seed}, text="\n\n".join(parts))
+
+
+def _opened(found: dict[str, Any]) -> str:
+    """Say how the truths were opened, and how many each way."""
+    again = found.get("truths_made_again", [])
+    text = f"truths opened: {found['cases'] - len(again)} by the salt of their commitment"
+    if not again:
+        return text
+    some = ", ".join(again[:MOST_NAMED]) + (f" and {len(again) - MOST_NAMED} more" if len(again) > MOST_NAMED else "")
+    return (
+        f"{text}, {len(again)} by making their recordings again from the seed, with the digests committed to ({some})"
+    )
 
 
 def _suites(found: dict[str, Any]) -> list[list[Any]]:

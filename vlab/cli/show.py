@@ -8,6 +8,7 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
 from vlab.errors import BadRecording, OutputRefused
+from vlab.recordings.bound import RECORDING, check_run
 
 NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
 ELSEWHERE = "The file opens on any machine with a screen and the same version of Rerun (rerun run.rrd)"
@@ -55,6 +56,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _rrd(path: Path) -> Path:
+    if (path / RECORDING).is_file():
+        check_run(path)
     rrd = path / "run.rrd" if path.is_dir() else path
     if not rrd.is_file() or rrd.suffix != ".rrd":
         raise BadRecording(f"{path}: no run.rrd here; give a run folder written by vlab experiment, or an .rrd file")

@@ -1,10 +1,12 @@
 """Control laws by name, wired to a structure's coils."""
 
+from collections.abc import Collection
+
 from vlab.controllers import Controller, DirectRateFeedback
 from vlab.controllers.catalogue import LAWS, published_way
 from vlab.controllers.law_file import is_law_file, load_law
 from vlab.controllers.lqg import RATE
-from vlab.controllers.user_law import is_user_law, load_user_law
+from vlab.controllers.user_law import check_code, is_user_law, load_user_law
 from vlab.errors import BadController, unknown_name
 from vlab.published import published_table, published_tables
 from vlab.structure.model import Structure
@@ -20,7 +22,13 @@ def law_names(structure: Structure) -> list[str]:
 
 
 def named_law(
-    structure: Structure, name: str, *, rate: float = RATE, variant: str = "published", model: str = ""
+    structure: Structure,
+    name: str,
+    *,
+    rate: float = RATE,
+    variant: str = "published",
+    model: str = "",
+    code: Collection[str] = (),
 ) -> Controller:
     """Return a law by its name.
 
@@ -35,17 +43,20 @@ def named_law(
         Of the structure's model that a law is designed on.
     model : str
         To design the law on (`vlab.fe.reduced.MODELS`); that of the published design by default.
+    code : collection of str
+        Python files and entry points that the user named; no other is ever run, wherever the name comes from.
 
     Raises
     ------
     UnknownName
         No law of that name.
     BadController
-        A law that cannot run in a loop, or a bad law file, or a model for a law that is not designed here.
+        A law that cannot run in a loop, code that the user did not name, or a bad law file, or a model for a law that is not designed here.
     """
     if model and (is_user_law(name) or is_law_file(name)):
         raise BadController(f"the law {name} is made already: the model {model!r} is for laws that are designed here")
     if is_user_law(name):
+        check_code(name, code)
         return load_user_law(name)
     if is_law_file(name):
         return load_law(name)

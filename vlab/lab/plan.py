@@ -2,7 +2,8 @@
 
 A plan is a TOML file. ``[settings]`` holds what all records share and every ``[[record]]`` what is its own, both by the
 names of `RunSettings`, that is of ``run.toml``; a record has a name and a role, too. ``[model]`` says what the case
-compares the records with. Files that it names are found from where vlab is called, as on the command line.
+compares the records with. Files that it names are found from where vlab is called, as on the command line. Of these a plan
+runs no code that was not named beside it.
 
 A record is written whole or not at all, so a plan that was interrupted goes on where it stood. The manifest of the plan
 binds every record's settings and the files they name by hash; a record is never performed twice, nor under settings that
@@ -13,16 +14,17 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
 from vlab import __version__
-from vlab.errors import BadExperiment, OutputRefused, VlabError, unknown_name
-from vlab.lab.run_folder import RECORDING, DoneRun, PreparedRun, RunSettings, load_run, perform
+from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
+from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, load_run, perform
 from vlab.outputs import MANIFEST, output_folder
+from vlab.recordings.bound import RECORDING, check_run
 from vlab.recordings.files import written_whole
 from vlab.schema import Reader
 
@@ -103,8 +105,13 @@ class Plan:
         table |= {"variant": self.model.variant or first.variant, "hardware": first.hardware}
         return {key: value for key, value in table.items() if value} | {"uncertain": dict(self.model.uncertain)}
 
-    def prepare(self) -> list[PreparedRun]:
+    def prepare(self, *, code: Collection[str] = ()) -> list[PreparedRun]:
         """Build every run, so that whatever is wrong with one is said before any starts.
+
+        Parameters
+        ----------
+        code : collection of str
+            Python files and entry points that the user named besides the plan; a plan runs no other.
 
         Raises
         ------
@@ -114,7 +121,7 @@ class Plan:
         out = []
         for record in self.record:
             try:
-                prepared = record.settings.prepare()
+                prepared = record.settings.prepare(code=code)
             except VlabError as error:
                 raise BadExperiment(f"record {record.name!r}: {error}") from error
             out.append(prepared.concealed() if self.concealed else prepared)
@@ -194,6 +201,7 @@ def perform_plan(
     plan: Plan,
     folder: Path,
     *,
+    code: Collection[str] = (),
     views: Callable[[Path, DoneRun], None] = lambda folder, done: None,
     progress: Callable[[PlanProgress], None] = lambda progress: None,
 ) -> DonePlan:
@@ -201,6 +209,8 @@ def perform_plan(
 
     Parameters
     ----------
+    code : collection of str
+        Python files and entry points that the user named, see `Plan.prepare`.
     views : callable
         Writes what is looked at into a record's folder; not called in a concealed plan, whose views would show more than
         the sensors did.
@@ -214,7 +224,7 @@ def perform_plan(
     KeyboardInterrupt
         With how many records are whole.
     """
-    prepared = plan.prepare()
+    prepared = plan.prepare(code=code)
     done = _bind(plan, folder)
     performed, seconds = [], sum(r.seconds for r in plan.record if r.name in done)
     try:
@@ -337,10 +347,10 @@ def _check_same(earlier: Mapping[str, Any], bound: Mapping[str, Any], folder: Pa
 def _is_whole(folder: Path) -> bool:
     """Whether a record lies in a folder as it was written."""
     try:
-        digest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["recording_sha256"]
-        return bool(hashlib.sha256((folder / RECORDING).read_bytes()).hexdigest() == digest)
-    except (OSError, ValueError, KeyError, TypeError):
+        check_run(folder)
+    except BadRecording:
         return False
+    return True
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,13 @@ from typing import Any
 import numpy as np
 
 from vlab.controllers import Controller
+from vlab.controllers.law_file import is_law_file
+from vlab.controllers.user_law import code_of
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
+from vlab.inside import NotInside, file_inside
 from vlab.lab.excitation import build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
@@ -23,12 +27,16 @@ from vlab.physics.attach import attach
 from vlab.physics.spelled import parse_effect
 from vlab.plants import Plant, build_plant
 from vlab.recordings import read_recording, write_recording
+from vlab.recordings.bound import RECORDING, STATED, check_run
 from vlab.schema import Reader
 from vlab.signals import Recording
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
+from vlab.structure.reader import BUILT_IN
 
-RECORDING, SETTINGS = "recording.parquet", "run.toml"
+SETTINGS = "run.toml"
+COPIES = {"structure": "structure.toml", "hardware": "hardware.toml", "law": "controller.toml"}
+"""What a file that a setting names is called in the run folder: it is copied there, and read from nowhere else."""
 MOST_NOISE = 1e3
 """Noise of a velocity sensor beyond which squares of it overflow before they mean anything [m/s]."""
 
@@ -58,8 +66,46 @@ class RunSettings:
     power_up: str = ""
     effect: tuple[str, ...] = ()
 
-    def prepare(self) -> "PreparedRun":
-        """Build every part, so that whatever is wrong is said before anything runs or is written."""
+    @property
+    def named_files(self) -> dict[str, str]:
+        """The settings that name a file of data, and the file."""
+        files = {"structure": self.structure not in BUILT_IN, "hardware": self.hardware, "law": is_law_file(self.law)}
+        return {key: getattr(self, key) for key, is_file in files.items() if is_file}
+
+    @property
+    def named_code(self) -> tuple[str, ...]:
+        """The Python files and entry points that the settings name, see `code_of`."""
+        names = (self.law, *(text.partition("@")[0].strip() for text in self.effect))
+        return tuple(filter(None, map(code_of, names)))
+
+    def inside(self, folder: Path) -> "RunSettings":
+        """Return the settings of a run folder with its own copies of the files that they name: nothing is read elsewhere.
+
+        Raises
+        ------
+        BadRecording
+            A copy is missing or leads out of the folder.
+        """
+        found: dict[str, Any] = {}
+        for key, given in self.named_files.items():
+            try:
+                found[key] = str(file_inside(COPIES[key], folder))
+            except NotInside as error:
+                raise BadRecording(
+                    f"{folder / SETTINGS}: {key} = {given!r} is read from {COPIES[key]} in the run folder, which {error}; "
+                    "copy it there under that name"
+                ) from error
+        return replace(self, **found)
+
+    def prepare(self, *, code: Collection[str] = ()) -> "PreparedRun":
+        """Build every part, so that whatever is wrong is said before anything runs or is written.
+
+        Parameters
+        ----------
+        code : collection of str
+            Python files and entry points that the user named himself: settings may come from a file of data, and no other code
+            is run.
+        """
         structure = load_structure(self.structure)
         hardware = load_hardware(self.hardware or None, self.hardware_values)
         if self.rate_hz is not None:
@@ -94,9 +140,11 @@ class RunSettings:
         if self.model and not self.law:
             raise BadExperiment(f"the model {self.model!r} is what a law is designed on; name the law, too")
         rate = hardware.converter.rate
-        law = named_law(structure, self.law, rate=rate, variant=self.variant, model=self.model) if self.law else None
+        law = None
+        if self.law:
+            law = named_law(structure, self.law, rate=rate, variant=self.variant, model=self.model, code=code)
         plant = build_plant(structure, self.plant, self.variant)
-        plant = attach(plant, [parse_effect(text) for text in self.effect])
+        plant = attach(plant, [parse_effect(text, code=code) for text in self.effect])
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
         places = [plant.actuator_index(place) for place in at.split(",")]
@@ -176,7 +224,7 @@ class DoneRun:
             folder,
             verb="experiment",
             settings=asdict(self.prepared.settings),
-            recording_sha256=digest,
+            **{STATED: digest},
             faults=[asdict(fault) for fault in self.prepared.faults],
             effort=self.effort,
             **({} if self.prepared.is_concealed else {"elapsed_s": self.elapsed_s}),  # effects take time
@@ -200,6 +248,8 @@ def perform(
     result = replace(result, recording=recording)
     write_recording(recording, folder / RECORDING)
     (folder / SETTINGS).write_text(prepared.settings.to_toml(), encoding="utf-8")
+    for key, name in prepared.settings.named_files.items():
+        shutil.copyfile(name, folder / COPIES[key])
     return DoneRun(prepared=prepared, result=result, elapsed_s=elapsed)
 
 
@@ -209,15 +259,16 @@ def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
     Raises
     ------
     BadRecording
-        The path is neither, or the recording is damaged.
+        The path is neither, or the recording is damaged or not the one whose hash the manifest states.
     """
     path = Path(path)
     if not path.is_dir():
         return read_recording(path), None
-    if not (path / RECORDING).is_file():
-        raise BadRecording(
-            f"{path}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file"
-        )
+    check_run(path)
+    try:
+        file_inside(SETTINGS, path)
+    except NotInside as error:
+        raise BadRecording(f"{path / SETTINGS}: the file {error}; restore the run folder") from error
     reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
     whole = path.absolute()  # a relative path would be looked for below the folder
     return read_recording(whole / RECORDING, folder=whole), reader.table(RunSettings, reader.load())

@@ -1,8 +1,9 @@
 """The catalogue: every effect that vlab knows, by name."""
 
+from collections.abc import Collection
 from pathlib import Path
 
-from vlab.controllers.user_law import FAILURES, class_from_file, is_user_law
+from vlab.controllers.user_law import FAILURES, check_code, class_from_file, is_user_law
 from vlab.errors import BadExperiment, unknown_name
 from vlab.physics import actuators, port_linear, port_memory, port_nonlinear, sensors
 from vlab.physics.effect import Effect
@@ -96,22 +97,28 @@ ALIASES = {
 EFFECT_FORM = "path/to/effect.py:ClassName"
 
 
-def effect_named(name: str) -> Effect:
+def effect_named(name: str, *, code: Collection[str] = ()) -> Effect:
     """Return an effect by its name or another name of it, or a user's own as ``path/to/effect.py:ClassName``.
 
-    Loading a user's effect runs the code of the file that was named.
+    Parameters
+    ----------
+    name : str
+        It may come from a file of data.
+    code : collection of str
+        Python files that the user named: loading an effect of one runs it, and no other is ever run.
 
     Raises
     ------
     UnknownName
         There is none of that name.
     BadExperiment
-        A user's file that fails, or a class that is no effect.
+        A user's file that is not among those named or fails, or a class that is no effect.
     """
     name = ALIASES.get(name, name)
     if name in EFFECTS:
         return EFFECTS[name]
     if is_user_law(name):
+        check_code(name, code, kind="effect", error=BadExperiment)
         return _users_own(name)
     raise unknown_name("effect", name, [*EFFECTS, *ALIASES, EFFECT_FORM])
 

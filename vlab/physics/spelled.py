@@ -1,6 +1,7 @@
 """Effects as people write them: ``NAME@PLACE:param=value,param=value``, values in SI or with a unit of their own."""
 
 import re
+from collections.abc import Collection
 
 from vlab import units
 from vlab.errors import BadExperiment, BadUnit, unknown_name
@@ -13,8 +14,15 @@ FORM = "NAME@PLACE:param=value,param=value, for example coulomb-friction@20in:fo
 _VALUE = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)$")
 
 
-def parse_effect(text: str) -> Attached:
+def parse_effect(text: str, *, code: Collection[str] = ()) -> Attached:
     """Read one effect.
+
+    Parameters
+    ----------
+    text : str
+        In the form `FORM`.
+    code : collection of str
+        Python files that the user named, see `effect_named`.
 
     Raises
     ------
@@ -29,7 +37,7 @@ def parse_effect(text: str) -> Attached:
     place, colon, first = rest.partition("=")[0].rpartition(":")
     if not (at and colon and place and "=" in rest):
         raise BadExperiment(f"the effect {text!r} has not the form {FORM}")
-    effect = effect_named(name.strip())
+    effect = effect_named(name.strip(), code=code)
     values = {}
     for part in (first + rest[len(place) + 1 + len(first) :]).split(","):
         key, equals, value = part.partition("=")

@@ -1,13 +1,12 @@
 """Any user's MJCF as a plant: guarded loading, named actuators and sensors as taps, joints, tendons and sites as ports.
 
-The file is untrusted. Everything it refers to must lie in its own folder, its numbers must be finite, and what MuJoCo has
-to say about it comes out as one line. MuJoCo itself compiles NaN with a warning only and opens absolute paths.
+The file is untrusted: `vlab.plants.mjcf_guard` looks at it first, and what MuJoCo has to say about it comes out as one line.
+MuJoCo itself compiles NaN with a warning only.
 """
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -15,19 +14,16 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe.second_order import SecondOrderModel
+from vlab.inside import NotInside, path_inside
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
 from vlab.plants.computable import check_numbers
 from vlab.plants.equilibrium import settle
 from vlab.plants.linearise import linearise
+from vlab.plants.mjcf_guard import check_file, check_text
 from vlab.signals import Array
-
-MAX_BYTES = 50 * 1024**2
-"""Largest MJCF file that is read [bytes]; meshes are files of their own."""
-MAX_COUNT = 10_000
-"""Largest ``count`` of a replicated element: more would fill the memory before the compiler says anything."""
+from vlab.text import one_line
 
 AXES = ("x", "y", "z")
-_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _POSITION, _RATE, _FORCE = 0, 1, 2
 _LINEAR = (("displacement", "m"), ("velocity", "m/s"), ("force", "N"))
 _ANGULAR = (("angle", "rad"), ("angular-velocity", "rad/s"), ("moment", "N m"))
@@ -106,14 +102,15 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
     """
     if isinstance(source, str) and source.lstrip().startswith("<"):
         label = "MJCF text"
-        _check_tree(_parse(source, label), label, None)
+        check_text(source, label)
         spec = _compiled(lambda: mujoco.MjSpec.from_string(source), label)
     else:
-        path = (Path(source) if folder is None else Path(folder) / source).resolve()
-        label = _one_line(source)
-        if folder is not None and not path.is_relative_to(Path(folder).resolve()):
-            raise BadStructure(f"{label}: the model lies outside {_one_line(folder)}; copy it into that folder")
-        _check_file(path, label, path.parent, set())
+        label = one_line(source)
+        try:
+            path = Path(source).resolve() if folder is None else path_inside(source, folder, called=one_line(folder))
+        except NotInside as error:
+            raise BadStructure(f"{label}: the model {error}; copy it into that folder") from error
+        check_file(path, label)
         spec = _compiled(lambda: mujoco.MjSpec.from_file(str(path)), label)
     step = spec.option.timestep
     if not (np.isfinite(step) and 0 < step <= 1):
@@ -151,84 +148,11 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
 # ---- loading -------------------------------------------------------------------------------------------------------
 
 
-def _one_line(text: object) -> str:
-    line = " ".join("".join(c if c.isprintable() else " " for c in str(text)[:800]).split())
-    return line if len(line) <= 400 else line[:400] + "..."
-
-
 def _compiled(make: Callable[[], Any], label: str) -> Any:
     try:
         return make()
     except Exception as error:  # MuJoCo raises ValueError, its FatalError and a few others; all mean the same here
-        raise BadStructure(f"{label}: MuJoCo refuses the model: {_one_line(error)}") from error
-
-
-def _parse(text: str, label: str) -> Any:
-    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
-        raise BadStructure(f"{label}: the XML declares a document type or entities; MJCF needs neither, remove them")
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise BadStructure(f"{label}: malformed XML: {_one_line(error)}") from error
-    if root.tag not in ("mujoco", "mujocoinclude"):
-        raise BadStructure(f"{label}: the root element is <{_one_line(root.tag)}>; an MJCF file starts with <mujoco>")
-    return root
-
-
-def _check_file(path: Path, label: str, folder: Path, seen: set[Path]) -> None:
-    """Check an MJCF file and those that it includes, everything inside `folder`."""
-    if path in seen:
-        return
-    seen.add(path)
-    if not path.is_file():
-        raise BadStructure(f"{label}: there is no such model file; check the name and the folder")
-    if path.stat().st_size > MAX_BYTES:
-        raise BadStructure(f"{label}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are read")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadStructure(f"{label}: cannot be read as a text file: {_one_line(error)}") from error
-    for included in _check_tree(_parse(text, label), label, folder):
-        for base in {folder, path.parent}:
-            if (base / included).is_file():
-                _check_file((base / included).resolve(), _one_line(included), folder, seen)
-
-
-def _check_tree(root: Any, label: str, folder: Path | None) -> list[str]:
-    """Refuse what a model file must not hold; return the model files it refers to."""
-    directories = [""]
-    files: list[tuple[str, str]] = []
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            where = f"{label}: <{_one_line(element.tag)} {key}={_one_line(value)!r}>"
-            if {token.strip("+-").lower() for token in value.split()} & {"nan", "inf", "infinity"}:
-                raise BadStructure(f"{where}: numbers must be finite")
-            if key == "count" and any(token.isdigit() and int(token) > MAX_COUNT for token in value.split()):
-                raise BadStructure(f"{where}: at most {MAX_COUNT} copies are accepted")
-            if key.startswith("file") or key in _DIRECTORIES:
-                if folder is None:
-                    raise BadStructure(f"{where}: a model given as text cannot refer to files; write it into a folder")
-                if _leaves(value):
-                    raise BadStructure(
-                        f"{where}: the path is absolute or leaves the model's folder; copy the file into it"
-                    )
-                if key in _DIRECTORIES:
-                    directories.append(value)
-                else:
-                    files.append((element.tag, value))
-    for _, value in files:
-        for directory in directories:
-            path = Path(folder or "") / directory / value
-            if folder is not None and path.exists() and not path.resolve().is_relative_to(folder.resolve()):
-                raise BadStructure(
-                    f"{label}: {_one_line(value)!r} is a link that leaves the model's folder; copy the file"
-                )
-    return [value for tag, value in files if tag in ("include", "model")]
-
-
-def _leaves(value: str) -> bool:
-    windows, posix = PureWindowsPath(value), PurePosixPath(value)
-    return bool(posix.is_absolute() or windows.drive or windows.root or ".." in windows.parts or value.startswith("~"))
+        raise BadStructure(f"{label}: MuJoCo refuses the model: {one_line(error)}") from error
 
 
 def _check_numbers(model: Any, label: str) -> None:

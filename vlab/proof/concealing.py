@@ -4,16 +4,27 @@ import contextlib
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadExperiment, BadProof
+from vlab.locks import sole_use
 from vlab.outputs import output_folder, write_manifest
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.manifest import generator_digest
-from vlab.proof.sealing import COMMITMENTS, FORMAT, folder_digest, made_again, opened, read_json, sealed, write_json
+from vlab.proof.sealing import (
+    COMMITMENTS,
+    FORMAT,
+    committed,
+    folder_digest,
+    made_again,
+    opened,
+    read_json,
+    sealed,
+    write_json,
+)
 from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
 from vlab.proof.writing import write_case
 
@@ -57,7 +68,7 @@ def conceal_cases(
     BadExperiment
         A count, seed or bench that makes no sense, or another plan than that of the run that was stopped.
     OutputRefused
-        A folder cannot be written.
+        A folder cannot be written, or another process conceals cases there.
     """
     if not 1 <= count <= MOST_CASES:
         raise BadExperiment(f"{count} cases cannot be made; accepted: 1 to {MOST_CASES}")
@@ -65,25 +76,42 @@ def conceal_cases(
         raise BadExperiment(f"the seed is {seed}; accepted: 0 or more")
     check_benches(benches)
     drawn_suites(suites, count, 0)  # refuses unknown names before anything is written
+    begun = unfinished_folder(out)
     _keep_sealed(out)
-    with output_folder(truth_folder(out)) as truths, output_folder(out) as cases:
-        begun = unfinished_folder(out)
-        plan = _begin(begun, {"suites": list(suites), "benches": list(benches), "count": count}, seed)
-        items = _items(suites, count, plan["seed"])
-        left = [item for item in items if not _is_whole(begun, item[2])]
-        progress(count - len(left), count)
-        work = partial(_one_kept, folder=begun.resolve(), benches=tuple(benches), seed=plan["seed"])
-        made = run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
+    with sole_use(begun, of="vlab conceal"):
+        _keep_sealed(out)  # by whoever was at work there until now
         try:
-            for done, _ in enumerate(made):
-                progress(count - len(left) + done + 1, count)
+            plan = {"suites": list(suites), "benches": list(benches), "count": count}
+            return _conceal(out, begun, plan, seed, engine, jobs, scheduler, progress)
         finally:
-            if not any((begun / "truth").iterdir()):  # nothing to go on from
+            if (out / COMMITMENTS).exists() or not any((begun / "truth").glob("*")):  # nothing to go on from
                 shutil.rmtree(begun, ignore_errors=True)
+
+
+def _conceal(
+    out: Path,
+    begun: Path,
+    wanted: dict[str, Any],
+    seed: int | None,
+    engine: str,
+    jobs: int,
+    scheduler: str,
+    progress: Callable[[int, int], None],
+) -> tuple[dict[str, str], int]:
+    """Make what an unfinished folder lacks, and seal it all."""
+    with output_folder(truth_folder(out)) as truths, output_folder(out) as cases:
+        plan = _begin(begun, wanted, seed)
+        items = _items(plan["suites"], plan["count"], plan["seed"])
+        left = [item for item in items if not _is_whole(begun, item[2])]
+        progress(len(items) - len(left), len(items))
+        work = partial(_one_kept, folder=begun.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
+        made = run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
+        for done, _ in enumerate(made):
+            progress(len(items) - len(left) + done + 1, len(items))
         commitments = {n: _seal(truths / f"{n}.json", read_json(begun / "truth" / f"{n}.json")) for _, _, n in items}
         for name in commitments:
             os.replace(begun / "cases" / name, cases / name)
-        known = {key: plan[key] for key in ("seed", "suites", "benches", "generator")}
+        known = {key: plan[key] for key in ("seed", "suites", "benches", "generator", "count")}
         document = {
             "format": FORMAT,
             "cases": {n: {"truth": c, "recordings": folder_digest(cases / n)} for n, c in commitments.items()},
@@ -92,7 +120,6 @@ def conceal_cases(
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
         write_manifest(truths, verb="conceal", **known)
-    shutil.rmtree(begun, ignore_errors=True)
     return commitments, plan["seed"]
 
 
@@ -188,7 +215,7 @@ def regenerate_cases(
     BadExperiment
         There is no such case.
     """
-    document = read_json(sealed_cases / COMMITMENTS)
+    document = committed(sealed_cases)
     _keep_sealed(out)
     path = (truth or truth_folder(sealed_cases)) / "plan.json"
     plan = opened(read_json(path), document["plan"], where=str(path))
@@ -196,33 +223,72 @@ def regenerate_cases(
     if unknown:
         names = sorted(document["cases"])
         raise BadExperiment(f"{sealed_cases} has no case {unknown[0]!r}; accepted: {names[0]} to {names[-1]}")
-    items = _items(plan["suites"], len(document["cases"]), plan["seed"])
-    items = [item for item in items if not only or item[2] in only]
-    changed = plan.get("generator", "") != generator_digest()
+    names = [name for name in sorted(document["cases"]) if not only or name in only]
     with contextlib.ExitStack() as folders:
         truths = folders.enter_context(output_folder(truth_folder(out))) if with_truth else None
         cases = folders.enter_context(output_folder(out))
-        work = partial(_one, folder=cases.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
-        made = run_all(work, items, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
+        made = make_again(plan, document, names, cases, engine=engine, jobs=jobs, scheduler=scheduler)
         for done, (name, found) in enumerate(made):
-            if folder_digest(cases / name) != document["cases"][name]["recordings"]:
-                raise BadProof(
-                    f"{name}: the recordings come out with other bits than those that were sealed; "
-                    + (
-                        "the generator, numpy, scipy or the processor is another than that which made them"
-                        if changed
-                        else "another processor may round otherwise"
-                    )
-                )
             if truths is not None:
                 write_json(truths / f"{name}.json", made_again(found, document["cases"][name]["recordings"]))
-            progress(done + 1, len(items))
+            progress(done + 1, len(names))
         if truths is not None:
             shutil.copyfile(path, truths / "plan.json")
-        document = {**document, "cases": {item[2]: document["cases"][item[2]] for item in items}}
+        document = {**document, "cases": {name: document["cases"][name] for name in names}}
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
     return {name: kept["truth"] for name, kept in document["cases"].items()}
+
+
+def make_again(
+    plan: Mapping[str, Any],
+    commitments: Mapping[str, Any],
+    names: Sequence[str],
+    folder: Path,
+    *,
+    engine: str = "joblib",
+    jobs: int = 0,
+    scheduler: str = "",
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Make sealed cases again from the seed of their plan; yield name and truth of each whose recordings are those sealed.
+
+    Parameters
+    ----------
+    plan : mapping
+        As it was opened.
+    commitments : mapping
+        The document of the sealed folder; the recordings need not be there.
+    names : sequence of str
+        Of the cases wanted.
+    folder : Path
+        Gets the recordings.
+
+    Raises
+    ------
+    BadProof
+        The plan has no such case, or a recording comes out with other bits than those that were committed to.
+    """
+    # plans that were sealed without their count have all their cases in one folder, or the last ones
+    count = plan.get("count") or max(int(name.rpartition("-")[2]) for name in commitments["cases"])
+    items = {item[2]: item for item in _items(plan["suites"], count, plan["seed"])}
+    for name in names:
+        if name not in items:
+            raise BadProof(f"{name}: the plan with its {count} cases has none of this name; restore the commitments")
+    work = partial(_one, folder=folder.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
+    wanted = [items[name] for name in names]
+    for name, found in run_all(
+        work, wanted, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions()
+    ):
+        if folder_digest(folder / name) != commitments["cases"][name]["recordings"]:
+            raise BadProof(
+                f"{name}: the recordings come out with other bits than those that were sealed; "
+                + (
+                    "the generator, numpy, scipy or the processor is another than that which made them"
+                    if plan.get("generator", "") != generator_digest()
+                    else "another processor may round otherwise"
+                )
+            )
+        yield name, found
 
 
 def _items(suites: Sequence[str], count: int, seed: int) -> list[tuple[int, str, str]]:

@@ -1,32 +1,23 @@
 """From a folder of concealed cases to a score: answers without the truth, frozen by their hashes, then the truth opened."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
+from vlab.locks import sole_use
 from vlab.physics.catalogue import EFFECTS
 from vlab.proof.answering import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
 from vlab.proof.concealing import truth_folder
 from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
+from vlab.proof.opening import check_remade, note_opening, open_truth
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.sealing import (
-    COMMITMENTS,
-    FORMAT,
-    digest,
-    folder_digest,
-    is_made_again,
-    opened,
-    read_json,
-    write_json,
-)
+from vlab.proof.sealing import committed, digest, folder_digest, read_json, write_json
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
-OPENED = "opened.json"
-"""In the folder of the truth: hashes of the frozen answers for which it was opened, the first ones first."""
 SHOWN = (
     "case",
     "suite",
@@ -80,7 +71,7 @@ def prove(
     """Diagnose every case, freeze the answers, open the truth and score.
 
     What was answered before is kept: a campaign that was stopped goes on where it was, and one that is frozen is only
-    counted again.
+    counted again. One process at a time works in the answers' folder.
 
     Parameters
     ----------
@@ -100,15 +91,40 @@ def prove(
     ------
     BadProof
         Cases, truth or answers are not what was committed to, or the answers belong to other code.
+    OutputRefused
+        Another process is at work in the answers' folder, or it cannot be written.
     """
     commitments = read_commitments(cases, recordings=not (out / FROZEN).exists())
+    with sole_use(out, of="vlab prove"):
+        found = _counted(
+            cases, out, commitments, truth or truth_folder(cases), first, baselines, engine, jobs, scheduler, progress
+        )
+        if report is not None and reports:
+            _write_worst(cases, out, found, reports, report)
+    return found
+
+
+def _counted(
+    cases: Path,
+    out: Path,
+    commitments: dict[str, Any],
+    truth: Path,
+    first: int,
+    baselines: int | None,
+    engine: str,
+    jobs: int,
+    scheduler: str,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Answer what is left, freeze, open the truth, count, and write the score."""
     if not (out / FROZEN).exists():
         names = sorted(commitments["cases"])[: first or None]
         _answer(cases, out, commitments, names, baselines, engine, jobs, scheduler, progress)
         freeze(out, commitments, names)
     answers = frozen_answers(out, commitments)
-    is_first = _note_opening(truth or truth_folder(cases), digest(read_json(out / FROZEN)))
-    truths, remade = open_truth(truth or truth_folder(cases), commitments, answers)
+    is_first = note_opening(truth, digest(read_json(out / FROZEN)))
+    truths, remade = open_truth(truth, commitments, answers)
+    check_remade(truths, commitments, remade, out, engine, jobs, scheduler, progress)
     judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
     found["baselines"] = baseline_rows(judged, answers, truths)
@@ -126,13 +142,16 @@ def prove(
     for row in found["worst"]:
         row["report"] = None
     write_json(out / SCORE, found)
-    if report is not None and reports:
-        answered = [row for row in found["worst"] if not row["error"]][:reports]
-        paths = write_worst(cases, [row["case"] for row in answered], out / "worst", report)
-        for row in found["worst"]:
-            row["report"] = paths.get(row["case"])
-        write_json(out / SCORE, found)
     return found
+
+
+def _write_worst(cases: Path, out: Path, found: dict[str, Any], reports: int, report: Report) -> None:
+    """Write reports of the worst answers, and where they lie into the score."""
+    answered = [row for row in found["worst"] if not row["error"]][:reports]
+    paths = write_worst(cases, [row["case"] for row in answered], out / "worst", report)
+    for row in found["worst"]:
+        row["report"] = paths.get(row["case"])
+    write_json(out / SCORE, found)
 
 
 def read_commitments(cases: Path, *, recordings: bool = True) -> dict[str, Any]:
@@ -148,17 +167,11 @@ def read_commitments(cases: Path, *, recordings: bool = True) -> dict[str, Any]:
     BadProof
         They are not.
     """
-    document = read_json(cases / COMMITMENTS)
-    if (
-        not isinstance(document, dict)
-        or document.get("format") != FORMAT
-        or not isinstance(document.get("cases"), dict)
-    ):
-        raise BadProof(f"{cases / COMMITMENTS}: not a list of commitments ({FORMAT}); conceal the cases again")
+    document = committed(cases)
     for name, kept in document["cases"].items():
         if not recordings and not (cases / name).exists():
             continue
-        if "/" in name or ".." in name or not (cases / name).is_dir():
+        if not (cases / name).is_dir():
             raise BadProof(f"{cases}: the case {name!r} is missing; restore its folder")
         if folder_digest(cases / name) != kept.get("recordings"):
             raise BadProof(f"{cases / name}: the files are not those that were committed to; restore the folder")
@@ -182,13 +195,13 @@ def _answer(
         _check_same(read_json(out / MANIFEST), now, out)
     else:
         (out / ANSWERS).mkdir(parents=True, exist_ok=True)
-        write_json(out / MANIFEST, now)
+        write_json(out / MANIFEST, now, is_new=True)
     left = [(n, (cases / n).resolve()) for n in names if not (out / ANSWERS / f"{n}.json").exists()]
     progress(len(names) - len(left), len(names))
     done = len(names) - len(left)
     work = partial(answer_case, baselines=baselines is not None, frees_all=frozenset(names[: baselines or 0]))
     for name, answer in run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler):
-        write_json(out / ANSWERS / f"{name}.json", answer)
+        write_json(out / ANSWERS / f"{name}.json", answer, is_new=True)
         done += 1
         progress(done, len(names))
     # processes that start late read what is there then
@@ -212,10 +225,12 @@ def freeze(out: Path, commitments: dict[str, Any], names: Sequence[str]) -> None
     ------
     BadProof
         An answer is missing.
+    OutputRefused
+        They are frozen already.
     """
     hashes = {name: digest(read_json(out / ANSWERS / f"{name}.json")) for name in names}
     frozen = {"answers": hashes, "manifest": digest(read_json(out / MANIFEST)), "commitments": digest(commitments)}
-    write_json(out / FROZEN, frozen)
+    write_json(out / FROZEN, frozen, is_new=True)
 
 
 def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
@@ -241,58 +256,6 @@ def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
         if digest(answers[name]) != frozen["answers"][name]:
             raise BadProof(f"{path}: the answer was changed after it was frozen; restore it, or answer all cases anew")
     return answers
-
-
-def _note_opening(folder: Path, frozen: str) -> bool:
-    """Write down for which answers the truth is opened; return whether these were frozen before it was ever opened.
-
-    Raises
-    ------
-    BadProof
-        There is no such folder, or its list is not one.
-    """
-    path = folder / OPENED
-    if not folder.is_dir():
-        raise BadProof(f"{folder}: there is no such folder; name that of the truth with --truth")
-    known = read_json(path) if path.exists() else []
-    if not isinstance(known, list):
-        raise BadProof(f"{path}: not a list of the answers that the truth was opened for; restore it")
-    if frozen not in known:
-        write_json(path, [*known, frozen])
-    return not known or known[0] == frozen
-
-
-def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
-    """Return the truth of some cases by name, and the plan, after checking them against their commitments.
-
-    Returns
-    -------
-    truths : dict
-    made_again : list of str
-        Cases whose truth was made again from the seed of the plan because its salt was lost (`regenerate_cases`): of these the
-        recordings that came with it are compared with those that were committed to. Anyone can make them again.
-
-    Raises
-    ------
-    BadProof
-        A truth is missing or is not what was committed to.
-    """
-    path = folder / "plan.json"
-    out = {"plan": opened(read_json(path), commitments["plan"], where=str(path))}
-    remade = []
-    for name in names:
-        path, committed = folder / f"{name}.json", commitments["cases"][name]
-        kept = read_json(path)
-        if is_made_again(kept):
-            if kept["recordings"] != committed["recordings"]:
-                raise BadProof(
-                    f"{path}: this truth was made again with other recordings than those that were committed to"
-                )
-            out[name] = kept["truth"]
-            remade.append(name)
-        else:
-            out[name] = opened(kept, committed["truth"], where=str(path))
-    return out, remade
 
 
 def _row(j: Judged) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import secrets
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,6 +14,7 @@ from vlab.recordings.files import written_whole
 FORMAT = "vlab-concealed-1"
 COMMITMENTS = "commitments.json"
 TRUTH = "truth.json"
+_NAME = re.compile(r"case-[0-9]{3,9}")
 
 
 def canonical(document: Any) -> bytes:
@@ -92,7 +94,32 @@ def read_json(path: Path) -> Any:
         raise BadProof(f"{path}: not readable as JSON: {error}") from error
 
 
-def write_json(path: Path, document: Any) -> None:
-    """Write plain values as JSON, whole or not at all."""
-    with written_whole(path) as stream:
+def committed(cases: Path) -> dict[str, Any]:
+    """Return the commitments of a folder of cases.
+
+    Raises
+    ------
+    BadProof
+        There are none, or one has a name that no case has.
+    """
+    path = cases / COMMITMENTS
+    document = read_json(path)
+    kept = document.get("cases") if isinstance(document, dict) else None
+    if not isinstance(kept, dict) or document.get("format") != FORMAT:
+        raise BadProof(f"{path}: not a list of commitments ({FORMAT}); conceal the cases again")
+    for name, both in kept.items():
+        if not _NAME.fullmatch(name) or not isinstance(both, dict):
+            raise BadProof(f"{path}: {name!r} is no commitment to a case; restore the file")
+    return document
+
+
+def write_json(path: Path, document: Any, *, is_new: bool = False) -> None:
+    """Write plain values as JSON, whole or not at all; with `is_new` never over a file that is there.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written, or must be new and is not.
+    """
+    with written_whole(path, is_new=is_new) as stream:
         stream.write((json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())

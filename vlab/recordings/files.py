@@ -46,7 +46,7 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
         Outside the folder, missing, unreadable, not an ordinary file, empty or larger than `MAX_BYTES`.
     """
     try:
-        real = Path(path).resolve() if folder is None else path_inside(path, folder)
+        real = Path(path).resolve() if folder is None else path_inside(path, folder, called=str(folder))
         status = real.stat()  # before opening: opening a pipe would wait for ever
         if stat.S_ISDIR(status.st_mode):
             raise refuse(path, "it is a folder", fix="name the file in it")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
+from vlab.recordings.bound import check_bound
 from vlab.recordings.files import PathLike, read_guarded, refuse
 from vlab.signals import Channel
 from vlab.text import one_line
@@ -184,7 +185,8 @@ def open_table(
     Raises
     ------
     BadRecording
-        The file is missing, outside the folder, too large, of unknown suffix, damaged, truncated or not numeric.
+        The file is missing, outside the folder, too large, of unknown suffix, damaged, truncated or not numeric; or it is the
+        recording of a run folder whose manifest states another hash.
     UnknownName
         One of `columns` is not in the file.
     """
@@ -194,6 +196,7 @@ def open_table(
             raise refuse(path, "there is no such file", fix="check the name and the folder")
         raise refuse(path, f"files of kind {suffix!r} are not read", fix=f"accepted: {', '.join(READERS)}")
     data = read_guarded(path, folder=folder)
+    check_bound(data, Path(path) if folder is None else Path(folder) / path)
     reader = importlib.import_module(READERS[suffix])
     try:
         table = cast(Table, reader.read(data, Path(path), names=names, columns=columns))

@@ -31,7 +31,7 @@ def write_proof(found: Mapping[str, Any], path: Path) -> None:
         first = "answered after their truth had been opened for other answers, and so no evidence"
     again = found.get("truths_made_again", ())
     remade = (
-        f" The truth of {len(again)} was made again from the seed of the plan, bit for bit with the recordings: its salts were lost."
+        f" The truth of {len(again)} was made again from the seed of the plan, and so were the recordings, bit for bit: its salts were lost."
         if again
         else ""
     )

@@ -64,7 +64,7 @@ def load_two(paths: Sequence[Path]) -> list[ShownRun]:
             raise BadRecording(
                 f"{path}: two runs are shown from their folders; give folders written by vlab experiment"
             )
-        structure = load_structure(settings.structure)
+        structure = load_structure(settings.inside(path).structure)
         motion = Motion.read(path / "run.rrd")
         out.append(ShownRun(name=name, recording=recording, settings=settings, structure=structure, motion=motion))
     return out

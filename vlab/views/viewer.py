@@ -31,7 +31,7 @@ def start_viewer(rrd: Path | None = None, *, port: int = PORT, quiet: bool = Fal
     OutputRefused
         It cannot be started.
     """
-    command = [sys.executable, "-m", "rerun", "--bind", HERE, "--port", str(port)]
+    command = [sys.executable, "-P", "-m", "rerun", "--bind", HERE, "--port", str(port)]
     command += [str(rrd)] if rrd is not None else ["--expect-data-soon"]
     said = subprocess.DEVNULL if quiet else None
     try:  # the viewer reports usage to its makers unless told not to

@@ -1,0 +1,198 @@
+"""How much the counts in an MJCF ask for, found before anything is built: copies of copies, points of grids, fields, samples.
+
+The principle of the limit is memory. Numbers are counted as they stand; elements that a count makes are taken as a dense matrix
+over them, which the laboratory forms, and as which MuJoCo's own time for copies grows. What memory is only reserved for (the
+arena of ``size``) is left to MuJoCo, which says so where there is none.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+from vlab.errors import BadStructure
+from vlab.text import one_line
+
+MOST_NUMBERS = 10_000**2
+"""Numbers of 8 bytes that the counts of a model may ask for, 800 MB; so up to 10 000 elements may be copies."""
+
+Parts = Callable[[Any], Iterable[Any]]
+"""Returns the root elements of the files that stand in the place of an element: of what it includes or attaches."""
+
+_MOST = math.isqrt(MOST_NUMBERS)
+_SECTIONS = ("tendon", "equality", "actuator", "sensor", "contact", "deformable")
+"""Elements whose children are copied with what they refer to."""
+_POINT = 4  # elements that a point of a flexcomp becomes: a body with three joints
+_KEY = 4  # numbers that a keyframe holds of an element, at most
+_FIELDS = {"nsample": 10, "actdim": 1, "dim": 1, "num": 17}
+"""Numbers behind one of what an actuator or a sensor counts: samples of the past, states, values, contacts."""
+_RAY = 8  # numbers that a rangefinder keeps of a pixel
+_PIXEL = 3  # numbers behind a pixel of the side of a texture: up to six sides of four bytes
+_VERTEX = 1000  # numbers behind a vertex of a mesh that MuJoCo makes: its faces, their normals, its hull
+_HUGE = 10**18
+
+
+def check_counts(root: Any, label: str, parts: Parts = lambda element: ()) -> None:
+    """Refuse a model whose counts ask for more than memory has.
+
+    Parameters
+    ----------
+    root : Element
+        Of the main file.
+    label : str
+        What the file is called in messages.
+    parts : callable
+        See `Parts`.
+
+    Raises
+    ------
+    BadStructure
+        In one line, with the element that asks for the most.
+    """
+    names: dict[str, int] = {}
+    known = None
+    while known != names:  # what refers to a copy is copied with it, and what refers to that
+        known = dict(names)
+        elements = list(_made(root, label, parts, names))
+        for element, times in elements:
+            name = element.get("name")
+            if times > 1 and name:
+                names[name] = max(times, names.get(name, 1))
+    defaults = _defaults(elements)
+    everything = sum(times * (1 + _own(element)) for element, times in elements)
+    fields = _user_fields(elements) + _KEY * _largest(elements, "size", "nkey")
+    asked = [(times * _numbers(element, defaults), element) for element, times in elements]
+    total = everything * fields + sum(numbers for numbers, _ in asked)
+    if total > MOST_NUMBERS:
+        most = max(asked, key=lambda pair: pair[0])
+        what = "fields of every element (nuser, user, nkey)" if everything * fields > most[0] else _spelled(most[1])
+        raise BadStructure(
+            f"{label}: the counts in the model ask for {_said(total)} numbers, most of them for {what}; accepted: up to "
+            f"{MOST_NUMBERS} (800 MB); make the counts smaller"
+        )
+
+
+def _made(root: Any, label: str, parts: Parts, names: Mapping[str, int]) -> Iterator[tuple[Any, int]]:
+    """Yield every element with how often it is made; files that are included or attached stand in their places.
+
+    Raises
+    ------
+    BadStructure
+        There are more copies than a dense matrix over them may have rows.
+    """
+    copies, largest, what = 0, 0, ""
+    included: set[int] = set()
+    stack: list[tuple[Any, int, bool]] = [(root, 1, False)]
+    while stack:
+        element, times, is_copy = stack.pop()
+        inside = times * (_product(element.get("count")) if element.tag == "replicate" else 1)
+        copies += times * _own(element) + (times if is_copy or times > 1 else 0)
+        if max(inside, times * _own(element)) > largest:
+            largest, what = max(inside, times * _own(element)), _spelled(element)
+        if copies > _MOST:
+            raise BadStructure(
+                f"{label}: the counts in the model make more than {_MOST} elements, most of them in {what}; accepted: up to "
+                f"{_MOST} copies in all, nested counts multiplied; make the counts smaller"
+            )
+        yield element, times
+        for child in element:
+            stack.append((child, inside * _with_what_it_names(element, child, names), is_copy))
+        for part in parts(element):
+            if element.tag == "include":
+                if id(part) in included:  # MuJoCo refuses a file that is included twice
+                    continue
+                included.add(id(part))
+            stack += [(child, inside, is_copy or element.tag != "include") for child in part]
+
+
+def _with_what_it_names(section: Any, child: Any, names: Mapping[str, int]) -> int:
+    if section.tag not in _SECTIONS or not names:
+        return 1
+    return max(names.get(value, 1) for part in child.iter() for value in ("", *part.attrib.values()))
+
+
+def _own(element: Any) -> int:
+    """Return how many elements one makes by itself: points of a grid, cells of its interpolation."""
+    if element.tag not in ("flexcomp", "composite"):
+        return 0
+    points = _POINT * _product(element.get("count")) if element.get("count") else 0
+    nodes = 2 if element.get("dof", "").startswith("quad") else 1  # of a cell, along each side
+    cells = math.prod(nodes * n + 1 for n in _whole(element.get("cellcount"))) if element.get("cellcount") else 0
+    return points + _POINT * cells
+
+
+def _numbers(element: Any, defaults: Mapping[str, int]) -> int:
+    """Return how many numbers the counts of one element ask for."""
+
+    def of(key: str) -> int:
+        return _product(element.get(key)) if element.get(key) else defaults.get(key, 0)
+
+    out = sum(weight * of(key) for key, weight in _FIELDS.items() if element.get(key) or key in defaults)
+    match element.tag:
+        case "size":
+            out += of("nuserdata")
+        case "hfield":
+            out += of("nrow") * of("ncol")
+        case "texture":
+            out += _PIXEL * of("width") * max(of("width"), of("height"))
+        case "mesh" if element.get("builtin"):
+            sides = _whole(element.get("params"))[:2]
+            out += _VERTEX * (sides[0] * max(sides) if sides else 0)
+        case "rangefinder" if element.get("camera"):
+            out += _RAY * defaults.get("resolution", 0)
+        case "config":
+            out += _product(element.get("value")) if len(_whole(element.get("value"))) > 1 else 0
+    return out
+
+
+def _defaults(elements: Iterable[tuple[Any, int]]) -> dict[str, int]:
+    """Return the largest values that elements may have without saying so: of defaults, and of the cameras of rangefinders."""
+    out: dict[str, int] = {}
+    for element, _ in elements:
+        if element.tag == "default":
+            for child in element:
+                for key in ("width", "height", "nsample", "actdim"):
+                    if child.tag != "default" and child.get(key):
+                        out[key] = max(out.get(key, 0), _product(child.get(key)))
+        if element.tag == "camera" and element.get("resolution"):
+            out["resolution"] = max(out.get("resolution", 0), _product(element.get("resolution")))
+    return out
+
+
+def _user_fields(elements: Iterable[tuple[Any, int]]) -> int:
+    """Return how many fields of the user an element may have: every one of a kind has as many as any."""
+    stated = [
+        _product(v) for e, _ in elements if e.tag == "size" for k, v in e.attrib.items() if k.startswith("nuser_")
+    ]
+    return max([*stated, *(len(e.get("user").split()) for e, _ in elements if e.get("user"))], default=0)
+
+
+def _largest(elements: Iterable[tuple[Any, int]], tag: str, key: str) -> int:
+    return max((_product(e.get(key)) for e, _ in elements if e.tag == tag and e.get(key)), default=0)
+
+
+def _whole(text: str | None) -> list[int]:
+    """Return the numbers from 1 in a text, as whole ones; others make nothing."""
+    numbers = [_number(token) for token in (text or "").split()]
+    return [int(min(number, _HUGE)) for number in numbers if number >= 1]
+
+
+def _number(token: str) -> float:
+    for read in (float, float.fromhex):  # MuJoCo's numbers may have an exponent, or be of base 16
+        try:
+            return read(token)
+        except (ValueError, OverflowError):
+            continue
+    return 0.0
+
+
+def _product(text: str | None) -> int:
+    return math.prod(_whole(text))
+
+
+def _spelled(element: Any) -> str:
+    said = " ".join(f"{key}={value!r}" for key, value in element.attrib.items())
+    return one_line(f"<{element.tag} {said}".strip() + ">", longest=120)
+
+
+def _said(count: int) -> str:
+    return str(count) if count < _HUGE else "1e18 or more"

@@ -1,0 +1,236 @@
+"""What a user's MJCF may hold, looked at before MuJoCo reads it: files of its own folder, finite numbers, sane counts.
+
+The file is untrusted, and so is every file that it includes or attaches. MuJoCo opens absolute paths and follows links, and a
+directory for assets that any of the files names counts for all of them. So every name is looked up at all places where MuJoCo
+may look, and none of them may lie elsewhere.
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+from vlab.errors import BadStructure
+from vlab.inside import NotInside, path_inside
+from vlab.plants.mjcf_counts import MOST_NUMBERS, check_counts
+from vlab.text import one_line
+
+MAX_BYTES = 50 * 1024**2
+"""Largest MJCF file that is read [bytes]; meshes are files of their own."""
+MOST_PLACES = 100_000
+"""Places where the files of a model are looked for, its names times its directories; real models have some hundred."""
+
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
+_XML_FILES = ("include", "model")
+
+
+def check_text(text: str, label: str) -> None:
+    """Check a model that is given as text and may refer to no files.
+
+    Raises
+    ------
+    BadStructure
+        What a model must not hold, in one line.
+    """
+    model = _Model(folder=None)
+    model.add(None, text, label)
+    check_counts(model.roots[None], label)
+
+
+def check_file(path: Path, label: str) -> None:
+    """Check a model file and all that it includes and attaches, everything inside its folder.
+
+    Parameters
+    ----------
+    path : Path
+        Absolute, links followed.
+    label : str
+        What the file is called in messages.
+
+    Raises
+    ------
+    BadStructure
+        What a model must not hold, in one line.
+    """
+    model = _Model(folder=path.parent)
+    model.read(path, label)
+    model.follow()
+    model.check_files()
+    model.check_attached()
+    check_counts(model.roots[path], label, model.parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Reference:
+    """A file that a model file names: where, in which element, and what the element is called."""
+
+    source: Path
+    label: str
+    tag: str
+    value: str
+    name: str | None
+
+
+@dataclass(kw_only=True)
+class _Model:
+    """A model as its files spell it.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Everything lies inside; None for a model that refers to no files.
+    """
+
+    folder: Path | None
+    roots: dict[Path | None, Any] = field(default_factory=dict)
+    references: list[_Reference] = field(default_factory=list)
+    directories: set[str] = field(default_factory=lambda: {""})
+    _parts: dict[tuple[str, str | None], list[Any]] = field(default_factory=dict)
+
+    def read(self, path: Path, label: str) -> None:
+        """Read a file of the model."""
+        if not path.is_file():
+            raise BadStructure(f"{label}: there is no such model file; check the name and the folder")
+        if path.stat().st_size > MAX_BYTES:
+            raise BadStructure(f"{label}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are read")
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadStructure(f"{label}: cannot be read as a text file: {one_line(error)}") from error
+        self.add(path, text, label)
+
+    def add(self, path: Path | None, text: str, label: str) -> None:
+        """Take up the text of a file, and refuse what no element may say."""
+        root = self.roots[path] = _parse(text, label)
+        for element in root.iter():
+            if "}" in element.tag:
+                raise BadStructure(f"{label}: <{one_line(element.tag)}> has a namespace; MJCF has none, remove it")
+            for key, value in element.attrib.items():
+                where = f"{label}: <{one_line(element.tag)} {one_line(key)}={one_line(value)!r}>"
+                if {token.strip("+-").lower() for token in value.split()} & {"nan", "inf", "infinity"}:
+                    raise BadStructure(f"{where}: numbers must be finite")
+                if not (key.startswith("file") or key in _DIRECTORIES):
+                    continue
+                if path is None:
+                    raise BadStructure(f"{where}: a model given as text cannot refer to files; write it into a folder")
+                if _leaves(value):
+                    raise BadStructure(
+                        f"{where}: the path is absolute or leaves the model's folder; copy the file into it"
+                    )
+                if key in _DIRECTORIES:
+                    self.directories.add(value)
+                else:
+                    name = element.get("name")
+                    self.references.append(
+                        _Reference(source=path, label=label, tag=element.tag, value=value, name=name)
+                    )
+
+    def follow(self) -> None:
+        """Read what the files include and attach, until nothing new comes up."""
+        known = 0
+        while known != len(self.roots):  # a directory that one file names counts for the names in all
+            known = len(self.roots)
+            self._check_places()
+            for reference in [r for r in self.references if r.tag in _XML_FILES]:
+                for path in self.found(reference):
+                    if path not in self.roots:
+                        self.read(path, one_line(reference.value))
+
+    def _check_places(self) -> None:
+        names = {(r.tag, r.value) for r in self.references}
+        places = len(names) * len(self._folders())
+        if places > MOST_PLACES:
+            raise BadStructure(
+                f"{self.references[0].label}: the model names {len(names)} files that may lie in {len(self._folders())} "
+                f"folders; accepted: up to {MOST_PLACES} places to look at"
+            )
+
+    def _folders(self) -> set[Path]:
+        return {path.parent / directory for path in self.roots if path is not None for directory in self.directories}
+
+    def found(self, reference: _Reference) -> Iterator[Path]:
+        """Yield the files that a reference may mean, wherever MuJoCo may look; ``strippath`` takes the folders off a name.
+
+        Raises
+        ------
+        BadStructure
+            A link leads out of the folder, or there is a device or a pipe.
+        """
+        assert self.folder is not None
+        names = {reference.value, PureWindowsPath(reference.value).name}
+        for place in (folder / name for folder in self._folders() for name in names):
+            where = f"{reference.label}: <{one_line(reference.tag)} file={one_line(reference.value)!r}>"
+            try:
+                real = path_inside(place, self.folder)
+            except NotInside as error:
+                raise BadStructure(
+                    f"{where}: a link that leaves the model's folder, or no name of a file ({error}); copy the file"
+                ) from error
+            if real.is_file():
+                yield real
+            elif real.exists() and not real.is_dir():
+                raise BadStructure(f"{where}: it is a device or a pipe; name a file")
+
+    def check_files(self) -> None:
+        """Refuse files that lie elsewhere, and pictures that unpack to more than memory has."""
+        for reference in {(r.tag, r.value): r for r in self.references}.values():
+            for path in self.found(reference):
+                if _png_numbers(path) > MOST_NUMBERS:
+                    raise BadStructure(
+                        f"{reference.label}: the picture {one_line(reference.value)!r} unpacks to {_png_numbers(path)} "
+                        f"numbers; accepted: up to {MOST_NUMBERS}; make it smaller"
+                    )
+
+    def check_attached(self) -> None:
+        """Refuse a model that attaches itself: MuJoCo would read it for ever."""
+        after = {path: {f for r in self._models(path) for f in self.found(r)} for path in self.roots}
+        ends: set[Path | None] = {None}
+        while ends:
+            ends = {path for path, files in after.items() if not files & after.keys()}
+            after = {path: files for path, files in after.items() if path not in ends}
+        if after:
+            names = ", ".join(sorted(one_line(path.name) for path in after if path is not None))
+            raise BadStructure(f"{names}: the model attaches itself; take its <model> out of its own file")
+
+    def parts(self, element: Any) -> Iterable[Any]:
+        """Return the roots of the files that stand in the place of an element; see `vlab.plants.mjcf_counts.Parts`."""
+        if element.tag not in ("include", "attach"):
+            return ()
+        key = (element.tag, element.get("file" if element.tag == "include" else "model"))
+        if key not in self._parts:
+            wanted = [r for r in self.references if r.tag == "include" and r.value == key[1]]
+            if element.tag == "attach":
+                models = [r for r in self.references if r.tag == "model"]
+                wanted = [r for r in models if r.name == key[1]] or models
+            self._parts[key] = [self.roots[path] for path in {path for r in wanted for path in self.found(r)}]
+        return self._parts[key]
+
+    def _models(self, path: Path | None) -> list[_Reference]:
+        return [r for r in self.references if r.source == path and r.tag == "model"]
+
+
+def _parse(text: str, label: str) -> Any:
+    if "<!DOCTYPE" in text.upper() or "<!ENTITY" in text.upper():
+        raise BadStructure(f"{label}: the XML declares a document type or entities; MJCF needs neither, remove them")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise BadStructure(f"{label}: malformed XML: {one_line(error)}") from error
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        raise BadStructure(f"{label}: the root element is <{one_line(root.tag)}>; an MJCF file starts with <mujoco>")
+    return root
+
+
+def _leaves(value: str) -> bool:
+    windows, posix = PureWindowsPath(value), PurePosixPath(value)
+    return bool(posix.is_absolute() or windows.drive or windows.root or ".." in windows.parts or value.startswith("~"))
+
+
+def _png_numbers(path: Path) -> int:
+    """Return how many numbers a PNG unpacks to, as its head says; 0 for any other file."""
+    with open(path, "rb") as stream:
+        head = stream.read(24)
+    if not head.startswith(b"\x89PNG"):
+        return 0
+    return int.from_bytes(head[16:20], "big") * int.from_bytes(head[20:24], "big") // 2
