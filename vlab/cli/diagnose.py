@@ -1,7 +1,6 @@
 """``vlab diagnose``."""
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 from vlab.cases import load_case
@@ -9,7 +8,6 @@ from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.user_law import code_of
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.diagnose.distance import Distance
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
 from vlab.errors import BadExperiment
@@ -82,9 +80,9 @@ def _text(diagnosis: Diagnosis) -> str:
         if diagnosis.is_held_out and not finding.verified_by:
             lines.append("  of the fit alone: no recording kept aside can verify it")
         lines.append("")
-    lines.append(_errors(diagnosis.heldout, diagnosis.checked))
     if diagnosis.attempt is not None:
-        lines += ["", *_attempt(diagnosis.attempt)]
+        lines += _attempt(diagnosis.attempt)
+    lines.append(_errors(diagnosis))
     if diagnosis.alternatives:
         lines += ["", *_alternatives(diagnosis)]
     lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]
@@ -104,19 +102,21 @@ def _values(finding: Finding) -> list[str]:
     return lines
 
 
-def _errors(errors: dict[str, Any], checked: Sequence[Distance]) -> str:
+def _errors(diagnosis: Diagnosis) -> str:
     """Return the table of errors of the models."""
+    attempt = diagnosis.attempt
+    errors, after = (diagnosis.heldout, "amended") if attempt is None else (attempt.to_json(), "best attempt")
     rows = [_row(r["name"], r["role"], r) for r in errors["per_recording"]] + [_row("all", "", errors)]
-    before = before_heading(checked)
-    return text_table(["recording", "role", "as given", before, "amended", "noise", "gap closed %"], rows)
+    before = before_heading(diagnosis.checked)
+    return text_table(["recording", "role", "as given", before, after, "noise", "gap closed %"], rows)
 
 
 def _attempt(attempt: Attempt) -> list[str]:
-    """Return what the best attempt is, and what it leaves."""
+    """Return what the best attempt is, a line each."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
         lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
-    return [*lines, _errors(attempt.to_json(), attempt.checked)]
+    return [*lines, ""]
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[str]:

@@ -112,11 +112,11 @@ def idle(checked: Sequence[Distance]) -> tuple[str, ...]:
         names = [c.name for c in held if c.parts[i].is_idle]
         if names:
             rest = (
-                "which cannot verify it"
+                "cannot verify it"
                 if len(names) < len(held)
-                else "and no other recording is kept aside: it is of the fit alone"
+                else "cannot verify it, and no other is kept aside: it is of the fit alone"
             )
-            out.append(f"{part.name} does nothing that noise does not hide in {', '.join(names)}, {rest}")
+            out.append(f"nothing of {part.name} shows beside the noise in {', '.join(names)}, which {rest}")
     return tuple(out)
 
 

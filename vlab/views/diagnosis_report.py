@@ -257,15 +257,16 @@ def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
 
 def _forces(done: Diagnosed) -> Section:
     figures = []
-    attempt = (
-        "The best force law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name.",
-    )
+    attempt = done.diagnosis.attempt
+    text = "The best force law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name."
+    if attempt is not None and attempt.is_of_the_fit_alone:
+        text = "The force law of the fit alone, in colour, which no recording kept aside verifies; the force itself, in grey."
     for term in _drawn_terms(done):
         found = missing_force(done, term)
         values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
         drawing = force_figure(found.curves, found.label, series=found.series)
         figures.append((to_svg(drawing), f"{found.words} Law: {term.effect.law}; {values}. Below: a stretch in time."))
-    return Section(title="The missing force", text=() if done.diagnosis.findings else attempt, figures=figures)
+    return Section(title="The missing force", text=() if done.diagnosis.findings else (text,), figures=figures)
 
 
 def _errors(done: Done) -> Section:
@@ -350,14 +351,15 @@ def _mismatch(done: Diagnosed) -> Section:
         text.append(f"Other frequencies, not shown: {', '.join(sorted(others))}.")
     low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     edges = np.geomspace(low, high, BANDS + 1).tolist()
-    what = f"{before_heading(done.diagnosis.checked)} model"
+    is_spoilt = any(c.is_spoilt for c in done.diagnosis.checked)
+    what = "the model, as given or refitted," if is_spoilt else "the refitted model"
     parts = [
         (r, n, misfit(r.measured, r.standing, n, band_edges_hz=edges)) for r, n, _ in found if r.standing is not None
     ]
     figures = [
         (
             _picture(parts, edges, what),
-            f"What the {what} leaves over, without any hypothesis: by frequency band and over time.",
+            f"What {what} leaves over, without any hypothesis: by frequency band and over time.",
         )
     ]
     if done.diagnosis.findings:

@@ -1,0 +1,347 @@
+"""The gap counts from the better of two models, a finding is verified where it does something, and attempts are kept."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rig_folder import Rig
+from rig_stop import GAP, STOP, stop_case
+
+from vlab.cases import load_case
+from vlab.cli.diagnose import _text
+from vlab.diagnose.attempt import MOST_ATTEMPTS, best_attempt
+from vlab.diagnose.choose import ALIKE, LAPSE, choose
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
+from vlab.diagnose.distance import Distance, Part, whole_gap
+from vlab.diagnose.engine import diagnose
+from vlab.diagnose.findings import alternatives, by_what_they_explain
+from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, told_apart
+from vlab.diagnose.settle import Settling
+from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.verdict import closes, verdict_on
+from vlab.diagnose.verify import Amended, Removed, check
+from vlab.diagnose.words import probability_in_words, spoilt
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import EFFECTS
+
+
+def distance(*, nominal=0.5, refitted=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
+    """How far three models are from one recording, as `check` has it."""
+    before = min(nominal, refitted)
+    return Distance(
+        name=name, role=role, nominal=nominal, before=before, after=after, noise=noise, refitted=refitted,
+        channels={"y": (nominal, before, after, noise)}, **others,
+    )  # fmt: skip
+
+
+def part(told, left=0.4, name="stop at joint:a"):
+    return Part(name=name, left=left, told=told)
+
+
+NONE = np.zeros(0)
+
+
+def fit_of(*terms, cost=1.0, **sd):
+    return Fit(terms=terms, theta=NONE, offsets=NONE, starts={}, error=NONE, chi2=cost, cost=cost, sd=sd)
+
+
+def finding(effect="stop", place="joint:a", **values):
+    return Finding(
+        effect=effect, form=effect, family="contact", place=place, places_90=(place,), probability=0.96, alike=(effect,),
+        parameters={k: {"value": v, "unit": "N", "ci90": [v, v]} for k, v in values.items()}, law="F", words="w",
+    )  # fmt: skip
+
+
+# ---- the better of the model as given and the refitted one ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory) -> tuple[Rig, Amended, list]:
+    """The case whose hold-out does not reach the stop, its model as given, and its runs by role."""
+    rig = stop_case(tmp_path_factory.mktemp("stop") / "quiet")
+    case = load_case(rig.folder)
+    return rig, Amended(plant=case.plant), list(case.runs(("fit", "holdout")))
+
+
+def with_stop(model, rig):
+    one = Attached(effect=EFFECTS[rig.effect], place=rig.place, values=rig.parameters)
+    return Amended(plant=attach(model.plant, [one], channels=[]))
+
+
+def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet):
+    rig, nominal, runs = quiet
+    worse = with_stop(nominal, replace(rig, parameters={"stiffness": STOP, "gap": 0.002}))  # a refit that went wrong
+    (second,) = check(runs[1:], worse, with_stop(nominal, rig), nominal=nominal)
+    assert second.refitted > 2 * second.nominal == 2 * second.before
+    assert second.is_spoilt
+    assert second.standing is second.simulated[0]
+    assert {name: errors[1] for name, errors in second.channels.items()} == {
+        name: errors[0] for name, errors in second.channels.items()
+    }
+    unamended = second.unamended()
+    assert unamended.after == second.nominal
+    assert unamended.amended is None
+    (good,) = check(runs[1:], nominal, None, nominal=worse)
+    assert not good.is_spoilt
+    assert good.before == good.refitted == good.after
+
+
+@pytest.mark.parametrize(("nominal", "refitted"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
+def test_before_is_never_worse_than_nominal(nominal, refitted):
+    document = errors_to_json([distance(nominal=nominal, refitted=refitted), distance(nominal=0.3, refitted=0.2)])
+    for errors in (document, *document["per_recording"]):
+        assert errors["nrmse_nominal"] is None or errors["nrmse_before"] <= errors["nrmse_nominal"]
+    assert document["per_recording"][0]["nrmse_before"] == min(nominal, refitted)
+    json.dumps(document, allow_nan=False)
+
+
+def test_that_a_refit_spoils_recordings_is_said_once():
+    runs = [
+        distance(nominal=0.0072, refitted=0.953, name="r1"),
+        distance(nominal=0.1, refitted=np.inf, name="r2"),
+        distance(name="r3"),
+        distance(nominal=0.1, refitted=0.1005, name="r4"),  # no more than fits converge to
+    ]
+    (line,) = spoilt(runs)
+    assert "r1 (error 0.953, as given 0.0072)" in line
+    assert "r2" in line
+    assert "r3" not in line
+    assert "r4" not in line
+    assert spoilt(runs[2:]) == ()
+
+
+# ---- what a finding does in a recording -----------------------------------------------------------------------------
+
+
+def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
+    rig, nominal, runs = quiet
+    removed = Removed(names=("stop",), models=(nominal,))
+    loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, removed=removed)
+    assert (aside.parts[0].told, aside.is_idle, aside.gap_closed) == (0.0, True, None)
+    assert loud.parts[0].told > 10 * ALIKE
+    assert not loud.is_idle
+    assert whole_gap([aside]) is None
+    assert whole_gap([loud, aside]) == loud.gap_closed
+    assert loud.bare == loud.parts[0].left == loud.nominal
+
+
+def test_two_models_are_told_apart_by_all_samples_of_noise_and_by_few_of_a_models_own_error():
+    n = 10_000
+    assert told_apart(0.1, 1.0, 1.0, n) == pytest.approx(0.5 * n * 0.01, rel=0.01)  # half the ratio of energies
+    assert told_apart(0.0, 1.0, 1.0, n) == 0.0
+    assert told_apart(1.0, 100.0, 1.0, n) < ALIKE  # a hundredth of what no model explains
+    assert told_apart(100.0, 100.0, 1.0, n) == pytest.approx(0.5 * WORTH * np.log(2.0), rel=0.01)
+
+
+def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
+    """The stop is grazed: of what is better with it its removal takes away a tenth."""
+    grazed = distance(nominal=0.072, refitted=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
+    assert grazed.gap_closed > 0.8
+    assert not closes([grazed], is_structure=False)
+    assert closes([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
+
+
+def verdict(checked, fitted):
+    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_of_priors=False)
+    seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
+    return verdict_on(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
+
+
+def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
+    fitted = [distance(role="fit", after=0.011)]
+    idle = distance(nominal=0.0072, refitted=0.95, after=0.005, noise=0.0046, bare=0.005, parts=(part(0.0, 0.005),))
+    near = replace(
+        idle, nominal=0.006, before=0.006
+    )  # within one and a half times the noise: nothing else would be said
+    assert verdict([idle], fitted) == verdict([near], fitted) == "none-of-these"
+    assert (
+        verdict([near], [distance(role="fit", after=0.39)]) == "nothing-missing"
+    )  # the fit does not ask for it, either
+    told = distance(bare=0.5, parts=(part(500.0, 0.5),))
+    assert verdict([told, idle], fitted) == "missing-physics"  # the other one can
+    assert verdict([told], fitted) == "missing-physics"
+
+
+def test_a_finding_names_the_recordings_that_verify_it_and_the_largest_comes_first():
+    small, large = finding("coulomb-friction"), finding("stop")
+    loud = distance(parts=(part(90.0, 0.021), part(900.0, 0.4)), name="loud")
+    quiet = distance(parts=(part(90.0, 0.021), part(0.0, 0.02)), name="quiet")
+    first, second = by_what_they_explain([small, large], [loud, quiet])
+    assert (first.effect, first.verified_by) == ("stop", ("loud",))
+    assert (second.effect, second.verified_by) == ("coulomb-friction", ("loud", "quiet"))
+
+
+# ---- attempts -------------------------------------------------------------------------------------------------------
+
+
+def attempt(*runs, found=None):
+    return Attempt(findings=(found or finding(stiffness=4.0),), checked=runs, fit=fit_of())
+
+
+def test_a_fit_that_ran_away_is_no_attempt():
+    assert attempt(distance(after=0.2)).holds
+    assert not attempt(distance(after=0.41)).holds  # worse than before
+    assert not attempt(distance(after=np.inf)).holds
+    assert not attempt(distance(nominal=68.0, refitted=68.0, after=66.0)).holds
+    idle = distance(nominal=0.02, after=0.03, parts=(part(0.0),))
+    assert attempt(idle).holds  # it is the refit that is worse there
+    assert attempt(idle).is_of_the_fit_alone
+    assert not attempt(idle, distance(after=0.41)).holds
+
+
+def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
+    ran, good, better = (attempt(distance(after=after)) for after in (np.inf, 0.3, 0.1))
+    assert best_attempt(good, iter([better])) is good
+    assert best_attempt(ran, iter([ran, good, better])) is good
+    assert best_attempt(replace(good, findings=()), iter([ran, better])) is better
+    assert best_attempt(ran, iter([ran] * MOST_ATTEMPTS + [good])) is None
+
+
+def keys(document):
+    """All keys of a document, wherever they stand."""
+    if isinstance(document, dict):
+        return {*document, *(key for value in document.values() for key in keys(value))}
+    return {key for value in document for key in keys(value)} if isinstance(document, list) else set()
+
+
+def diagnosis(verdict, **others):
+    return Diagnosis(
+        title="t", verdict=verdict, mismatch={}, not_excluded=("x",), next_measurement="y",
+        **{"findings": (), "alternatives": (), "checked": (distance(after=0.4),), **others},
+    )  # fmt: skip
+
+
+def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
+    two = Attempt(
+        findings=(finding(stiffness=4.0), finding("coulomb-friction", "joint:b", force=0.2)),
+        checked=(distance(after=0.21),),
+        fit=fit_of(),
+    )
+    choice = choose(Found(before=hypothesis(9.0), hypotheses=(hypothesis(3.0, "added-mass"),)))
+    tried = alternatives(choice, SimpleNamespace(case=SimpleNamespace(structure=1), places=()), "none-of-these", 9.0)
+    shown = diagnosis("none-of-these", attempt=two, alternatives=tried)
+    document = json.loads(json.dumps(shown.to_json(), allow_nan=False))["attempt"]
+    assert "probability" not in keys(document)
+    assert (document["effect"], document["family"], document["place"]) == ("stop", "contact", "joint:a")
+    assert document["parameters"]["stiffness"]["value"] == 4.0
+    assert [f["effect"] for f in document["also"]] == ["coulomb-friction"]
+    assert document["nrmse_after"] == 0.21
+    assert document["gap_closed"] == document["per_recording"][0]["gap_closed"] == pytest.approx(0.19 / 0.39)
+    assert [a["probability"] for a in shown.to_json()["alternatives"]] == [None] * len(tried)
+    assert tried[0]["remaining_share"] == pytest.approx(1 / 3)
+    text = _text(shown)
+    for words in (
+        "Best attempt, not a finding: stop at joint:a + coulomb-friction at joint:b",
+        "49 %",
+        "0.21",
+        "force = 0.2",
+    ):
+        assert words in text
+    assert "probability" not in text
+    assert diagnosis("nothing-missing").to_json()["attempt"] is None
+
+
+# ---- probabilities --------------------------------------------------------------------------------------------------
+
+
+def hypothesis(level, *names, worth=WORTH):
+    terms = tuple(Term(effect=EFFECTS[n], place=SimpleNamespace(name="joint:a", index=0), values={}) for n in names)
+    return Hypothesis(fit=fit_of(*terms), level=level, misfit=float(np.log(level)), price=0.0, worth=worth)
+
+
+def test_probabilities_of_what_was_tried_leave_room_for_what_was_not():
+    found = Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(1.02, "stop")))
+    choice = choose(found)
+    assert choice.probability + sum(p for _, p in choice.ranking) == pytest.approx(1.0 - LAPSE)
+
+
+def test_probabilities_are_printed_as_far_as_they_are_told():
+    assert [probability_in_words(p) for p in (0.96, 0.0123, 6.6e-46)] == ["0.960", "0.012", "< 0.001"]
+    choice = choose(Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(8.0, "stop"))))
+    problem = SimpleNamespace(case=SimpleNamespace(structure=None), places=())
+    tried = alternatives(choice, problem, "missing-physics", 9.0)
+    assert 0 < tried[0]["probability"] < 1e-6
+    text = _text(diagnosis("missing-physics", findings=(finding(stiffness=4.0),), alternatives=tried))
+    assert "< 0.001" in text
+    assert text.count("4 % of every probability is reserved for physics outside the catalogue") == 1
+
+
+# ---- a law at values where it is a plainer one ----------------------------------------------------------------------
+
+
+class Whole:
+    """Fits whose costs are looked up by their effects' names."""
+
+    worth, noise_share, runs = 1000.0, 0.0, (SimpleNamespace(y=np.zeros(100)),)
+
+    def __init__(self, **costs):
+        self.costs = costs
+
+    def fit(self, terms, start, iterations):
+        (term,) = terms
+        return fit_of(term, cost=self.costs[term.effect.name.replace("-", "_")])
+
+
+STRIBECK = {"force": 0.6, "excess": 0.2, "speed": 1e-5}
+
+
+@pytest.mark.parametrize(
+    ("values", "coulomb", "left"),
+    [
+        ({**STRIBECK, "excess": 1e-35}, 100.0, "coulomb-friction"),  # a part is nothing
+        (STRIBECK, 100.2, "coulomb-friction"),  # over before a sample has passed
+        ({**STRIBECK, "speed": 0.1}, 150.0, "stribeck-friction"),
+    ],
+)
+def test_a_law_at_values_where_it_is_a_plainer_one_gives_way_to_it(values, coulomb, left):
+    place = SimpleNamespace(name="joint:a", is_held=True, also=())
+    own = fit_of(Term(effect=EFFECTS["stribeck-friction"], place=place, values=values), cost=100.0)
+    best = Hypothesis(fit=own, level=1.0, misfit=0.0, price=0.0)
+    known = fit_of(Term(effect=EFFECTS["coulomb-friction"], place=place, values={"force": 0.1}), cost=300.0)
+    fitted_worse = Hypothesis(fit=known, level=2.0, misfit=0.7, price=0.0)
+    settling = Settling(
+        problem=None, whole=Whole(coulomb_friction=coulomb), start=own, seen=None, effects=list(EFFECTS.values()),
+        is_linear=True,
+    )  # fmt: skip
+    found = SearchFound(before=hypothesis(9.0), hypotheses=(best, fitted_worse))
+    after = settling._simpler(found, best, own)
+    assert after.hypotheses[0].terms[0].effect.name == left
+    assert [h.label for h in after.hypotheses].count("coulomb-friction@joint:a") == 1
+    assert after.hypotheses[0].level == pytest.approx(1.0, rel=0.01)
+
+
+class SearchFound(Found):
+    """What a search found, without what it was found with."""
+
+
+def test_a_plainer_law_has_some_of_the_parameters_in_the_same_units():
+    place = SimpleNamespace(name="joint:a")
+    lugre = {"force": 0.6, "bristle": 1e-4, "excess": 0.5, "speed": 0.1}
+    terms = fit_of(Term(effect=EFFECTS["lugre-friction"], place=place, values=lugre)).nested(list(EFFECTS.values()))
+    assert [t.effect.name for (t,) in terms] == ["coulomb-friction"]  # not Stribeck's, whose excess is a force
+    assert terms[0][0].values == {"force": 0.6}
+
+
+# ---- the whole way --------------------------------------------------------------------------------------------------
+
+
+def test_a_stop_that_the_hold_out_does_not_reach_is_named_from_the_fit_alone(quiet):
+    rig, _, _ = quiet
+    found = diagnose(load_case(rig.folder), effects=[EFFECTS[n] for n in ("one-sided-stiffness", "added-mass")])
+    document = found.diagnosis.to_json()
+    assert document["verdict"] == "none-of-these"
+    assert not document["findings"]
+    held = document["heldout"]
+    assert held["nrmse_refitted"] > 5 * held["nrmse_nominal"]
+    assert held["nrmse_before"] == held["nrmse_nominal"]
+    assert held["gap_closed"] is None
+    assert not held["verified"]
+    tried = document["attempt"]
+    assert (tried["effect"], tried["place"], tried["verified_by"]) == (rig.effect, rig.place, [])
+    assert tried["parameters"]["stiffness"]["value"] == pytest.approx(STOP, rel=0.1)
+    assert tried["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.05)
+    assert tried["per_recording"][0]["can_verify"] is False
+    assert any("of the fit alone" in note for note in document["notes"])
+    assert "nothing is verified" in _text(found.diagnosis)
