@@ -14,8 +14,9 @@ LAWS = [path.stem for path in (ROOT / "controllers").glob("*.py")]
 
 
 def python(folder: Path, *words: str, path: Path = ROOT) -> "subprocess.CompletedProcess[str]":
-    """Run Python in a folder, with vlab on the path."""
+    """Run Python in a folder, with vlab on the path, as a shell does: without what a command called in this process has set."""
     environment = {**os.environ, "PYTHONPATH": str(path)}
+    environment.pop("PYTHONSAFEPATH", None)
     return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
 
 
