@@ -211,11 +211,11 @@ _INERTIA, _WEIGHT, _VISCOUS = 0.004 + 0.5 * 0.4**2, 0.5 * 9.81 * 0.4, 0.03
 """About the pivot [kg m2], at a right angle [N m], of the pivot [N m s/rad]."""
 
 
-def pendulum_response(inertia: float, viscous: float, torque: Callable[[float], float], time: np.ndarray) -> np.ndarray:
-    """Return the angle (n,) of a driven pendulum from rest."""
+def pendulum_response(heavier: float, viscous: float, torque: Callable[[float], float], time: np.ndarray) -> np.ndarray:
+    """Return the angle (n,) from rest of a driven pendulum whose mass is a multiple of the model's, with its inertia."""
 
     def rate(t, x):
-        return [x[1], (torque(t) - _WEIGHT * np.sin(x[0]) - viscous * x[1]) / inertia]
+        return [x[1], (torque(t) - heavier * _WEIGHT * np.sin(x[0]) - viscous * x[1]) / (heavier * _INERTIA)]
 
     return solve_ivp(rate, (0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-9, atol=1e-11).y[0]
 
@@ -229,9 +229,9 @@ def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
     time = np.arange(int(DURATION * RATE)) / RATE
     records = []
     if rig == "pendulum":
-        inertia, viscous = _INERTIA * (1 + 0.01 * rng.standard_normal()), _VISCOUS * (1 + 0.1 * rng.standard_normal())
+        heavier, viscous = 1 + 0.01 * rng.standard_normal(), _VISCOUS * (1 + 0.1 * rng.standard_normal())
         drive = Channel(column="u", at="motor", kind="moment", unit="N m", is_input=True, hold="linear")
-        outputs, kind, unit, uncertain = ["angle"], "angle", "rad", {"inertia": 0.03, "damping": 0.3, "gain": 0.02}
+        outputs, kind, unit, uncertain = ["angle"], "angle", "rad", {"mass": 0.03, "damping": 0.3, "gain": 0.02}
         mjcf, values = PENDULUM, {}
     else:
         chain = CHAINS[rig]
@@ -252,7 +252,7 @@ def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
             def torque(t, sine=sine):
                 return sine(t) * np.minimum(t / 0.5, 1.0)
 
-            force, motion = torque(time), pendulum_response(inertia, viscous, torque, time)[:, None]
+            force, motion = torque(time), pendulum_response(heavier, viscous, torque, time)[:, None]
         else:
             force = multisine(rng, *chain.band, DURATION, level * chain.level)(time) * np.minimum(time / 0.5, 1.0)
             motion = chain_response(chain.m, k, c, force)[:, list(chain.outputs.values())]

@@ -145,6 +145,10 @@ def _diagnosed(
                 verdict, tried, trials = second, again, finer
                 before, after = with_finer_steps(before), with_finer_steps(after)
                 coarse += "; the verdict is on the shorter ones"
+            elif not told:  # what was fitted with the coarse steps makes up for them
+                finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
+                told = f"{coarse}; all of the search is with the shorter ones"
+                return _diagnosed(finer_case, effects, report, began, told)
     attempt, checked = None, list(tried.checked)
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
