@@ -1,7 +1,7 @@
 """Rigs with nothing hidden whose recordings are noisy as real ones are; integrated by scipy, written as case folders.
 
 Three rigs: two carriages (linear, force to displacements), a shaft of three discs (linear, torque to angular velocities), a driven
-pendulum that swings up to 1.5 rad (nonlinear). Eleven noises each; `NOISES` names them. Stiffness and damping of the model are off by
+pendulum that swings about 1 rad (nonlinear). Eleven noises each; `NOISES` names them. Stiffness and damping of the model are off by
 a per cent or two, as stated in `[model.uncertain]`.
 """
 
@@ -200,14 +200,14 @@ PENDULUM = """<mujoco model="driven pendulum">
   <worldbody>
     <body name="arm" pos="0 0 1">
       <inertial pos="0 0 -0.4" mass="0.5" diaginertia="0.004 0.004 0.001"/>
-      <joint name="pivot" type="hinge" axis="0 1 0" damping="0.03"/>
+      <joint name="pivot" type="hinge" axis="0 1 0" damping="0.1"/>
     </body>
   </worldbody>
   <actuator><motor name="motor" joint="pivot"/></actuator>
   <sensor><jointpos name="angle" joint="pivot"/></sensor>
 </mujoco>
 """
-_INERTIA, _WEIGHT, _VISCOUS = 0.004 + 0.5 * 0.4**2, 0.5 * 9.81 * 0.4, 0.03
+_INERTIA, _WEIGHT, _VISCOUS = 0.004 + 0.5 * 0.4**2, 0.5 * 9.81 * 0.4, 0.1
 """About the pivot [kg m2], at a right angle [N m], of the pivot [N m s/rad]."""
 
 
@@ -247,7 +247,7 @@ def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
         ("four", 1.1, "holdout"),
     ):
         if rig == "pendulum":
-            sine = multisine(rng, 0.2, 2.5, DURATION, 0.8 * level)
+            sine = multisine(rng, 0.2, 2.5, DURATION, 0.5 * level)
 
             def torque(t, sine=sine):
                 return sine(t) * np.minimum(t / 0.5, 1.0)

@@ -333,6 +333,8 @@ class Refiner:
 
     def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
         damping, raw = 1e-3, self.residual(entries, x[None])[0]
+        if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
+            return self._result(entries, x, raw, np.zeros((0, 0)))
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
@@ -539,6 +541,8 @@ class Refiner:
         samples = sum(run.y.size for run in self.runs)
         out = np.empty((len(X), priors + samples + 2 * self.twin.m * len(self.loose)))
         out[:, :priors] = X[:, :priors]  # of unit variance
+        if not len(X):
+            return out
         at, moved_at = priors, priors + samples
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h]

@@ -116,7 +116,7 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
     if not (np.isfinite(step) and 0 < step <= 1):
         raise BadStructure(f"{label}: the timestep is {step} s; accepted: above 0 up to 1 s")
     model = _compiled(spec.compile, label)
-    _check_numbers(model, label)
+    _check_finite(model, label)
     if model.nv == 0:
         raise BadStructure(f"{label}: nothing in the model can move; it needs at least one joint")
     wide = [i for i in range(model.nactuator) if model.actuator_ctrlnum[i] != 1]
@@ -155,7 +155,7 @@ def _compiled(make: Callable[[], Any], label: str) -> Any:
         raise BadStructure(f"{label}: MuJoCo refuses the model: {one_line(error)}") from error
 
 
-def _check_numbers(model: Any, label: str) -> None:
+def _check_finite(model: Any, label: str) -> None:
     for holder, prefix in ((model, ""), (model.opt, "option ")):
         for name in dir(holder):
             if name.startswith("_"):

@@ -8,6 +8,7 @@ from typing import Any
 from vlab.errors import BadProof
 from vlab.locks import sole_use
 from vlab.physics.catalogue import EFFECTS
+from vlab.proof import shapes
 from vlab.proof.answering import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
 from vlab.proof.concealing import truth_folder
@@ -15,7 +16,7 @@ from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
 from vlab.proof.opening import check_remade, note_opening, open_truth
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.sealing import committed, digest, folder_digest, read_json, write_json
+from vlab.proof.sealing import committed, digest, folder_digest, read_json, read_shaped, write_json
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
 SHOWN = (
@@ -132,7 +133,7 @@ def _counted(
     found["never_hidden"] = sorted(
         {e.physics for e in EFFECTS.values()} - {e for n in answers for h in truths[n]["hidden"] for e in h["accepted"]}
     )
-    found["answered_with"] = read_json(out / MANIFEST)
+    found["answered_with"] = read_shaped(out / MANIFEST, {}, "a manifest")
     found["counted_with"] = scoring_digest()
     found["is_answered_first"] = is_first
     if remade:
@@ -173,7 +174,7 @@ def read_commitments(cases: Path, *, recordings: bool = True) -> dict[str, Any]:
             continue
         if not (cases / name).is_dir():
             raise BadProof(f"{cases}: the case {name!r} is missing; restore its folder")
-        if folder_digest(cases / name) != kept.get("recordings"):
+        if folder_digest(cases / name) != kept["recordings"]:
             raise BadProof(f"{cases / name}: the files are not those that were committed to; restore the folder")
     return document
 
@@ -192,7 +193,7 @@ def _answer(
     """Answer what is not answered yet; every answer is written whole when it is there."""
     now = manifest(commitments, baselines=baselines)
     if (out / MANIFEST).exists():
-        _check_same(read_json(out / MANIFEST), now, out)
+        _check_same(read_shaped(out / MANIFEST, {}, "a manifest"), now, out)
     else:
         (out / ANSWERS).mkdir(parents=True, exist_ok=True)
         write_json(out / MANIFEST, now, is_new=True)
@@ -228,9 +229,13 @@ def freeze(out: Path, commitments: dict[str, Any], names: Sequence[str]) -> None
     OutputRefused
         They are frozen already.
     """
-    hashes = {name: digest(read_json(out / ANSWERS / f"{name}.json")) for name in names}
+    hashes = {name: digest(_read_answer(out, name)) for name in names}
     frozen = {"answers": hashes, "manifest": digest(read_json(out / MANIFEST)), "commitments": digest(commitments)}
     write_json(out / FROZEN, frozen, is_new=True)
+
+
+def _read_answer(out: Path, name: str) -> dict[str, Any]:
+    return dict(read_shaped(out / ANSWERS / f"{name}.json", shapes.ANSWER, "an answer"))
 
 
 def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
@@ -241,19 +246,19 @@ def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
     BadProof
         An answer or the manifest was changed, or belongs to other cases.
     """
-    frozen = read_json(out / FROZEN)
-    if frozen.get("commitments") != digest(commitments):
+    frozen = read_shaped(out / FROZEN, shapes.FROZEN, "a list of frozen answers")
+    if frozen["commitments"] != digest(commitments):
         raise BadProof(f"{out}: these answers were given to other cases; name another folder with --out")
-    if frozen.get("manifest") != digest(read_json(out / MANIFEST)):
+    if frozen["manifest"] != digest(read_json(out / MANIFEST)):
         raise BadProof(f"{out / MANIFEST}: the manifest was changed after the answers were frozen; restore it")
     names = sorted(frozen["answers"])
     if names != sorted(commitments["cases"])[: len(names)]:
         raise BadProof(f"{out}: answers were left out that belong among those that are frozen; restore {out / FROZEN}")
     answers = {}
     for name in names:
-        path = out / ANSWERS / f"{name}.json"
-        answers[name] = read_json(path)
+        answers[name] = _read_answer(out, name)
         if digest(answers[name]) != frozen["answers"][name]:
+            path = out / ANSWERS / f"{name}.json"
             raise BadProof(f"{path}: the answer was changed after it was frozen; restore it, or answer all cases anew")
     return answers
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import re
 import secrets
 from collections.abc import Iterable
@@ -9,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
+from vlab.proof import shapes
+from vlab.proof.shapes import has_shape
 from vlab.recordings.files import written_whole
 
 FORMAT = "vlab-concealed-1"
@@ -79,19 +82,53 @@ def files_digest(files: Iterable[tuple[str, Path]]) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON document.
+    """Read a JSON document; its numbers are finite, as JSON has it.
 
     Raises
     ------
     BadProof
-        It is missing or malformed.
+        It is missing or malformed, or a number is not finite.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_whole)
     except FileNotFoundError:
         raise BadProof(f"{path}: there is no such file; check the folder, or conceal the cases first") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BadProof(f"{path}: not readable as JSON: {error}") from error
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text} is not finite")
+    return value
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
+
+
+def read_shaped(path: Path, shape: Any, what: str) -> Any:
+    """Read a JSON document of a certain shape.
+
+    Parameters
+    ----------
+    shape : Any
+        See `vlab.proof.shapes.has_shape`.
+    what : str
+        What the document must be.
+
+    Raises
+    ------
+    BadProof
+        It is missing, malformed, or of another shape.
+    """
+    document = read_json(path)
+    if not has_shape(document, shape):
+        raise BadProof(f"{path}: not {what} as vlab writes it; restore the file")
+    return document
 
 
 def committed(cases: Path) -> dict[str, Any]:
@@ -104,13 +141,12 @@ def committed(cases: Path) -> dict[str, Any]:
     """
     path = cases / COMMITMENTS
     document = read_json(path)
-    kept = document.get("cases") if isinstance(document, dict) else None
-    if not isinstance(kept, dict) or document.get("format") != FORMAT:
+    if not has_shape(document, shapes.COMMITMENTS) or document["format"] != FORMAT:
         raise BadProof(f"{path}: not a list of commitments ({FORMAT}); conceal the cases again")
-    for name, both in kept.items():
-        if not _NAME.fullmatch(name) or not isinstance(both, dict):
+    for name in document["cases"]:
+        if not _NAME.fullmatch(name):
             raise BadProof(f"{path}: {name!r} is no commitment to a case; restore the file")
-    return document
+    return dict(document)
 
 
 def write_json(path: Path, document: Any, *, is_new: bool = False) -> None:
