@@ -73,9 +73,7 @@ def stop_case(folder: Path | str, *, holdout: float = 0.4, gap: float = GAP) -> 
         force = 2.4 * level * multisine(rng, 0.5, 12.0, SECONDS, 1.0)(time) * np.minimum(time / 0.2, 1.0)
         y = motion(force, gap=gap, **BUILT)
         y = y + NOISE * rng.standard_normal(y.shape)
-        records.append(
-            Record(name=name, role=role, columns={"u": force, "x1": y[:, 0], "r2": y[:, 1]}, rate_hz=RATE)
-        )
+        records.append(Record(name=name, role=role, columns={"u": force, "x1": y[:, 0], "r2": y[:, 1]}, rate_hz=RATE))
     write_case(
         Path(folder),
         title="Two carriages",
