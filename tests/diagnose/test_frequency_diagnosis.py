@@ -23,6 +23,7 @@ from vlab.diagnose.frequency.engine import FrequencyDiagnosed
 from vlab.diagnose.frequency.levels import ONE_LEVEL, level_notes
 from vlab.diagnose.frequency.measured import Response, read_measured
 from vlab.diagnose.frequency.verify import as_given, check_frequency, checked_again
+from vlab.diagnose.verify import Removed
 from vlab.physics.catalogue import EFFECTS
 from vlab.views.diagnosis_report import write_diagnosis
 
@@ -79,6 +80,28 @@ def test_an_input_that_drives_held_out_data_alone_has_its_likeliest_gain(found):
     assert freed.after == pytest.approx(own.after, abs=0.004)
     assert freed.nominal == as_before.nominal
     assert done.problem.unfitted == {}
+
+
+def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
+    done, _ = found
+    given = as_given(done.problem.plant, done.problem.wires)
+    worse = replace(done.before, sensor_gain=3 * done.before.sensor_gain)
+    removed = Removed(names=("mass",), models=(done.before,))
+    (held,) = check_frequency([given, worse, done.after], done.problem.held_out, removed=removed)
+    assert held.refitted > held.nominal == held.before == held.unamended().after
+    assert held.standing is held.answers[0]
+    assert held.bare == held.parts[0].left
+    assert not held.is_idle
+    assert held.gap_closed > 0.8
+
+
+def test_what_changes_no_response_is_not_verified_by_it(found):
+    done, _ = found
+    given = as_given(done.problem.plant, done.problem.wires)
+    removed = Removed(names=("nothing",), models=(done.after,))
+    (held,) = check_frequency([given, done.before, done.after], done.problem.held_out, removed=removed)
+    assert held.is_idle
+    assert held.gap_closed is None
 
 
 def test_the_report_shows_responses_on_held_out_data(found):
@@ -177,7 +200,12 @@ def test_hidden_effects_are_named_among_the_whole_catalogue(tmp_path, name):
 @pytest.mark.slow
 def test_what_is_not_in_the_catalogue_is_none_of_these(tmp_path):
     write_chain(tmp_path, FRACTIONAL)
-    assert diagnose(load_case(tmp_path)).diagnosis.verdict == "none-of-these"
+    diagnosis = diagnose(load_case(tmp_path)).diagnosis
+    assert diagnosis.verdict == "none-of-these"
+    assert all(a["probability"] is None for a in diagnosis.alternatives)
+    document = diagnosis.to_json()
+    assert document["attempt"] is None or "probability" not in document["attempt"]
+    assert document["heldout"]["nrmse_after"] == document["heldout"]["nrmse_before"]
 
 
 @pytest.mark.slow

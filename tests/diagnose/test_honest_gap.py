@@ -14,10 +14,10 @@ from vlab.cli.diagnose import _text
 from vlab.diagnose.attempt import MOST_ATTEMPTS, best_attempt
 from vlab.diagnose.choose import ALIKE, LAPSE, choose
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
-from vlab.diagnose.distance import Distance, Part, whole_gap
+from vlab.diagnose.distance import Distance, Part, part_of, whole_gap
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.findings import alternatives, by_what_they_explain
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, told_apart
+from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis
 from vlab.diagnose.settle import Settling
 from vlab.diagnose.terms import Fit, Term
 from vlab.diagnose.verdict import closes, verdict_on
@@ -127,12 +127,11 @@ def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     assert loud.bare == loud.parts[0].left == loud.nominal
 
 
-def test_two_models_are_told_apart_by_all_samples_of_noise_and_by_few_of_a_models_own_error():
-    n = 10_000
-    assert told_apart(0.1, 1.0, 1.0, n) == pytest.approx(0.5 * n * 0.01, rel=0.01)  # half the ratio of energies
-    assert told_apart(0.0, 1.0, 1.0, n) == 0.0
-    assert told_apart(1.0, 100.0, 1.0, n) < ALIKE  # a hundredth of what no model explains
-    assert told_apart(100.0, 100.0, 1.0, n) == pytest.approx(0.5 * WORTH * np.log(2.0), rel=0.01)
+def test_a_finding_is_told_from_nothing_by_the_energy_of_what_it_does_over_that_of_the_noise():
+    own = part_of("stop", 0.9, np.array([0.1, 0.0]), np.array([1.0, 2.0]), 10_000)
+    assert own.told == pytest.approx(0.5 * 10_000 * 0.1**2)
+    assert part_of("stop", 0.9, np.array([0.01, 0.01]), np.array([1.0, 1.0]), 10_000).is_idle  # one standard deviation
+    assert not part_of("stop", np.inf, np.array([np.inf]), np.array([1.0]), 10_000).is_idle  # follows with it alone
 
 
 def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():

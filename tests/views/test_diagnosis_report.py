@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 
 from vlab.cases import load_case
 from vlab.cases.compare import compare_case
+from vlab.diagnose.diagnosis import Attempt
 from vlab.diagnose.distance import total
 from vlab.diagnose.engine import diagnose
 from vlab.diagnose.prepare import prepare
@@ -222,6 +223,41 @@ def test_the_other_verdicts_have_their_own_words(nothing, verdict):
     assert ("no effect of the catalogue" in sentence) == (verdict == "none-of-these")
     assert ("damaged" in sentence) == (verdict == "bad-recording")
     assert "gauge: clipped" in [line for section in diagnosis_report.sections(done) for line in section.text]
+
+
+def test_the_best_attempt_is_shown_without_a_probability(found):
+    done, _ = found
+    own = done.diagnosis
+    attempt = Attempt(findings=own.findings, checked=own.checked, fit=done.fit)
+    tried = dataclasses.replace(
+        own,
+        verdict="none-of-these",
+        findings=(),
+        checked=tuple(c.unamended() for c in own.checked),
+        attempt=attempt,
+        alternatives=tuple({**a, "probability": None} for a in own.alternatives),
+    )
+    parts = diagnosis_report.sections(dataclasses.replace(done, diagnosis=tried))
+    (first, *_) = parts
+    assert any(
+        f"Best attempt, not a finding: coulomb-friction at {own.findings[0].place}" in line for line in first.text
+    )
+    assert any(row[2] == "force" for _, rows in first.tables for row in rows)
+    words = [*(line for part in parts for line in part.text), *(c for part in parts for f in part.figures for c in f)]
+    assert not any("robabilit" in line for line in words)
+    (errors,) = next(part for part in parts if part.title.startswith("How far")).tables
+    assert errors[0][5] == "best attempt"
+    assert errors[1][-1][5] == pytest.approx(own.heldout["nrmse_after"])
+
+
+def test_a_place_is_marked_with_the_probability_of_its_finding(found):
+    done, folder = found
+    finding = done.diagnosis.findings[0]
+    marks = diagnosis_report._marks(done)
+    assert marks[0][0] == finding.place
+    assert marks[0][1] <= finding.probability
+    page = (folder / "report.html").read_text()
+    assert page.count("4 % of every probability is reserved for physics outside the catalogue") == 1
 
 
 def test_a_model_that_cannot_follow_is_reported_and_not_drawn(nothing):

@@ -7,7 +7,6 @@ from typing import TypeVar
 import numpy as np
 
 from vlab.diagnose.choose import ALIKE
-from vlab.diagnose.hypothesis import told_apart
 from vlab.signals import Array
 
 NO_WORSE = 1.02
@@ -26,7 +25,7 @@ class Part:
     left : float
         Relative error of the amended model without it.
     told : float
-        Log-likelihood by which the data are expected to tell the amended model from that one.
+        Log-likelihood by which the data are expected to tell the amended model from that one, were all that either leaves noise.
     """
 
     name: str
@@ -105,23 +104,21 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
     return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
 
 
-def part_of(name: str, left: float, moved: Array, after: Array, noise: Array, samples: Sequence[int]) -> Part:
+def part_of(name: str, left: float, moved: Array, noise: Array, samples: int) -> Part:
     """Return what a finding does, from what its removal changes.
+
+    What it does is told from nothing by noise alone: where a model leaves more than noise, it still does something.
 
     Parameters
     ----------
     left : float
         Relative error of the amended model without it.
-    moved, after, noise : (n_channels,) array
-        By how much the two models are apart, what the amended one leaves, and the noise, relative to the channels' rms.
-    samples : sequence of int
-        Of every channel.
+    moved, noise : (n_channels,) array
+        By how much the two models are apart, and the noise, relative to the channels' rms; infinite where one of them cannot follow.
+    samples : int
+        Of a channel.
     """
-    if not np.all(np.isfinite(moved)) or not np.all(np.isfinite(after)):
-        return Part(name=name, left=left, told=np.inf)  # to follow at all or not is no small thing
-    each = zip(moved, after, noise, samples, strict=True)
-    told = sum(told_apart(float(m), float(a), float(n), count) for m, a, n, count in each)
-    return Part(name=name, left=left, told=told)
+    return Part(name=name, left=left, told=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2)))
 
 
 def verifying(checked: Sequence[D]) -> list[D]:

@@ -138,23 +138,6 @@ def independent_values(noise: float, error: float, samples: float) -> float:
     return float((noise + error) / (noise / samples + error / WORTH))
 
 
-def told_apart(moved: float, left: float, noise: float, samples: float) -> float:
-    """Return the log-likelihood by which recordings are expected to tell two models apart.
-
-    Parameters
-    ----------
-    moved : float
-        Root mean square by which the two models differ.
-    left, noise : float
-        What the better one leaves of the recordings and what noise alone would, root mean squares in the same unit.
-    samples : float
-        Independent values that the recordings hold.
-    """
-    size = max(left, noise, 1e-300)
-    worth = independent_values(noise**2, size**2 - noise**2, samples)
-    return float(0.5 * worth * np.log1p((moved / size) ** 2))
-
-
 def weighed(
     hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float, least_error: float = 0.0
 ) -> list[Hypothesis]:

@@ -279,7 +279,7 @@ def _checked(
         moved = np.full(len(names), np.inf)
         if recordings[2] is not None and without is not None:
             moved = apart(recordings[2], without)
-        parts.append(part_of(name, own, moved, errors[2], noise, [int(kept.sum())] * len(names)))
+        parts.append(part_of(name, own, moved, noise, int(kept.sum())))
     return Checked(
         name=run.name,
         role=run.role,

@@ -265,7 +265,7 @@ def _checked(
         return np.array([values[name] for name in names])
 
     parts = [
-        part_of(name, left, row(m), row(errors[2]), row(noise[0]), [samples] * len(names))
+        part_of(name, left, row(m), row(noise[0]), samples)
         for name, left, m in zip(findings, total[3:], moved, strict=False)
     ]
     return CheckedFrequency(
