@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 LAWS = [path.stem for path in (ROOT / "controllers").glob("*.py")]
@@ -73,6 +74,27 @@ def test_every_dependency_has_a_lower_bound():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = [one for extra in project["optional-dependencies"].values() for one in extra]
     assert [one for one in [*project["dependencies"], *extras] if ">=" not in one] == ["mujoco[sysid]"]
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("osqp", ("1.0.0", "1.0.2")),  # no SolverStatus
+        ("pint", ("0.24", "0.24.1", "0.24.3")),  # fail with today's flexparser on Python 3.11
+        ("numpy", ("1.26.4",)),  # other requirements ask for 2.0
+        ("pyarrow", ("15.0.0",)),  # they ask for 18
+        ("hatchling", ("1.24.0",)),  # reads no list of licence files
+    ],
+)
+def test_versions_that_do_not_work_are_not_allowed(name, broken):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    lists = [project["project"]["dependencies"], *project["project"]["optional-dependencies"].values()]
+    asked = [
+        Requirement(one) for one in [*project["build-system"]["requires"], *(one for part in lists for one in part)]
+    ]
+    found = [one.specifier for one in asked if one.name == name]
+    assert found
+    assert not [version for version in broken if any(specifier.contains(version) for specifier in found)]
 
 
 @pytest.mark.slow
