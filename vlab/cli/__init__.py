@@ -44,6 +44,11 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 the small matrices here are faster that way."""
 
 
+OWN_CODE = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
+"""Nothing of the folder that vlab is called in is run, for it may be one of data: no modules in it by the processes that are started,
+and no cache of compiled code that a ``.numba_config.yaml`` there names."""
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong and leave with status 2."""
@@ -72,7 +77,8 @@ def _module(verb: str) -> Any:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
-    os.environ["PYTHONSAFEPATH"] = "1"  # processes that are started run no modules of the current folder
+    for name, value in OWN_CODE.items():
+        os.environ.setdefault(name, value)
     words = list(sys.argv[1:] if argv is None else argv)
     chosen = next((word for word in words if word in VERBS), None)
     arguments = build_parser(chosen).parse_args(words)
