@@ -44,15 +44,18 @@ def code_of(name: str) -> str:
     return file if colon and file.endswith(".py") else name
 
 
-def check_code(name: str, code: Collection[str], *, kind: str = "law", error: type[VlabError] = BadController) -> None:
+def check_code(
+    name: str, code: Collection[str] | None, *, kind: str = "law", error: type[VlabError] = BadController
+) -> None:
     """Refuse a name that would run code which the user has not named: names may come from a data folder.
 
     Parameters
     ----------
     name : str
         Of a law or an effect.
-    code : collection of str
-        Python files and entry points that the user named, as `code_of` returns them.
+    code : collection of str or None
+        Python files and entry points that the user named, as `code_of` returns them; None where the user gives the name itself,
+        in Python or on the command line.
     kind, error : str, type
         What is named, and what is raised, in the message.
 
@@ -62,11 +65,13 @@ def check_code(name: str, code: Collection[str], *, kind: str = "law", error: ty
         Or `error`: the code is not among them.
     """
     wanted = code_of(name)
-    if not wanted or wanted in code or Path(wanted).resolve() in {Path(c).resolve() for c in code if c.endswith(".py")}:
+    if code is None or not wanted or wanted in code:
+        return
+    if Path(wanted).resolve() in {Path(c).resolve() for c in code if c.endswith(".py")}:
         return
     raise error(
-        f"the {kind} {name!r} is code that a file of data names, and data run nobody's code; accepted: {kind}s of vlab's own "
-        "catalogue, or code that you name yourself on the command line"
+        f"unknown {kind} {name!r}: it is code that a file of data names, and data run nobody's code; accepted: {kind}s of vlab's "
+        "own catalogue, or code that you name yourself on the command line"
     )
 
 

@@ -12,10 +12,22 @@ from scipy import linalg
 
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
-from vlab.errors import BadExperiment, BadProof
+from vlab.errors import BadExperiment, BadProof, OutputRefused
+from vlab.locks import LOCK, sole_use
+from vlab.proof import concealing
 from vlab.proof.campaign import common_instructions, run_all
-from vlab.proof.concealing import conceal_cases, truth_folder, unfinished_folder
-from vlab.proof.prove import ANSWERS, FROZEN, answers_folder, frozen_answers, open_truth, prove, read_commitments
+from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
+from vlab.proof.opening import REMADE
+from vlab.proof.prove import (
+    ANSWERS,
+    FROZEN,
+    answers_folder,
+    freeze,
+    frozen_answers,
+    open_truth,
+    prove,
+    read_commitments,
+)
 from vlab.proof.sealing import canonical, opened, sealed
 from vlab.views.proof_report import write_proof
 
@@ -142,11 +154,107 @@ def test_a_truth_whose_salt_was_lost_is_made_again_with_its_recordings(cases, an
     shutil.copy(truth_folder(again) / "case-002.json", lost)
     found = prove(cases, answers_folder(cases), jobs=1)
     assert found["truths_made_again"] == ["case-002"]
+    said = run(capsys, "prove", str(cases), "--jobs", "1")[1]
+    assert "truths opened: 1 by the salt of their commitment, 1 by making their recordings again from the seed" in said
+    assert "(case-002)" in said
+    assert not (answers_folder(cases) / REMADE).exists()
     write_proof(found, tmp_path / "report.html")
     assert "its salts were lost" in (tmp_path / "report.html").read_text()
     edit(lost, lambda d: d.update(recordings="0" * 64))
     with pytest.raises(BadProof, match="with other recordings than those"):
         prove(cases, answers_folder(cases), jobs=1)
+
+
+def test_a_truth_without_its_salt_is_not_believed_for_its_word(cases, answered, capsys):
+    """Whoever writes down the digest that was committed to has made nothing again."""
+    path = truth_folder(cases) / "case-002.json"
+    known = json.loads(path.read_text())["truth"]
+    committed = read_commitments(cases)["cases"]["case-002"]["recordings"]
+    for change in ({"noise": "low" if known["noise"] != "low" else "high"}, {"size": 1.0}, {"more": None}):
+        path.write_text(json.dumps({"recordings": committed, "truth": {**known, **change}}))
+        status, out, err = run(capsys, "prove", str(cases), "--jobs", "1")
+        assert (status, out) == (2, "")
+        assert "case-002: the truth has no salt and is not what comes out when its recordings are made again" in err
+    path.write_text(json.dumps({"recordings": committed, "truth": known}))
+    assert prove(cases, answers_folder(cases), jobs=1)["truths_made_again"] == ["case-002"]
+
+
+def test_a_truth_without_its_salt_is_refused_where_the_recordings_come_out_otherwise(cases, answered, monkeypatch):
+    path = truth_folder(cases) / "case-002.json"
+    kept = json.loads(path.read_text())
+    committed = read_commitments(cases)["cases"]["case-002"]["recordings"]
+    path.write_text(json.dumps({"recordings": committed, "truth": kept["truth"]}))
+    made = concealing.write_case
+
+    def another(case, folder):
+        made(case, folder)
+        (folder / "case.toml").write_text("")
+
+    monkeypatch.setattr(concealing, "run_all", lambda work, items, **how: map(work, items))  # in this process
+    monkeypatch.setattr(concealing, "write_case", another)
+    with pytest.raises(BadProof, match="other bits than those that were sealed"):
+        prove(cases, answers_folder(cases), jobs=1)
+    assert not (answers_folder(cases) / REMADE).exists()
+
+
+def test_some_of_the_cases_of_a_plan_are_made_again(cases, tmp_path):
+    """A folder may hold a part of what a plan conceals: names, not their number, say which cases they are."""
+    edit(cases / "commitments.json", lambda d: d["cases"].pop("case-001"))
+    regenerate_cases(cases, tmp_path / "part", jobs=1)
+    assert set(read_commitments(tmp_path / "part")["cases"]) == {"case-002"}
+
+
+@pytest.mark.parametrize("name", ["../cases-truth/case-001", "case-001/..", "/etc/passwd", "case-1", ""])
+def test_a_name_among_the_commitments_leads_nowhere_else(cases, answered, name):
+    prove(cases, answers_folder(cases), jobs=1)
+    edit(cases / "commitments.json", lambda d: d["cases"].update({name: d["cases"]["case-001"]}))
+    with pytest.raises(BadProof, match="is no commitment to a case"):
+        prove(cases, answers_folder(cases), jobs=1)
+    with pytest.raises(BadProof, match="is no commitment to a case"):
+        regenerate_cases(cases, cases.with_name("again"), jobs=1)
+
+
+def test_one_prove_at_a_time_works_in_a_folder(cases, answered, capsys):
+    out = answers_folder(cases)
+    with sole_use(out, of="vlab prove"):
+        status, text, err = run(capsys, "prove", str(cases), "--jobs", "1")
+        assert (status, text, err.count("\n")) == (2, "", 1)
+        assert "another vlab prove is at work in" in err
+        assert [p.name for p in out.iterdir()] == [LOCK]
+    assert run(capsys, "prove", str(cases), "--jobs", "1")[0] == 0
+    assert len(answered) == 2
+
+
+def test_one_conceal_at_a_time_works_in_a_folder(tmp_path, capsys):
+    out = tmp_path / "cases"
+    with sole_use(unfinished_folder(out), of="vlab conceal"):
+        status, _, err = run(capsys, "conceal", "--suite", "null", "--n", "1", "--out", str(out))
+        assert status == 2
+        assert "another vlab conceal is at work in" in err
+    assert not out.exists()
+
+
+def test_answers_are_never_written_over(cases, monkeypatch):
+    """Where the lock fails its purpose, as on a disk that two machines share without locks, the first answer stays."""
+    out = answers_folder(cases)
+    theirs = {"case": "case-001", **ANSWER, "seconds": 7.0}
+
+    def answer(item, **settings):
+        if item[0] == "case-001":
+            (out / ANSWERS / "case-001.json").write_text(json.dumps(theirs))
+        return item[0], {"case": item[0], **ANSWER}
+
+    monkeypatch.setattr(proving, "answer_case", answer)
+    with pytest.raises(OutputRefused, match="never written over"):
+        prove(cases, out, jobs=1)
+    assert json.loads((out / ANSWERS / "case-001.json").read_text()) == theirs
+    prove(cases, out, jobs=1)
+    frozen = (out / FROZEN).read_bytes()
+    commitments = read_commitments(cases)
+    with pytest.raises(OutputRefused, match="never written over"):
+        freeze(out, commitments, sorted(commitments["cases"]))
+    assert (out / FROZEN).read_bytes() == frozen
+    assert json.loads((out / ANSWERS / "case-001.json").read_text()) == theirs
 
 
 def test_sealed_cases_are_not_written_over(cases, tmp_path, capsys):

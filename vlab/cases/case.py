@@ -156,7 +156,7 @@ def _with_effects(reader: Reader, table: CaseTable, plant: Plant) -> Plant:
     channels = {name for recording in table.recording for name in recording.channel_names}
     for i, effect in enumerate(table.model.effect):
         try:
-            one = Attached(effect=effect_named(effect.name), place=effect.place, values=effect.parameters)
+            one = Attached(effect=effect_named(effect.name, code=()), place=effect.place, values=effect.parameters)
             plant = attach(plant, [one], channels=sorted(channels))
         except VlabError as error:
             raise reader.fail(f"model.effect[{i}]", str(error)) from error

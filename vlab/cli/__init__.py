@@ -54,6 +54,11 @@ MOST_SAID = 10_000
 DEBUG = "--debug"
 
 
+OWN_CODE = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
+"""Nothing of the folder that vlab is called in is run, for it may be one of data: no modules in it by the processes that are started,
+and no cache of compiled code that a ``.numba_config.yaml`` there names."""
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say in one line what is wrong and leave with status 2."""
@@ -86,7 +91,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
             stream.reconfigure(errors="backslashreplace")
-    os.environ["PYTHONSAFEPATH"] = "1"  # processes that are started run no modules of the current folder
+    for name, value in OWN_CODE.items():
+        os.environ.setdefault(name, value)
     words = list(sys.argv[1:] if argv is None else argv)
     is_debug = DEBUG in words
     with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written

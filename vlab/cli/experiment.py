@@ -158,7 +158,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         effect=tuple(arguments.effect),
         power_up=arguments.power_up,
     )
-    prepared = settings.prepare(code=settings.named_code)  # all of it was typed
+    prepared = settings.prepare()
     live = None
     if arguments.live is not None:
         from vlab.views.live import LiveView

@@ -28,7 +28,7 @@ def named_law(
     rate: float = RATE,
     variant: str = "published",
     model: str = "",
-    code: Collection[str] = (),
+    code: Collection[str] | None = None,
 ) -> Controller:
     """Return a law by its name.
 
@@ -43,8 +43,9 @@ def named_law(
         Of the structure's model that a law is designed on.
     model : str
         To design the law on (`vlab.fe.reduced.MODELS`); that of the published design by default.
-    code : collection of str
-        Python files and entry points that the user named; no other is ever run, wherever the name comes from.
+    code : collection of str, optional
+        Where the name comes from a file of data: the Python files and entry points that the user named, of which it may name one.
+        None: the user gives the name.
 
     Raises
     ------

@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
-from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, load_run, perform
+from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, StoredSettings, load_run, perform
 from vlab.outputs import MANIFEST, output_folder
 from vlab.recordings.bound import RECORDING, check_run
 from vlab.recordings.files import written_whole
@@ -39,7 +39,7 @@ _RESERVED = (CASE, MANIFEST, "structure.toml", "hardware.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedRecord(RunSettings):
+class PlannedRecord(StoredSettings):
     """``[[record]]``: the settings of a run, with what the record is called and what it is for."""
 
     name: str
@@ -52,9 +52,9 @@ class PlannedRecord(RunSettings):
             )
 
     @property
-    def settings(self) -> RunSettings:
+    def settings(self) -> StoredSettings:
         """The settings alone."""
-        return RunSettings(**{f.name: getattr(self, f.name) for f in fields(RunSettings)})
+        return StoredSettings(**{f.name: getattr(self, f.name) for f in fields(RunSettings)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,7 +43,15 @@ MOST_NOISE = 1e3
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """Everything that determines an experiment on a structure, as `run.toml` keeps it. None: the default of its part."""
+    """Everything that determines an experiment on a structure, as `run.toml` keeps it. None: the default of its part.
+
+    Attributes
+    ----------
+    is_data : bool
+        The settings come from a file, so that they run no code which they name.
+    """
+
+    is_data: ClassVar[bool] = False
 
     structure: str
     plant: str = "composite"
@@ -103,9 +111,9 @@ class RunSettings:
         Parameters
         ----------
         code : collection of str
-            Python files and entry points that the user named himself: settings may come from a file of data, and no other code
-            is run.
+            Python files and entry points that the user named, which settings from a file may name, too.
         """
+        code = [*code, *(() if self.is_data else self.named_code)]
         structure = load_structure(self.structure)
         hardware = load_hardware(self.hardware or None, self.hardware_values)
         if self.rate_hz is not None:
@@ -172,6 +180,12 @@ class RunSettings:
         """Return the settings as TOML; JSON's numbers, strings and truth values are TOML's."""
         lines = [f"{key} = {json.dumps(value)}" for key, value in asdict(self).items() if value is not None]
         return "\n".join(lines) + "\n"
+
+
+class StoredSettings(RunSettings):
+    """Settings as they stand in a file: whatever they name, they run nobody's code."""
+
+    is_data = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -271,4 +285,4 @@ def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
         raise BadRecording(f"{path / SETTINGS}: the file {error}; restore the run folder") from error
     reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
     whole = path.absolute()  # a relative path would be looked for below the folder
-    return read_recording(whole / RECORDING, folder=whole), reader.table(RunSettings, reader.load())
+    return read_recording(whole / RECORDING, folder=whole), reader.table(StoredSettings, reader.load())

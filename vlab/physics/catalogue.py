@@ -97,15 +97,16 @@ ALIASES = {
 EFFECT_FORM = "path/to/effect.py:ClassName"
 
 
-def effect_named(name: str, *, code: Collection[str] = ()) -> Effect:
+def effect_named(name: str, *, code: Collection[str] | None = None) -> Effect:
     """Return an effect by its name or another name of it, or a user's own as ``path/to/effect.py:ClassName``.
 
     Parameters
     ----------
     name : str
-        It may come from a file of data.
-    code : collection of str
-        Python files that the user named: loading an effect of one runs it, and no other is ever run.
+        Loading a user's own runs the code of its file.
+    code : collection of str, optional
+        Where the name comes from a file of data: the Python files that the user named, of which it may name one. None: the user
+        gives the name.
 
     Raises
     ------

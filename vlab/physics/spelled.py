@@ -14,15 +14,15 @@ FORM = "NAME@PLACE:param=value,param=value, for example coulomb-friction@20in:fo
 _VALUE = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)$")
 
 
-def parse_effect(text: str, *, code: Collection[str] = ()) -> Attached:
+def parse_effect(text: str, *, code: Collection[str] | None = None) -> Attached:
     """Read one effect.
 
     Parameters
     ----------
     text : str
         In the form `FORM`.
-    code : collection of str
-        Python files that the user named, see `effect_named`.
+    code : collection of str, optional
+        Where the text comes from a file of data: see `effect_named`.
 
     Raises
     ------

@@ -86,8 +86,9 @@ def _made(root: Any, label: str, parts: Parts, names: Mapping[str, int]) -> Iter
         element, times, is_copy = stack.pop()
         inside = times * (_product(element.get("count")) if element.tag == "replicate" else 1)
         copies += times * _own(element) + (times if is_copy or times > 1 else 0)
-        if max(inside, times * _own(element)) > largest:
-            largest, what = max(inside, times * _own(element)), _spelled(element)
+        asked = inside if element.tag == "replicate" else times if element.tag == "attach" else times * _own(element)
+        if asked > largest:
+            largest, what = asked, _spelled(element)
         if copies > _MOST:
             raise BadStructure(
                 f"{label}: the counts in the model make more than {_MOST} elements, most of them in {what}; accepted: up to "

@@ -86,7 +86,8 @@ class _Model:
     roots: dict[Path | None, Any] = field(default_factory=dict)
     references: list[_Reference] = field(default_factory=list)
     directories: set[str] = field(default_factory=lambda: {""})
-    _parts: dict[tuple[str, str | None], list[Any]] = field(default_factory=dict)
+    _homes: dict[int, Path | None] = field(default_factory=dict)
+    _parts: dict[tuple[Path | None, str, str | None], list[Any]] = field(default_factory=dict)
 
     def read(self, path: Path, label: str) -> None:
         """Read a file of the model."""
@@ -106,6 +107,8 @@ class _Model:
         for element in root.iter():
             if "}" in element.tag:
                 raise BadStructure(f"{label}: <{one_line(element.tag)}> has a namespace; MJCF has none, remove it")
+            if element.tag == "attach":
+                self._homes[id(element)] = path
             for key, value in element.attrib.items():
                 where = f"{label}: <{one_line(element.tag)} {one_line(key)}={one_line(value)!r}>"
                 if {token.strip("+-").lower() for token in value.split()} & {"nan", "inf", "infinity"}:
@@ -197,12 +200,13 @@ class _Model:
         """Return the roots of the files that stand in the place of an element; see `vlab.plants.mjcf_counts.Parts`."""
         if element.tag not in ("include", "attach"):
             return ()
-        key = (element.tag, element.get("file" if element.tag == "include" else "model"))
+        home, name = self._homes.get(id(element)), element.get("file" if element.tag == "include" else "model")
+        key = (home, element.tag, name)
         if key not in self._parts:
-            wanted = [r for r in self.references if r.tag == "include" and r.value == key[1]]
-            if element.tag == "attach":
-                models = [r for r in self.references if r.tag == "model"]
-                wanted = [r for r in models if r.name == key[1]] or models
+            wanted = [r for r in self.references if r.tag == "include" and r.value == name]
+            if element.tag == "attach":  # a model without a name of its own has the one that it gives itself
+                own, every = self._models(home), [r for r in self.references if r.tag == "model"]
+                wanted = [r for r in own if r.name == name] or own or [r for r in every if r.name == name] or every
             self._parts[key] = [self.roots[path] for path in {path for r in wanted for path in self.found(r)}]
         return self._parts[key]
 

@@ -120,7 +120,7 @@ def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
     """Return the effects of the case as given that are no numbers of its model and must be stated again."""
     at_work = [(a.effect.name, dict(a.values)) for a in done.problem.plant.physics]
     given = [
-        Attached(effect=effect_named(e["name"]), place=e["place"], values=e["parameters"])
+        Attached(effect=effect_named(e["name"], code=()), place=e["place"], values=e["parameters"])
         for e in raw["model"].get("effect", ())
     ]
     return [e for e in given if done.problem.case.structure is not None or (e.effect.name, dict(e.values)) in at_work]

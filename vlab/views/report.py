@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from vlab.errors import VlabError
 from vlab.recordings.files import written_whole
+from vlab.text import printable
 
 TEMPLATES = Path(__file__).parent / "templates"
 _SVG_TAGS = {
@@ -90,12 +91,18 @@ def _environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
+        finalize=_plain,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters.update(cell=_cell, number_columns=_number_columns, svg=Markup)
     return environment
+
+
+def _plain(value: object) -> object:
+    """Return what a page shows of a text from data: no control characters, no turned direction; drawings as they are."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _number_columns(rows: Sequence[Sequence[object]]) -> list[bool]:

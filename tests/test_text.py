@@ -1,0 +1,34 @@
+"""Text from data: nothing in it drives a terminal, forges a line or breaks the encoding."""
+
+import pytest
+
+from vlab.text import in_line, one_line, printable
+
+HOSTILE = {
+    "colour": "\x1b[31mred\x1b[0m",
+    "title of the window": "\x1b]0;owned\x07",
+    "bell and backspace": "a\x07\x08b",
+    "control sequence of one byte": "\x9b31m",
+    "direction turned": "abc\u202egnp.exe\u2066x\u2069",
+    "without width": "a\u200bb\ufeffc",
+    "half a pair": "a\udc80b",
+    "end of line of another kind": "a\u2028b\x85c",
+    "carriage return": "all is well\rerror",
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize("shown", [printable, in_line, one_line])
+def test_what_is_shown_is_printable_and_can_be_encoded(shown, text):
+    line = shown(text)
+    assert line.isprintable()
+    line.encode()
+
+
+def test_plain_text_stays_as_it_is():
+    text = "café, ½ ω² ≤ 3 µm/s\n\ttable  of  two"
+    assert printable(text) == text
+    assert in_line("a\nerror: b") == "a\\x0aerror: b"
+    assert one_line(" a\n\tb\u00a0c ") == "a b c"
+    assert one_line("x" * 500) == "x" * 400 + "..."
+    assert printable("\x1b\u202e\U000e0001") == "\\x1b\\u202e\\U000e0001"
