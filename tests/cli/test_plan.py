@@ -134,7 +134,7 @@ def test_changed_settings_are_refused(capsys, tmp_path):
     out, law = tmp_path / "out", tmp_path / "law.py"
     law.write_text((asset("examples/saturated_damper.py")).read_text())
     path = plan_file(tmp_path, law=f'"{law}:SaturatedDamper"')
-    assert run(capsys, "experiment", "--plan", str(path), "--out", str(out))[0] == 0
+    assert run(capsys, "experiment", "--plan", str(path), "--code", str(law), "--out", str(out))[0] == 0
     before = stamps(out)
     for changed, said in (
         ({"level": "0.2"}, "record 'one': level was 0.1 and is 0.2"),
@@ -142,12 +142,12 @@ def test_changed_settings_are_refused(capsys, tmp_path):
         ({"top": "concealed = true"}, "was begun with concealed = False"),
     ):
         path = plan_file(tmp_path, **{"law": f'"{law}:SaturatedDamper"', **changed})
-        status, _, err = run(capsys, "experiment", "--plan", str(path), "--out", str(out))
+        status, _, err = run(capsys, "experiment", "--plan", str(path), "--code", str(law), "--out", str(out))
         assert (status, err.count("\n")) == (2, 1)
         assert said in err
     law.write_text(law.read_text().replace("-20.0", "-21.0"))
     path = plan_file(tmp_path, law=f'"{law}:SaturatedDamper"')
-    status, _, err = run(capsys, "experiment", "--plan", str(path), "--out", str(out))
+    status, _, err = run(capsys, "experiment", "--plan", str(path), "--code", str(law), "--out", str(out))
     assert status == 2
     assert "law.py has other content" in err
     assert stamps(out) == before

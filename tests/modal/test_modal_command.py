@@ -160,7 +160,7 @@ def test_the_plant_beside_the_test(capsys, tmp_path, monkeypatch):
             structure="beam", plant="modal", at=place, level=0.05, low_hz=8.0, high_hz=17.0, period_s=10.0, seconds=40.0, rate_hz=500.0, noise=1e-4
         )  # fmt: skip
         (tmp_path / place).mkdir()
-        perform(settings.prepare(), tmp_path / place)
+        perform(settings.prepare(), tmp_path / place).finish(tmp_path / place)
     runs = [tmp_path / place for place in ("base", "20in")]
     status, text, _ = run(
         capsys, "modal-test", *runs, *SENSORS, "--band", 8, 17, "--against-plant", "--json", "--out", tmp_path / "t"

@@ -98,7 +98,7 @@ def test_what_cannot_be_shown_is_one_line(capsys, folders, monkeypatch, words, s
 def test_a_run_without_its_motion_is_said(capsys, folders, tmp_path):
     copy = tmp_path / "copy"
     copy.mkdir()
-    for name in ("recording.parquet", "run.toml"):
+    for name in ("recording.parquet", "run.toml", "manifest.json"):
         (copy / name).write_bytes((folders[0] / name).read_bytes())
     (copy / "run.rrd").write_bytes((folders[0] / "run.rrd").read_bytes()[:1000])
     status, _, err = run(capsys, "show", str(copy), str(folders[1]), "--save", str(tmp_path / "x.rrd"))
