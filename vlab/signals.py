@@ -18,6 +18,9 @@ Array = NDArray[Any]
 ComplexArray = NDArray[Any]
 """An array of complex numbers."""
 
+SMALLEST, LARGEST = (float(limit**0.25) for limit in (np.finfo(float).tiny, np.finfo(float).max))
+"""Sizes between which products of squares, as of two power spectra, are numbers in double precision."""
+
 KIND_UNITS = {
     "command": None,  # whatever the actuator takes: N, V, N m
     "excitation": None,
@@ -183,6 +186,33 @@ class Recording:
         return replace(self, time=self.time[keep], data=self.data[keep])
 
 
+def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, why: str = "") -> None:
+    """Refuse samples too large to be computed with, and motion too small.
+
+    Parameters
+    ----------
+    what : str
+        The file or recording, as errors name it.
+    largest : float
+        What the samples may be at most, and `why`.
+
+    Raises
+    ------
+    BadRecording
+        A sample is larger, or a channel moves by less than `SMALLEST`, though it moves.
+    """
+    for channel, samples in zip(recording.channels, recording.data.T, strict=True):
+        size = float(np.abs(samples).max())
+        moves = float(np.ptp(samples)) if size <= largest else size
+        if size > largest:
+            said = f"reaches {size:.3g} {channel.unit}; at most {largest:.0e} can be computed with{why}"
+        elif 0.0 < moves < SMALLEST:
+            said = f"moves by {moves:.3g} {channel.unit}; at least {SMALLEST:.0e} can be computed with"
+        else:
+            continue
+        raise BadRecording(f"{what}: {channel.name!r} {said}; check the column, its unit and its scale")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyResponse:
     """Responses over frequency of some outputs to some inputs.
@@ -218,8 +248,8 @@ class FrequencyResponse:
             raise BadRecording(
                 f"a frequency response of shape {self.H.shape} does not fit {expected} (frequency, output, input)"
             )
-        if not np.all(np.isfinite(self.H)) or not np.all(np.diff(self.freq) > 0):
-            raise BadRecording("a frequency response must be finite on increasing frequencies")
+        if not np.all(np.abs(self.H) <= LARGEST) or not np.all(np.diff(self.freq) > 0):
+            raise BadRecording(f"a frequency response must be finite, up to {LARGEST:.0e}, on increasing frequencies")
         if self.coherence is not None:
             object.__setattr__(self, "coherence", _frozen(self.coherence, float))
             if self.coherence.shape != expected[:2]:

@@ -16,7 +16,7 @@ from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
 from vlab.recordings.assemble import own_si
-from vlab.signals import Array, Recording
+from vlab.signals import Array, Recording, check_sizes
 
 ORDER = {
     "displacement": 0,
@@ -345,7 +345,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
             f"{table.file}: fewer than 2 samples from start_s = {table.start_s} to stop_s = {table.stop_s}; "
             f"the recording runs from {whole.time[0]:g} to {whole.time[-1]:g} s"
         )
-    _check_size(measured, table)
+    check_sizes(measured, table.file, largest=mujoco.mjMAXVAL, why=", for beyond it MuJoCo takes a run for diverged")
     drives, compared, law = wire(plant, table)
     return Run(
         name=name,
@@ -358,18 +358,6 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         hardware=hardware,
         initial=table.initial,
     )
-
-
-def _check_size(measured: Recording, table: RecordingTable) -> None:
-    """Refuse samples that no simulation can have: MuJoCo begins anew where a state or a command is so large."""
-    sizes = np.abs(measured.data).max(axis=0)
-    worst = int(np.argmax(sizes))
-    if sizes[worst] > mujoco.mjMAXVAL:
-        channel = measured.channels[worst]
-        raise BadRecording(
-            f"{table.file}: {channel.name!r} reaches {sizes[worst]:.3g} {channel.unit}; MuJoCo takes more than {mujoco.mjMAXVAL:.0e} "
-            "for a run that has diverged: check the column, its unit and its scale"
-        )
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

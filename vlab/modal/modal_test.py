@@ -16,7 +16,7 @@ from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_deca
 from vlab.modal.poles import PoleEstimate, estimate_poles
 from vlab.modal.recognise import Signal, signal_of
 from vlab.modal.steps import estimate_stepped_frf
-from vlab.signals import Array, Recording
+from vlab.signals import Array, Recording, check_sizes
 
 SETTLING_SHARE = 0.5
 """Share of the periods of a periodic record that is left out at its start, for the transient to decay."""
@@ -272,6 +272,7 @@ def estimate_responses(recordings: Sequence[Recording], test: ModalTest) -> tupl
 
 
 def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    check_sizes(recording, "the recording")
     inputs = test.inputs or recording.inputs
     if not inputs:
         raise BadRecording(

@@ -8,10 +8,8 @@ import mujoco
 import numpy as np
 
 from vlab.errors import BadStructure
+from vlab.signals import LARGEST
 from vlab.text import one_line
-
-LARGEST = float(np.sqrt(np.finfo(float).max))
-"""Numbers up to it have squares in double precision: energies, norms and products of matrices need them."""
 
 
 @contextmanager
@@ -39,7 +37,7 @@ def computable(what: str) -> Iterator[None]:
 
 
 def check_numbers(numbers: Any, what: str) -> None:
-    """Refuse numbers that are not finite, or whose squares are not.
+    """Refuse numbers that are not finite, or too large to be computed with.
 
     Parameters
     ----------
@@ -50,16 +48,12 @@ def check_numbers(numbers: Any, what: str) -> None:
     Raises
     ------
     BadStructure
-        A number is not finite or larger than `LARGEST`.
+        A number is not finite or larger than `vlab.signals.LARGEST`.
     """
     size = np.abs(np.asarray(numbers, dtype=float))
     if not np.all(size <= LARGEST):  # nor where it is no number
         worst = float(size[~(size <= LARGEST)].ravel()[0])
         raise BadStructure(
             f"{what} is {worst:.3g}"
-            + (
-                "; it must be finite"
-                if not np.isfinite(worst)
-                else f"; its square is beyond double precision ({LARGEST:.3g})"
-            )
+            + ("; it must be finite" if not np.isfinite(worst) else f"; at most {LARGEST:.0e} can be computed with")
         )

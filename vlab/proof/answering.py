@@ -8,7 +8,7 @@ from typing import Any
 from vlab.cases import load_case
 from vlab.diagnose.engine import Diagnosed, FrequencyDiagnosed, diagnose
 from vlab.errors import VlabError
-from vlab.outputs import finite
+from vlab.outputs import finite, output_folder
 from vlab.proof.baselines import baselines_of
 
 Report = Callable[[Diagnosed | FrequencyDiagnosed, Path], None]
@@ -53,9 +53,9 @@ def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dic
     for name in names:
         folder = out / name
         if not (folder / "report.html").exists():
-            folder.mkdir(parents=True, exist_ok=True)
             try:
-                report(diagnose(load_case(cases / name)), folder)
+                with output_folder(folder) as fresh:
+                    report(diagnose(load_case(cases / name)), fresh)
             except VlabError:
                 continue
         paths[name] = str(folder / "report.html")
