@@ -93,10 +93,10 @@ def sweep(folder: Path) -> None:
 
 
 def _remove(path: Path) -> None:
+    if path.is_symlink() or not path.is_dir():
+        path.unlink()
+        return
     target = path.with_name(path.name[1 : -len(OLD) - _DRAWN - 1])
     if path.name.endswith(OLD) and (path / WAS).exists() and not target.exists():
         os.replace(path / WAS, target)
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink()
+    shutil.rmtree(path, ignore_errors=True)

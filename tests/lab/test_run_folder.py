@@ -216,6 +216,14 @@ def test_nothing_outside_a_run_folder_is_read_for_it(folder, tmp_path):
         load_run(folder)
 
 
+def test_no_link_leads_the_viewer_out_of_a_run_folder(folder, capsys, tmp_path):
+    (tmp_path / "other.rrd").write_bytes(b"RRF2")
+    (folder / "run.rrd").symlink_to(tmp_path / "other.rrd")
+    status, out, err = run(capsys, "show", str(folder))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "lies outside the run folder" in err
+
+
 # ---- the recording -------------------------------------------------------------------------------------------------
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, VlabError
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
-from vlab.lab.run_folder import RunSettings, load_run
+from vlab.lab.run_folder import SETTINGS, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
 from vlab.modal.recognise import KINDS
@@ -207,7 +207,10 @@ def _against_plant(
             f"--against-plant: the law {first.law!r} is in the loop, which changes the poles; run without --law"
         )
     low, high = float(result.poles.fitted.freq[0]), float(result.poles.fitted.freq[-1])
-    plant = dataclasses.replace(first, seconds=1.0).prepare().plant
+    try:
+        plant = dataclasses.replace(first, seconds=1.0).prepare().plant
+    except VlabError as error:
+        raise BadRecording(f"{Path(folders[0]) / SETTINGS}: {error}") from error
     true = plant_modes(plant, result.mean.outputs, low_hz=low, high_hz=high)
     return compare_with_plant(true, result.poles.to_modal_model()), true
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
 from vlab.errors import BadRecording, OutputRefused
+from vlab.inside import NotInside, file_inside
 from vlab.recordings.bound import RECORDING, check_run
 
 NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
@@ -59,6 +60,11 @@ def _rrd(path: Path) -> Path:
     if (path / RECORDING).is_file():
         check_run(path)
     rrd = path / "run.rrd" if path.is_dir() else path
+    if path.is_dir() and rrd.exists():
+        try:
+            file_inside(rrd.name, path, called="the run folder")
+        except NotInside as error:
+            raise BadRecording(f"{rrd}: the file {error}; restore the run folder") from error
     if not rrd.is_file() or rrd.suffix != ".rrd":
         raise BadRecording(f"{path}: no run.rrd here; give a run folder written by vlab experiment, or an .rrd file")
     with rrd.open("rb") as file:

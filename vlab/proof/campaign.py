@@ -3,7 +3,7 @@
 import multiprocessing
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
@@ -43,7 +43,7 @@ def run_all(
     jobs: int = 0,
     scheduler: str = "",
     environment: Mapping[str, str] | None = None,
-) -> Iterator[T]:
+) -> Generator[T, None, None]:
     """Yield what `work` makes of every item, in the order in which they are done.
 
     Parameters

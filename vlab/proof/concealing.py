@@ -276,19 +276,19 @@ def make_again(
             raise BadProof(f"{name}: the plan with its {count} cases has none of this name; restore the commitments")
     work = partial(_one, folder=folder.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
     wanted = [items[name] for name in names]
-    for name, found in run_all(
-        work, wanted, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions()
-    ):
-        if folder_digest(folder / name) != commitments["cases"][name]["recordings"]:
-            raise BadProof(
-                f"{name}: the recordings come out with other bits than those that were sealed; "
-                + (
-                    "the generator, numpy, scipy or the processor is another than that which made them"
-                    if plan.get("generator", "") != generator_digest()
-                    else "another processor may round otherwise"
+    made = run_all(work, wanted, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
+    with contextlib.closing(made):  # the first case that comes out otherwise ends the work on the others
+        for name, found in made:
+            if folder_digest(folder / name) != commitments["cases"][name]["recordings"]:
+                raise BadProof(
+                    f"{name}: the recordings come out with other bits than those that were sealed; "
+                    + (
+                        "the generator, numpy, scipy or the processor is another than that which made them"
+                        if plan.get("generator", "") != generator_digest()
+                        else "another processor may round otherwise"
+                    )
                 )
-            )
-        yield name, found
+            yield name, found
 
 
 def _items(suites: Sequence[str], count: int, seed: int) -> list[tuple[int, str, str]]:
