@@ -171,7 +171,10 @@ def mistaken(unit: str, si: str) -> dict[str, float]:
     written = WRITTEN.get(si, ())
     if not written and above in WRITTEN and below in WRITTEN:
         written = tuple(
-            f"({a})/{b}" if "/" in a else f"{a}/{b}" for a in WRITTEN[above] for b in WRITTEN[below] if a == above or b == below
+            f"({a})/{b}" if "/" in a else f"{a}/{b}"
+            for a in WRITTEN[above]
+            for b in WRITTEN[below]
+            if a == above or b == below
         )
     own = factor(unit, si) if written else 1.0
     ratios = {other: factor(other, si) / own for other in written}

@@ -1,13 +1,14 @@
 """A case's model beside its recordings."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vlab.cases.case import Case, load_case
+from vlab.cases.checks import FileCheck, check_clock, check_recordings
 from vlab.cases.misfit import Misfit, misfit
 from vlab.cases.simulate import Simulation, simulate
 from vlab.cases.wiring import Run
@@ -85,10 +86,28 @@ class RunComparison:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """A case's model beside its recordings."""
+    """A case's model beside its recordings.
+
+    Parameters
+    ----------
+    check : FileCheck
+        What is wrong with what the case says of its recordings.
+    """
 
     case: Case
     runs: tuple[RunComparison, ...]
+    check: FileCheck = field(default_factory=FileCheck)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What must be said beside the misfits: channels that stand still, and what the checks of the files found."""
+        still = [
+            f"{run.run.name}: {name} is {run.measured[name][0]:g} {run.measured.channels[run.measured.index(name)].unit} throughout: "
+            "nothing can be measured against it"
+            for run in self.runs
+            for name in run.constant
+        ]
+        return (*still, *self.check.lines)
 
     @property
     def nrmse(self) -> dict[str, float]:
@@ -102,6 +121,7 @@ class Comparison:
             "model": self.case.table.model.mjcf or self.case.table.model.structure,
             "model_notes": [*getattr(self.case.plant, "notes", ()), *self.case.plant.left_out],
             "runs": [r.to_json(overlay=overlay) for r in self.runs],
+            "remarks": list(self.remarks),
         }
 
 
@@ -118,7 +138,12 @@ def compare_run(plant: Plant, run: Run) -> RunComparison:
     )
 
 
-def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout")) -> Comparison:
+def compare_case(
+    path: Path | str,
+    *,
+    roles: Sequence[str] = ("fit", "holdout"),
+    progress: Callable[[float, str], None] | None = None,
+) -> Comparison:
     """Simulate a case's recordings with its nominal model and say how far they are apart.
 
     Parameters
@@ -127,11 +152,13 @@ def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout"))
         The case's folder or file.
     roles : sequence of str
         Which recordings to use; those of other roles are not opened.
+    progress : callable, optional
+        Told the share that is done, and what is being done.
 
     Raises
     ------
     BadCase
-        The case does not fit its model or has no recording in these roles.
+        The case does not fit its model, has no recording in these roles, or its time is in another unit than it says.
     """
     case = load_case(path)
     runs = case.runs(roles)
@@ -141,4 +168,14 @@ def compare_case(path: Path | str, *, roles: Sequence[str] = ("fit", "holdout"))
                 f"{case.path}: only recordings over time are compared here; vlab diagnose puts [[frf]] and [[modal]] beside the model"
             )
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
-    return Comparison(case=case, runs=tuple(compare_run(case.plant, run) for run in runs))
+    check_clock(case, runs)
+    report = progress or (lambda share, what: None)
+    compared = []
+    for i, run in enumerate(runs):
+        span, step = float(run.measured.time[-1] - run.measured.time[0]), case.plant.timestep
+        report(i / (len(runs) + 1), f"{run.name}: {span:.4g} s in steps of {step:g} s")
+        compared.append(compare_run(case.plant, run))
+    report(len(runs) / (len(runs) + 1), "checking signs and units")
+    check = check_recordings(case, runs, [c.simulated for c in compared])
+    report(1.0, "done")
+    return Comparison(case=case, runs=tuple(compared), check=check)

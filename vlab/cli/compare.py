@@ -3,7 +3,7 @@
 import argparse
 
 from vlab.cases.compare import compare_case
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.outputs import keep_apart, output_folder, write_manifest
 
 
@@ -17,11 +17,15 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """Simulate the case's recordings with its model and say how much they differ."""
     if arguments.out:
         keep_apart(arguments.out, [arguments.case])
-    comparison = compare_case(arguments.case)
+    with share_bar("compare") as report:
+        comparison = compare_case(arguments.case, progress=report)
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case
 
-    text = comparison.case.table.title + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
+    rows = misfit_rows(comparison)
+    text = "\n".join(
+        [comparison.case.table.title, "", *([text_table(HEADERS, rows)] if rows else []), *comparison.remarks]
+    )
     if arguments.out:
         with output_folder(arguments.out) as folder:
             write_case(comparison, folder)

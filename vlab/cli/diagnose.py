@@ -15,7 +15,7 @@ VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
     "nothing-missing": "Nothing is missing: the refitted model explains the recordings as far as they can tell.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
-    "bad-recording": "The recordings are damaged; nothing is said of the model.",
+    "bad-recording": "The recordings are damaged, or not what the case says of them; nothing is said of the model.",
 }
 
 
@@ -72,9 +72,14 @@ def _text(diagnosis: Diagnosis) -> str:
         if len(finding.places_90) > 1:
             lines.append(f"  place: one of {', '.join(finding.places_90)}")
         lines.append("")
+    lines += [f"Recordings: {line}." for line in diagnosis.quality]
+    lines += [""] if diagnosis.quality else []
     heldout = diagnosis.heldout
     rows = [_row(r["name"], r["role"], r) for r in heldout["per_recording"]] + [_row("all", "", heldout)]
-    lines.append(text_table(["recording", "role", "as given", "refitted", "amended", "noise", "gap closed %"], rows))
+    if diagnosis.checked:
+        lines.append(
+            text_table(["recording", "role", "as given", "refitted", "amended", "noise", "gap closed %"], rows)
+        )
     if diagnosis.alternatives:
         rows = [[a["effect"], a["place"], a["probability"], a["remaining"]] for a in diagnosis.alternatives]
         lines += ["", text_table(["alternative", "place", "probability", "left over / noise"], rows)]

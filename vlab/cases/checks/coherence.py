@@ -64,7 +64,9 @@ def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
         return None
     free, q = OVERLAP * n, u.shape[1]
     mean = q / free
-    spread = float(np.sqrt(mean * (1.0 - mean) / (free + 1.0) / (count / 2.0)))  # of a beta's; a Hann window ties neighbours
+    spread = float(
+        np.sqrt(mean * (1.0 - mean) / (free + 1.0) / (count / 2.0))
+    )  # of a beta's; a Hann window ties neighbours
     return float(measured[lines].mean()), mean + CHANCE * spread
 
 
@@ -72,7 +74,9 @@ def _coherence(u: Array, y: Array, length: int) -> tuple[Array, Array]:
     """Return the multiple coherence of a column with inputs, and the inputs' power, (n_lines,) each."""
     starts = range(0, len(y) - length + 1, length // 2)
     window = np.hanning(length)
-    U = np.stack([np.fft.rfft((u[k : k + length] - u[k : k + length].mean(axis=0)) * window[:, None], axis=0) for k in starts])
+    U = np.stack(
+        [np.fft.rfft((u[k : k + length] - u[k : k + length].mean(axis=0)) * window[:, None], axis=0) for k in starts]
+    )
     Y = np.stack([np.fft.rfft((y[k : k + length] - y[k : k + length].mean()) * window) for k in starts])
     uu = np.einsum("slj,slk->ljk", U.conj(), U)
     uy = np.einsum("slj,sl->lj", U.conj(), Y)

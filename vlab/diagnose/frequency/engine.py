@@ -9,9 +9,11 @@ from typing import Any, cast
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.checks import FileCheck
 from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.diagnosis import Diagnosis, Finding, Verdict
 from vlab.diagnose.findings import alternatives, of_terms
+from vlab.diagnose.frequency.file_checks import check_responses
 from vlab.diagnose.frequency.levels import level_notes
 from vlab.diagnose.frequency.measured import MODEL_ERROR, Modes, Response
 from vlab.diagnose.frequency.problem import FrequencyProblem, prepare_frequency
@@ -27,6 +29,7 @@ from vlab.diagnose.frequency.verify import (
     leave_out,
     modal_errors,
 )
+from vlab.diagnose.stopped import Stopped, stopped
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.uncertain import unused
 from vlab.diagnose.verify import gap_closed, total
@@ -80,8 +83,8 @@ def is_in_frequency(case: Case) -> bool:
 
 def diagnose_frequency(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
-) -> FrequencyDiagnosed:
-    """Diagnose a case of frequency responses and modal tables.
+) -> FrequencyDiagnosed | Stopped:
+    """Diagnose a case of frequency responses and modal tables, or say before any search that its files are not what it says.
 
     Parameters
     ----------
@@ -97,6 +100,9 @@ def diagnose_frequency(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     problem = prepare_frequency(case)
+    file = check_responses(problem)
+    if file.of("fatal"):
+        return stopped(case, file, time.monotonic() - began)
     found = search_frequency(problem, list(effects) or list(EFFECTS.values()), lambda s, what: report(0.85 * s, what))
     choice = _chosen(found)
     fit_before = found.before.fit
@@ -110,7 +116,7 @@ def diagnose_frequency(
     if not problem.held_out:
         report(0.9, "predicting parts left out")
         left_out = leave_out(problem, found.fitter, fit_before, fit)
-    diagnosis = _say(problem, found, choice, checked, left_out, time.monotonic() - began)
+    diagnosis = _say(problem, found, choice, checked, left_out, file, time.monotonic() - began)
     report(1.0, "done")
     return FrequencyDiagnosed(
         diagnosis=diagnosis,
@@ -163,9 +169,12 @@ def _say(
     choice: Choice,
     checked: Sequence[CheckedFrequency],
     left_out: LeftOut | None,
+    file: FileCheck,
     seconds: float,
 ) -> Diagnosis:
     verdict = _verdict(choice, checked, left_out)
+    if verdict == "none-of-these" and file.of("warning"):
+        verdict = "bad-recording"
     fit = choice.best.fit
     findings = (
         tuple(_in_form(problem, f) for f in of_terms(choice, fit, cast(Any, problem)))
@@ -181,7 +190,7 @@ def _say(
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
         next_measurement=_next(choice, verdict, problem),
-        quality=(),
+        quality=file.lines,
         notes=tuple(_notes(problem, found, choice, left_out)),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
         seconds=seconds,
@@ -213,12 +222,6 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem) -> str:
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
     out = list(problem.view.left_out)
-    out += [
-        f"{data.name}: the response at {data.input} to a force there gives back power, which no passive thing does; its sign is "
-        "turned, or its phase counts the other way"
-        for data in (*problem.measured, *problem.held_out)
-        if isinstance(data, Response) and data.gives_power
-    ]
     aside = [name for name, _ in problem.case.recordings()]
     if aside:
         out.append(f"[[recording]] {', '.join(aside)} not used: the case has responses and tables of modes to fit")
