@@ -1,7 +1,7 @@
 """A case's model beside its recordings."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.case import Case, load_case
+from vlab.cases.checks import FileCheck, check_clock, check_recordings
 from vlab.cases.misfit import Misfit, misfit
 from vlab.cases.simulate import Simulation, simulate
 from vlab.cases.wiring import Run
@@ -86,10 +87,28 @@ class RunComparison:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """A case's model beside its recordings."""
+    """A case's model beside its recordings.
+
+    Parameters
+    ----------
+    check : FileCheck
+        What is wrong with what the case says of its recordings.
+    """
 
     case: Case
     runs: tuple[RunComparison, ...]
+    check: FileCheck = field(default_factory=FileCheck)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What must be said beside the misfits: channels that stand still, and what the checks of the files found."""
+        still = [
+            f"{run.run.name}: {name} is {run.measured[name][0]:g} {run.measured.channels[run.measured.index(name)].unit} throughout: "
+            "nothing can be measured against it"
+            for run in self.runs
+            for name in run.constant
+        ]
+        return (*still, *self.check.lines)
 
     @property
     def nrmse(self) -> dict[str, float]:
@@ -103,6 +122,7 @@ class Comparison:
             "model": self.case.table.model.mjcf or self.case.table.model.structure,
             "model_notes": [*getattr(self.case.plant, "notes", ()), *self.case.plant.left_out],
             "runs": [r.to_json(overlay=overlay) for r in self.runs],
+            "remarks": list(self.remarks),
         }
 
 
@@ -139,7 +159,7 @@ def compare_case(
     Raises
     ------
     BadCase
-        The case does not fit its model or has no recording in these roles.
+        The case does not fit its model, has no recording in these roles, or its time is in another unit than it says.
     """
     case = load_case(path)
     runs = case.runs(roles)
@@ -149,11 +169,15 @@ def compare_case(
                 f"{case.path}: only recordings over time are compared here; vlab diagnose puts [[frf]] and [[modal]] beside the model"
             )
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
-    compared = []
+    check_clock(case, runs)
+    compared, of = [], len(runs) + 1
     for i, run in enumerate(runs):
-        share = partial(_share, progress, f"simulating {run.name}", i, len(runs))
+        share = partial(_share, progress, f"simulating {run.name}", i, of)
         compared.append(compare_run(case.plant, run, progress=share))
-    return Comparison(case=case, runs=tuple(compared))
+    progress(len(runs) / of, "checking signs and units")
+    check = check_recordings(case, runs, [c.simulated for c in compared])
+    progress(1.0, "done")
+    return Comparison(case=case, runs=tuple(compared), check=check)
 
 
 def _share(progress: Callable[[float, str], None], what: str, done: int, of: int, share: float) -> None:

@@ -55,6 +55,11 @@ def _same_length(what: str, values: tuple[object, ...], n: int, against: str) ->
         raise BadCase(f"{what} has {len(values)} entries, {against} has {n}")
 
 
+def _check_scale(scale: float) -> None:
+    if not LEAST_SCALE <= abs(scale) <= 1.0 / LEAST_SCALE:
+        raise BadCase(f"the scale is {scale:g}; it must be model unit per file unit, and no such unit is that far off")
+
+
 def check_unit(unit: str, si: str) -> None:
     """Refuse a unit that is unknown or not of the dimension of `si`."""
     units.factor(unit, si)
@@ -171,10 +176,8 @@ class ChannelTable:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", known_kind(self.kind, self.unit))
-        if self.scale is not None and not LEAST_SCALE <= abs(self.scale) <= 1.0 / LEAST_SCALE:
-            raise BadCase(
-                f"the scale is {self.scale:g}; it must be model unit per file unit, and no such unit is that far off"
-            )
+        if self.scale is not None:
+            _check_scale(self.scale)
         if self.input and self.from_rest:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
         if self.input and self.delay_s:
@@ -333,6 +336,8 @@ class FrfChannelTable:
         The column of the phase and its unit, where `column` is the magnitude, also in dB.
     coherence, variance : str
         Columns with the coherence, or with the variance of the response in the square of its unit, where there are any.
+    scale : float
+        What the response is multiplied by; -1 where its sign is turned.
     """
 
     column: str
@@ -342,8 +347,10 @@ class FrfChannelTable:
     phase_unit: str = "deg"
     coherence: str = ""
     variance: str = ""
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
+        _check_scale(self.scale)
         if self.coherence and self.variance:
             raise BadCase(f"channel {self.column!r} has both coherence and variance; give one of them")
         if self.imaginary and self.phase:
@@ -367,6 +374,10 @@ class FrfTable:
         How large the excitation was (rms of the input, in a unit that all responses of the case share), where it is known.
     averages : float
         Averages behind a coherence.
+    scale : float
+        What all responses of the file are multiplied by; -1 where their sign is turned.
+    conjugate : bool
+        The file counts phases the other way: exp(-i omega t) where exp(i omega t) is meant.
     low_hz, high_hz : float
         Lines outside are left out: those that the excitation does not reach, or of modes that the model does not have.
     """
@@ -382,12 +393,15 @@ class FrfTable:
     unit: str = ""
     level: float | None = None
     averages: float = 10.0
+    scale: float = 1.0
+    conjugate: bool = False
     low_hz: float = 0.0
     high_hz: float | None = None
     channel: tuple[FrfChannelTable, ...] = ()
 
     def __post_init__(self) -> None:
         check_unit(self.frequency_unit, "Hz")
+        _check_scale(self.scale)
         if self.unit:
             check_unit(self.unit, {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}[self.form])
         if not self.outputs:

@@ -30,6 +30,10 @@ class Misfit:
         Variance accounted for, 1 - var(error)/var(recording); a constant error does not lower it.
     mean_error, rms_error : float
         Of simulation minus recording [unit].
+    rms_ratio : float
+        Rms of the recording over that of the simulation, both about their means; infinite where the simulation stands still.
+    correlation : float
+        Of recording and simulation, from -1 to 1; 0 where the simulation stands still.
     window_time_s, window_nrmse : array
         Middles of moving windows, and the rms of the error there over the rms of the whole recording about its mean.
     window_rms : array
@@ -48,6 +52,8 @@ class Misfit:
     vaf: float
     mean_error: float
     rms_error: float
+    rms_ratio: float
+    correlation: float
     window_time_s: Array
     window_nrmse: Array
     window_rms: Array
@@ -64,6 +70,8 @@ class Misfit:
             "vaf": self.vaf,
             "mean_error": self.mean_error,
             "rms_error": self.rms_error,
+            "rms_ratio": self.rms_ratio if np.isfinite(self.rms_ratio) else None,
+            "correlation": self.correlation,
             "windows": [
                 {"time_s": t, "nrmse": e, "recording_rms": r}
                 for t, e, r in zip(
@@ -111,6 +119,8 @@ def misfit(
     size = float(np.std(y))
     if size <= 1e-12 * float(np.abs(y).max(initial=0.0)):
         raise BadRecording(f"channel {channel!r} is constant; a misfit is measured against what moves")
+    own = simulated[channel] - np.mean(simulated[channel])
+    moved = float(np.std(own))
     times, parts = _windows(measured.time, windows)
     edges, error_power, power = _bands(measured.time, error, y, band_edges_hz)
     total = error_power.sum()
@@ -121,6 +131,8 @@ def misfit(
         vaf=1.0 - float(np.var(error)) / size**2,
         mean_error=float(np.mean(error)),
         rms_error=_rms(error),
+        rms_ratio=size / moved if moved > 0.0 else float("inf"),
+        correlation=float(np.mean((y - np.mean(y)) * own)) / (size * moved) if moved > 0.0 else 0.0,
         window_time_s=times,
         window_nrmse=np.array([_rms(error[part]) for part in parts]) / size,
         window_rms=np.array([_rms(y[part] - np.mean(y)) for part in parts]),

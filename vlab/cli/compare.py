@@ -23,7 +23,15 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document = comparison.to_json()
     from vlab.views.case_report import HEADERS, misfit_rows, write_case
 
-    text = in_line(comparison.case.table.title) + "\n\n" + text_table(HEADERS, misfit_rows(comparison))
+    rows = misfit_rows(comparison)
+    text = "\n".join(
+        [
+            in_line(comparison.case.table.title),
+            "",
+            *([text_table(HEADERS, rows)] if rows else []),
+            *map(in_line, comparison.remarks),
+        ]
+    )
     if arguments.out:
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_case(comparison, folder)

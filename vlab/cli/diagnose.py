@@ -20,7 +20,7 @@ VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
     "nothing-missing": "Nothing is missing: the refitted model explains the recordings as far as they can tell.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
-    "bad-recording": "The recordings are damaged; nothing is said of the model.",
+    "bad-recording": "The recordings are damaged, or not what the case says of them; nothing is said of the model.",
 }
 
 
@@ -80,9 +80,12 @@ def _text(diagnosis: Diagnosis) -> str:
         if diagnosis.is_held_out and not finding.verified_by:
             lines.append("  of the fit alone: no recording kept aside can verify it")
         lines.append("")
+    lines += [f"Recordings: {in_line(line)}." for line in diagnosis.quality]
+    lines += [""] if diagnosis.quality else []
     if diagnosis.attempt is not None:
         lines += _attempt(diagnosis.attempt)
-    lines.append(_errors(diagnosis))
+    if diagnosis.checked:
+        lines.append(_errors(diagnosis))
     if diagnosis.alternatives:
         lines += ["", *_alternatives(diagnosis)]
     lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vlab.cases.checks import FileCheck
 from vlab.cases.wiring import Compared, Run, compared_names
 from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step
 from vlab.signals import Array
@@ -73,16 +74,18 @@ class SensorLimit:
     beyond: float
 
 
-def assess(runs: Sequence[Run], fitted: Sequence[Run] = ()) -> Damage:
+def assess(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCheck | None = None) -> Damage:
     """Say what is wrong with some runs.
 
     Parameters
     ----------
     fitted : sequence of Run
         Those of them that the model is fitted to, in which every sensor must move; all by default.
+    file : FileCheck, optional
+        What is wrong with what their case says of them.
     """
-    warnings: list[str] = []
-    notes: list[str] = []
+    warnings = [] if file is None else list(file.of("warning"))
+    notes = [] if file is None else list(file.of("note"))
     for run in runs:
         for finding in findings(run.measured):
             is_damage = finding.severity == "warning" and finding.kind in DAMAGING

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.checks import FileCheck, check_recordings
 from vlab.cases.misfit import misfit
 from vlab.diagnose.attempt import Trials, best_attempt
 from vlab.diagnose.choose import Choice
@@ -25,6 +26,7 @@ from vlab.diagnose.search import TimeFound
 from vlab.diagnose.seen import Seen, look
 from vlab.diagnose.settle import Settling
 from vlab.diagnose.standoff import without_standoffs
+from vlab.diagnose.stopped import Stopped, stopped
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.timing import said
 from vlab.diagnose.unseen import held_out, moves
@@ -57,8 +59,8 @@ class Diagnosed:
 
 def diagnose(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
-) -> Diagnosed | FrequencyDiagnosed:
-    """Diagnose a case; one of frequency responses and modal tables only in frequency.
+) -> Diagnosed | FrequencyDiagnosed | Stopped:
+    """Diagnose a case, or say before any search that its files are not what it says; one of frequency responses and modal tables only in frequency.
 
     Parameters
     ----------
@@ -79,8 +81,13 @@ def diagnose(
 
 
 def _diagnosed(
-    whole_case: Case, effects: Sequence[Effect], report: Callable[[float, str], None], began: float, told: str = ""
-) -> Diagnosed:
+    whole_case: Case,
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+    began: float,
+    told: str = "",
+    checked_file: FileCheck | None = None,
+) -> Diagnosed | Stopped:
     """Diagnose a case of recordings.
 
     Parameters
@@ -89,19 +96,24 @@ def _diagnosed(
         When the clock of all of it started [s].
     told : str
         What the recordings told of it before.
+    checked_file : FileCheck or None
+        What was seen of its files before.
     """
     report(0.0, "reading")
     given = whole_case.plant
     case, standoffs = without_standoffs(with_modes_of_fe(whole_case))
+    file = check_recordings(case) if checked_file is None else checked_file
+    if file.of("fatal"):
+        return stopped(whole_case, file, time.monotonic() - began)
     road = road_of(case, effects)
     problem, case = road.problem, road.problem.case
     unseen = held_out(case, problem.names, problem.runs)
-    seen = look(problem, assess([*problem.runs, *unseen.runs], problem.runs))
+    seen = look(problem, assess([*problem.runs, *unseen.runs], problem.runs, file))
     found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
     other = read_otherwise(road, found) if not (told or seen.damage.fatal) else None
     if other is not None:
-        return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]))
+        return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]), file)
     settling = Settling(
         problem=problem,
         whole=found.whole,
@@ -148,7 +160,7 @@ def _diagnosed(
             elif not told:  # what was fitted with the coarse steps makes up for them
                 finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
                 told = f"{coarse}; all of the search is with the shorter ones"
-                return _diagnosed(finer_case, effects, report, began, told)
+                return _diagnosed(finer_case, effects, report, began, told, file)
     attempt, checked = None, list(tried.checked)
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)

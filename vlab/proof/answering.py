@@ -7,11 +7,12 @@ from typing import Any
 
 from vlab.cases import load_case
 from vlab.diagnose.engine import Diagnosed, FrequencyDiagnosed, diagnose
+from vlab.diagnose.stopped import Stopped
 from vlab.errors import VlabError
 from vlab.outputs import finite, output_folder
 from vlab.proof.baselines import baselines_of
 
-Report = Callable[[Diagnosed | FrequencyDiagnosed, Path], None]
+Report = Callable[[Diagnosed | FrequencyDiagnosed | Stopped, Path], None]
 """Writes the report of a diagnosis into a folder."""
 
 

@@ -15,6 +15,8 @@ HEADERS = (
     "variance accounted for",
     "mean error",
     "rms error",
+    "recorded/simulated rms",
+    "correlation",
     "most of the error",
     "unit",
 )
@@ -30,7 +32,10 @@ def misfit_rows(comparison: Comparison) -> list[list[object]]:
                 f"{100 * m.band_share[band]:.0f} % in {m.band_edges_hz[band]:.3g} to {m.band_edges_hz[band + 1]:.3g} Hz"
             )
             rows.append(
-                [run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, m.mean_error, m.rms_error, where, m.unit]
+                [
+                    *(run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, m.mean_error, m.rms_error),
+                    *(m.rms_ratio, m.correlation, where, m.unit),
+                ]
             )
     return rows
 
@@ -43,6 +48,7 @@ def case_sections(comparison: Comparison) -> list[Section]:
             text=(
                 "Simulated with the model as given, nothing fitted but the initial state. NRMSE is the rms of the error over the "
                 "rms of the recording about its mean: 0 is perfect, 1 is no better than the mean.",
+                *(f"{line[:1].upper()}{line[1:]}." for line in comparison.remarks),
             ),
             tables=[(HEADERS, misfit_rows(comparison))],
             figures=[figure for run in comparison.runs for figure in _overlays(run)],
@@ -63,7 +69,9 @@ def _overlays(run: RunComparison) -> list[tuple[str, str]]:
 def write_case(comparison: Comparison, folder: Path) -> None:
     """Write ``report.html`` and ``run.rrd`` of a comparison into a folder; the Rerun file shows the first recording."""
     write_report(folder / "report.html", title=comparison.case.table.title, sections=case_sections(comparison))
-    first = comparison.runs[0]
+    first = next((run for run in comparison.runs if run.misfits), None)
+    if first is None:
+        return  # nothing moves that could be shown
     names = [m.channel for m in first.misfits]
     write_comparison(
         folder / "run.rrd", first.measured, first.simulated, channels=names, title=comparison.case.table.title

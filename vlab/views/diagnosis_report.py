@@ -14,6 +14,7 @@ from vlab.diagnose.distance import gap_closed, total, whole_gap
 from vlab.diagnose.engine import Diagnosed
 from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency.engine import FrequencyDiagnosed
+from vlab.diagnose.stopped import Stopped
 from vlab.diagnose.terms import Term
 from vlab.diagnose.verify import Checked
 from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
@@ -37,6 +38,7 @@ from vlab.views.figures.diagnosis import (
 from vlab.views.figures.model_drawing import model_figure
 from vlab.views.missing_force import missing_force
 from vlab.views.report import Section, write_report
+from vlab.views.stopped_report import write_stopped
 
 FIGURES = {"Measured, refitted and amended": "overlay.svg", "The missing force": "missing-force.svg"}
 """Sections whose first figure is written by itself as well."""
@@ -51,14 +53,18 @@ REPRODUCED = 0.05
 elements take their step a little differently from a law that acts as a force."""
 
 
-def write_diagnosis(done: Done, folder: Path) -> list[Section]:
+def write_diagnosis(done: Done | Stopped, folder: Path) -> list[Section]:
     """Write ``diagnosis.json``, ``report.html``, its main figures, ``run.rrd`` and the amended model; return the report's sections.
+
+    Of one that ended before its search there is only the report.
 
     Raises
     ------
     OutputRefused
         A file cannot be written.
     """
+    if isinstance(done, Stopped):
+        return write_stopped(done, folder)
     files = write_amended(done, folder)
     document = {
         **done.diagnosis.to_json(),

@@ -5,6 +5,7 @@ than the thing, over time as well. Between the resonances both agree. Bands of a
 however much power is in them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -72,6 +73,14 @@ class Bands:
         return float(np.median(self.remains(factor)))
 
 
+def together(found: Sequence[Bands]) -> Bands:
+    """Return the bands of several channels as those of one."""
+    joined = {
+        name: np.concatenate([getattr(b, name) for b in found]) for name in ("hz", "recorded", "simulated", "cross")
+    }
+    return Bands(**joined, of_line=np.zeros(0, dtype=int))
+
+
 def bands(time: Array, recorded: Array, simulated: Array) -> Bands:
     """Return two channels sampled at the same times by bands; no band where either stands still.
 
@@ -107,16 +116,12 @@ def bands_of_spectra(freq: Array, recorded: ComplexArray, simulated: ComplexArra
     lowest : float
         Lines below are left out [Hz].
     """
-    edges = [int(np.searchsorted(freq, lowest))]
-    while edges[-1] < len(freq):
-        edges.append(max(int(np.searchsorted(freq, WIDTH * freq[edges[-1]])), edges[-1] + LINES))
-    starts = np.array([start for start, end in pairwise(edges) if end <= len(freq)], dtype=int)
+    starts, last = _edges(freq, lowest)
     of_line = np.full(len(freq), -1)
+    Y, S = recorded[:last], simulated[:last]
     if not len(starts):
         none = np.zeros(0)
         return Bands(hz=none, recorded=none, simulated=none, cross=none.astype(complex), of_line=of_line)
-    last = edges[len(starts)]
-    Y, S = recorded[:last], simulated[:last]
     with np.errstate(over="ignore", invalid="ignore"):
         power = [np.add.reduceat(np.abs(x) ** 2, starts) for x in (Y, S)]
         cross = np.add.reduceat(Y * np.conj(S), starts)
@@ -131,3 +136,38 @@ def bands_of_spectra(freq: Array, recorded: ComplexArray, simulated: ComplexArra
         cross=cross[usable],
         of_line=of_line,
     )
+
+
+def bands_of_responses(freq: Array, measured: ComplexArray, own: ComplexArray) -> Bands:
+    """Return two responses by bands in which every line counts alike: the median of their ratio, and the mean of its direction.
+
+    A response has no input whose weak lines would be noise, and resonances so sharp that their power is all of a band's.
+
+    Parameters
+    ----------
+    freq : (n,) array
+        Increasing [Hz].
+    measured, own : (n,) complex array
+        Of a measurement and of a model, without zeros.
+    """
+    starts, last = _edges(freq, 0.0)
+    ratio = measured[:last] / own[:last]
+    parts = np.split(ratio, starts[1:]) if len(starts) else []
+    size = np.array([np.exp(np.median(np.log(np.abs(part)))) for part in parts])
+    direction = np.array([np.mean(part / np.abs(part)) for part in parts], dtype=complex)
+    return Bands(
+        hz=freq[starts],
+        recorded=size**2,
+        simulated=np.ones(len(parts)),
+        cross=size * direction,
+        of_line=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+    )
+
+
+def _edges(freq: Array, lowest: float) -> tuple[Array, int]:
+    """Return the first lines of the bands, and one past the last line of the last one; lines below a frequency are in none."""
+    edges = [int(np.searchsorted(freq, lowest))]
+    while edges[-1] < len(freq):
+        edges.append(max(int(np.searchsorted(freq, WIDTH * freq[edges[-1]])), edges[-1] + LINES))
+    starts = np.array([start for start, end in pairwise(edges) if end <= len(freq)], dtype=int)
+    return starts, edges[len(starts)]

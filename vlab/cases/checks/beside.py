@@ -15,6 +15,9 @@ from vlab.signals import Recording
 
 FEWEST = 3
 """Bands below which a recording says nothing of a channel: at one resonance any phase and size may be the model's own error."""
+UNEXPLAINED, EXPLAINED = 0.5, 0.3
+"""Recordings are read otherwise where the model leaves the first share of a channel in most bands of some recording, and leaves no more than
+the second of it then."""
 MOST_STEPS = 40_000
 """Integration steps of a run that are simulated for the checks: the first seconds of it, or all."""
 
@@ -36,14 +39,12 @@ class Beside:
     simulated: tuple[Recording | None, ...]
     channels: Mapping[str, Sequence[Bands]]
 
-    def left(self, channel: str, factor: float = 1.0) -> float:
-        """Return what a simulated channel times a factor leaves in the run of which it leaves most, see `Bands.left`."""
-        return max((b.left(factor) for b in self.channels[channel]), default=0.0)
-
-    @property
-    def worst(self) -> float:
-        """What is left of the channel of which most is."""
-        return max((self.left(channel) for channel in self.channels), default=0.0)
+    def left(self, channel: str) -> float:
+        """Return what a simulated channel leaves in the run of which it leaves most, see `Bands.left`; all where the model cannot follow a
+        run, nothing where no run says anything of the channel."""
+        if any(own is None for own in self.simulated):
+            return 1.0
+        return max((b.left() for b in self.channels[channel]), default=0.0)
 
 
 def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | None] | None = None) -> Beside:
@@ -54,7 +55,11 @@ def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | No
     simulated : sequence of Recording or None, optional
         Where that is known already.
     """
-    known = [_simulated(plant, run) for run in runs] if simulated is None else list(simulated)
+    known = (
+        [_simulated(plant, run) for run in runs]
+        if simulated is None
+        else [_as_far(*pair) for pair in zip(simulated, runs, strict=True)]
+    )
     channels: dict[str, list[Bands]] = {}
     for run, own in zip(runs, known, strict=True):
         for name in (c.channel for c in run.compared if c.actuator is None):
@@ -75,6 +80,12 @@ def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
     part = run.measured.between(time[0], time[0] + most_steps * step)
     valid = None if run.valid is None else run.valid[: len(part)]
     return replace(run, measured=part, valid=valid) if len(part) >= 2 else run
+
+
+def _as_far(simulated: Recording | None, run: Run) -> Recording | None:
+    """Return a simulation of a longer run as far as a run goes."""
+    n = len(run.measured)
+    return None if simulated is None else replace(simulated, time=simulated.time[:n], data=simulated.data[:n])
 
 
 def _simulated(plant: Plant, run: Run) -> Recording | None:

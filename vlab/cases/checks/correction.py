@@ -51,6 +51,11 @@ class Correction:
         return any(taken.source != taken.channel for taken in self.taken)
 
     @property
+    def is_turned(self) -> bool:
+        """Whether it turns signs and does nothing else."""
+        return all(taken.factor == -1.0 for taken in self.taken)
+
+    @property
     def is_beyond_physics(self) -> bool:
         """Whether a factor is larger than any effect of the catalogue makes it."""
         return any(abs(np.log(abs(taken.factor))) > np.log(REACH) for taken in self.taken)
@@ -110,10 +115,6 @@ class FileCheck:
     def lines(self) -> tuple[str, ...]:
         """All texts."""
         return tuple(text for severity in ("fatal", "warning", "note") for text in self.of(severity))
-
-
-NONE = FileCheck()
-"""Nothing was found, or nothing was looked at."""
 
 
 @dataclass(frozen=True, kw_only=True)

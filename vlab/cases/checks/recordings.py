@@ -13,7 +13,8 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.checks.bands import bands
-from vlab.cases.checks.beside import FEWEST, Beside, beside, first_seconds
+from vlab.cases.checks.beside import EXPLAINED, FEWEST, UNEXPLAINED, Beside, beside, first_seconds
+from vlab.cases.checks.clock import check_clock
 from vlab.cases.checks.coherence import unrelated
 from vlab.cases.checks.correction import (
     Correction,
@@ -25,20 +26,18 @@ from vlab.cases.checks.correction import (
     slips_of,
 )
 from vlab.cases.checks.shifts import shifts
-from vlab.cases.checks.slips import SMALL, is_turned, reading, slip_of_unit, slip_without_sign
+from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
 from vlab.cases.wiring import Run
 from vlab.signals import Recording
 
-UNEXPLAINED = 0.5
-"""Other readings of the inputs are tried where the model leaves this share of some channel in most bands of some recording."""
 WORSE = 1.2
 """A correction of a channel may leave this multiple of what was left of others, and `SLACK` more."""
 SLACK = 0.02
 """Share of the recorded power that is no matter: a tenth of the size is more."""
 SMALLER = 0.1
-"""Exchanged columns are believed where they leave this share of what is left otherwise."""
+"""A correction of what was explained in part is believed where it leaves this share of what is left otherwise."""
 MOST_TRIED = 40
-"""Other readings of the inputs that are tried, each in a simulation of the shortest recording."""
+"""Other readings that are tried, each in a simulation of the shortest recording."""
 
 
 def check_recordings(
@@ -57,12 +56,18 @@ def check_recordings(
     -------
     FileCheck
         Empty where nothing is wrong, or nothing shows.
+
+    Raises
+    ------
+    BadCase
+        The unit of time is wrong: see `vlab.cases.checks.clock`.
     """
     runs = case.runs() if runs is None else list(runs)
     if simulated is None:
-        runs = [first_seconds(case.plant, run) for run in runs]
+        check_clock(case, runs)
+    runs = [first_seconds(case.plant, run) for run in runs]
     look = _Look(case, beside(case.plant, runs, simulated))
-    found = look.slips() or look.swaps() or look.readings_of_inputs() or look.unrelated() or look.without_sign()
+    found = look.slips() or look.swaps() or look.read_otherwise() or look.unrelated() or look.without_sign()
     return FileCheck(found=(*found, *look.shifts({name for f in found for name in f.channels})))
 
 
@@ -113,17 +118,25 @@ class _Look:
         assert read is not None
         size = float(np.exp(read.log_size))
         if taken.unit:
+            units = " or ".join(near_units(read, slips_of(column)))
             text = (
-                f"{taken.channel} is {_number(np.sign(taken.factor) * size)} times what the model gives in every recording, as if its "
-                f"numbers were in {taken.unit} and not in {column.unit}"
+                f"{taken.channel} is {np.sign(taken.factor) * size:.4g} times what the model gives in every recording, as if its "
+                f"numbers were in {units} and not in {column.unit}"
             )
         else:
             text = f"{taken.channel} is the model's with its sign turned in every recording (fit {-size:.2f})"
-        ways = [Correction(taken=(taken,))]
-        if self.outputs == (taken.channel,):  # of one input and one output either may be it
-            of_input = self._slip_of_input()
-            ways += [] if of_input is None else [Correction(taken=(of_input,))]
-        return self._found(text, ways)
+        return self._found(text, [Correction(taken=(taken,)), *self._by_an_input(taken)])
+
+    def _by_an_input(self, taken: Taken) -> list[Correction]:
+        """Return the slips of inputs that explain an output's as well: of one that moves in step with it either may be wrong."""
+        out = []
+        for name in self.inputs:
+            slips = {"": -1.0} if not taken.unit else slips_of(self.columns[name])
+            for unit, slip in slips.items():
+                if abs(taken.factor * slip - 1.0) < SMALL:
+                    correction = Correction(taken=(Taken(channel=name, source=name, factor=slip, unit=unit),))
+                    out += [correction] if self._holds(correction) else []
+        return out
 
     def _said_of_input(self, taken: Taken) -> Found:
         what = " and ".join(self.outputs) if len(self.outputs) <= 3 else f"all {len(self.outputs)} outputs"
@@ -170,34 +183,43 @@ class _Look:
                 left.append(found.left() if len(found) >= FEWEST else 0.0)
         return max(left) if len(left) > 1 else 1.0
 
-    # ---- inputs read otherwise ------------------------------------------------------------------------------------
+    # ---- columns read otherwise -----------------------------------------------------------------------------------
 
-    def readings_of_inputs(self) -> list[Found]:
-        """Return what is wrong with inputs of which a model is not linear enough to show it channel by channel."""
-        if not self.now.channels or (self.outputs and self.now.worst < UNEXPLAINED):
+    def read_otherwise(self) -> list[Found]:
+        """Return what is wrong with inputs, or with outputs that spoil the first state: a model is not linear enough to show it directly."""
+        unexplained = self._unexplained(self.now)
+        if not unexplained:
             return []
         short = min(self.now.runs, key=lambda run: float(run.measured.time[-1] - run.measured.time[0]))
-        found, best = None, SMALL
-        for correction in islice(self._other_readings(), MOST_TRIED):
+        found, best = None, len(unexplained)
+        for correction in islice(self._other_readings(unexplained), MOST_TRIED):
             tried = beside(self.case.plant, [correction.on(short)])
-            if any(tried.channels.values()) and tried.worst < best and self._holds(correction):
-                found, best = correction, tried.worst
+            still = sum(tried.left(name) > EXPLAINED for name in unexplained)
+            if still < best and self._holds(correction):
+                found, best = correction, still
         return [] if found is None else [self._found(self._words_of(found), [found])]
 
-    def _other_readings(self) -> Iterator[Correction]:
+    def _unexplained(self, at: Beside) -> list[str]:
+        return [name for name in at.channels if at.left(name) >= UNEXPLAINED]
+
+    def _other_readings(self, unexplained: Sequence[str]) -> Iterator[Correction]:
+        """Yield corrections of every input, and of the outputs that are not explained, those of few columns first."""
         for name in self.inputs:
             yield Correction(taken=(Taken(channel=name, source=name, factor=-1.0),))
         for one, other in combinations(self.inputs, 2):
             if self._alike(one, other):
                 yield Correction(taken=(Taken(channel=one, source=other), Taken(channel=other, source=one)))
-        for name in self.inputs:
-            for unit, slip in slips_of(self.columns[name]).items():
-                yield Correction(taken=(Taken(channel=name, source=name, factor=slip, unit=unit),))
-        kinds = dict.fromkeys(self.columns[name].unit for name in self.now.channels)
-        for kind in kinds:  # one hand writes all encoders of a file
-            same = [name for name in self.now.channels if self.columns[name].unit == kind]
-            for unit, slip in slips_of(self.columns[same[0]]).items():
-                yield Correction(taken=tuple(Taken(channel=n, source=n, factor=slip, unit=unit) for n in same))
+        for name in (*unexplained, *self.inputs):
+            yield from self._in_other_units((name,))
+        units = dict.fromkeys(self.columns[name].unit for name in unexplained)
+        for unit in units:  # one hand writes all encoders of a file
+            names = tuple(name for name in unexplained if self.columns[name].unit == unit)
+            if len(names) > 1:
+                yield from self._in_other_units(names)
+
+    def _in_other_units(self, names: Sequence[str]) -> Iterator[Correction]:
+        for unit, slip in slips_of(self.columns[names[0]]).items():
+            yield Correction(taken=tuple(Taken(channel=n, source=n, factor=slip, unit=unit) for n in names))
 
     def _words_of(self, correction: Correction) -> str:
         names = " and ".join(correction.channels)
@@ -205,10 +227,10 @@ class _Look:
             what = f"{names} drive each other's places, as if their columns were exchanged"
         elif correction.taken[0].unit:
             said = self.columns[correction.channels[0]].unit
-            what = f"{names} seems to be in {correction.taken[0].unit} and not in {said}"
+            what = f"{names}: the numbers are in {correction.taken[0].unit} and not in {said}"
         else:
-            what = f"{names} has its sign turned"
-        return f"{what}: read so, every recording is as the model gives it"
+            what = f"{names}: the sign is turned"
+        return f"{what}: read so, the recordings are nearly what the model gives, and are not otherwise"
 
     # ---- what no line of a case mends -----------------------------------------------------------------------------
 
@@ -238,29 +260,22 @@ class _Look:
     def _holds(self, correction: Correction) -> bool:
         """Return whether the model does better on all recordings without a slip, and nowhere worse."""
         then = beside(self.case.plant, [correction.on(run) for run in self.now.runs])
-        concerned = set(self.outputs) & set(correction.channels) or set(self.outputs) or set(then.channels)
-        if not all(then.channels[name] for name in concerned):
-            return False
+        concerned = set(then.channels) & set(correction.channels) or set(then.channels)
+        is_better = False
         for name, of_runs in then.channels.items():
             before, after = self.now.left(name), then.left(name)
-            if name not in concerned:
-                if after > WORSE * before + SLACK:
-                    return False
-            elif (
-                is_turned(of_runs)
-                or slip_of_unit(of_runs, slips_of(self.columns[name])) is not None
-                or (after > SMALL and after > before - SLACK and not correction.is_beyond_physics)
-            ):
+            if after > WORSE * before + SLACK or (name in correction.channels and not of_runs):
                 return False
-        return True
+            if name in concerned and (is_turned(of_runs) or slip_of_unit(of_runs, slips_of(self.columns[name]))):
+                return False
+            is_explained = before >= UNEXPLAINED and after <= EXPLAINED
+            is_with = correction.is_turned and (read := reading(of_runs)) is not None and read.sign == 1.0
+            is_better |= name in concerned and (is_explained or after <= SMALLER * before or is_with)
+        return is_better or correction.is_beyond_physics
 
     def _found(self, text: str, ways: Sequence[Correction]) -> Found:
-        severity: Severity = "warning" if all(t.factor == -1.0 for t in ways[0].taken) else "fatal"
+        severity: Severity = "warning" if ways[0].is_turned else "fatal"
         words = (
             f"{text}; to mend it, say in {self.case.path.name}: {'; or '.join(way.edits(self.case) for way in ways)}"
         )
         return Found(severity=severity, text=words, channels=ways[0].channels)
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}"

@@ -15,6 +15,7 @@ from vlab.diagnose.choose import Choice, choose
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, Verdict
 from vlab.diagnose.distance import gap_closed, total, verifying
 from vlab.diagnose.findings import alternatives, by_what_they_explain, of_attempt, of_terms
+from vlab.diagnose.frequency.file_checks import check_responses
 from vlab.diagnose.frequency.leaving_out import LeftOut, leave_out
 from vlab.diagnose.frequency.levels import level_notes
 from vlab.diagnose.frequency.measured import MODEL_ERROR, Measured, Modes, Response
@@ -29,6 +30,7 @@ from vlab.diagnose.frequency.verify import (
     check_frequency,
     modal_errors,
 )
+from vlab.diagnose.stopped import Stopped, stopped
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.uncertain import unused
 from vlab.diagnose.verify import Removed
@@ -82,8 +84,8 @@ def is_in_frequency(case: Case) -> bool:
 
 def diagnose_frequency(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
-) -> FrequencyDiagnosed:
-    """Diagnose a case of frequency responses and modal tables.
+) -> FrequencyDiagnosed | Stopped:
+    """Diagnose a case of frequency responses and modal tables, or say before any search that its files are not what it says.
 
     Parameters
     ----------
@@ -99,6 +101,9 @@ def diagnose_frequency(
     report = progress or (lambda share, what: None)
     report(0.0, "reading")
     problem = prepare_frequency(case)
+    file = check_responses(problem)
+    if file.of("fatal"):
+        return stopped(case, file, time.monotonic() - began)
     found = search_frequency(problem, list(effects) or list(EFFECTS.values()), lambda s, what: report(0.85 * s, what))
     choice = _chosen(found)
     fit_before = found.before.fit
@@ -118,9 +123,10 @@ def diagnose_frequency(
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
         attempt = best_attempt(tried, (trials(h.fit, of_attempt(h, h.fit, cast(Any, problem))) for h in others))
-    diagnosis = replace(
-        _say(problem, found, choice, verdict, tried, attempt, left_out), seconds=time.monotonic() - began
-    )
+    if verdict == "none-of-these" and file.of("warning"):
+        verdict = "bad-recording"
+    said = _say(problem, found, choice, verdict, tried, attempt, left_out)
+    diagnosis = replace(said, quality=file.lines, seconds=time.monotonic() - began)
     report(1.0, "done")
     return FrequencyDiagnosed(
         diagnosis=diagnosis,
@@ -273,12 +279,6 @@ def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem, attempt: 
 
 def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, left_out: LeftOut | None) -> list[str]:
     out = list(problem.view.left_out)
-    out += [
-        f"{data.name}: the response at {data.input} to a force there gives back power, which no passive thing does; its sign is "
-        "turned, or its phase counts the other way"
-        for data in (*problem.measured, *problem.held_out)
-        if isinstance(data, Response) and data.gives_power
-    ]
     aside = [name for name, _ in problem.case.recordings()]
     if aside:
         out.append(f"[[recording]] {', '.join(aside)} not used: the case has responses and tables of modes to fit")

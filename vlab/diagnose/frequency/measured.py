@@ -211,7 +211,8 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
     file = open_table(table.file, folder=case.folder)
     read = to_frequency_response(file, table)
     used = (read.freq > 0) & (read.freq >= table.low_hz) & (read.freq <= (table.high_hz or np.inf))
-    freq, H = read.freq[used], read.H[used, :, 0]
+    scales = np.abs(_scales(table)) if read.is_magnitude else _scales(table)
+    freq, H = read.freq[used], (np.conj(read.H) if table.conjugate else read.H)[used, :, 0] * scales
     if len(freq) < 8:
         raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz in its band; at least 8 are needed")
     if not np.all(np.any(H != 0, axis=0)):
@@ -240,6 +241,12 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
     )
 
 
+def _scales(table: FrfTable) -> Array:
+    """Return what every output's response is multiplied by, (n_outputs,)."""
+    each = {channel.at: channel.scale for channel in table.channel}
+    return table.scale * np.array([each.get(output, 1.0) for output in table.outputs])
+
+
 def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lines: int) -> list[Array | None]:
     """Return the standard deviation of every output where the file states coherence or variance; None where it does not."""
     by_output = {channel.at: channel for channel in table.channel}
@@ -258,7 +265,7 @@ def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lin
             if np.any(values < 0):
                 raise BadCase(f"{table.file}: column {column!r} holds a negative variance")
             size = np.abs(H[:, k])
-            out.append(np.sqrt(values) + 1e-6 * np.sqrt(np.mean(size**2)))
+            out.append(np.sqrt(values) * abs(_scales(table)[k]) + 1e-6 * np.sqrt(np.mean(size**2)))
             continue
         if np.any((values < 0) | (values > 1)):
             raise BadCase(f"{table.file}: column {column!r} is no coherence; one lies between 0 and 1")
