@@ -49,6 +49,8 @@ class Distance:
         noise leaves.
     channels : dict
         The same by channel: (nominal, before, after, noise), `before` of the same model in all of them.
+    incoherent : float
+        Relative rms of what `before` leaves that neither inputs nor motion explain, the noise at least; 0 where that is not known.
     refitted : float
         Relative error of the refitted model; not a number where nothing was compared with it.
     bare : float
@@ -64,6 +66,7 @@ class Distance:
     after: float
     noise: float
     channels: dict[str, tuple[float, float, float, float]]
+    incoherent: float = 0.0
     refitted: float = float("nan")
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()

@@ -30,7 +30,7 @@ from vlab.diagnose.stopped import Stopped, stopped
 from vlab.diagnose.terms import Fit
 from vlab.diagnose.timing import said
 from vlab.diagnose.unseen import held_out, moves
-from vlab.diagnose.verdict import closes, is_needed, left_over, verdict_on
+from vlab.diagnose.verdict import closes, coloured_noise, is_needed, left_over, verdict_on
 from vlab.diagnose.verify import Amended, Checked, amended, check, coarse_steps, with_finer_steps
 from vlab.diagnose.words import far_off, idle, next_measurement, not_excluded, spoilt
 from vlab.diagnose.zeros import said_zeros, shifted_zeros
@@ -170,6 +170,7 @@ def _diagnosed(
         checked = [c.unamended() for c in checked]
     notes = (
         *left_over(verdict, checked, is_structure=is_structure),
+        *coloured_noise(verdict, checked, is_structure=is_structure),
         *spoilt(checked),
         *idle(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
         *([coarse] if coarse else []),

@@ -38,8 +38,8 @@ LEAST_FREEDOM = 1e-6
 """Least share of a line that its own fit leaves free [1]: rounding alone is below."""
 FIRST_LINES = 3
 """Spectral lines from which the noise's share of the mean is extrapolated [1]."""
-LEAST_SNR = 3.0
-"""Least ratio of a channel's rms to its incoherent residual [1]: beyond a third of the motion (10 dB) no noise is told from chaos."""
+LEAST_SNR = 10.0
+"""Least ratio of a channel's rms to its incoherent residual [1]: of more (20 dB) no noise is told from physics that these functions miss."""
 
 
 def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
@@ -57,7 +57,7 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
     Returns
     -------
     float
-        In the channel's unit; 0 where the record cannot tell: uneven times, too few samples, or more than a third of the motion.
+        In the channel's unit; 0 where the record cannot tell: uneven times, too few samples, or more than a tenth of the motion.
     """
     if not run.measured.is_uniform or np.ptp(residual) == 0:
         return 0.0

@@ -93,6 +93,22 @@ def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: boo
     ]
 
 
+def is_incoherent(checked: Sequence[Checked]) -> bool:
+    """Return whether the model's residual has no coherence with inputs and motion: then it is noise, however coloured."""
+    return total(checked, "before") <= ABOVE_NOISE * total(checked, "incoherent")
+
+
+def coloured_noise(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+    """Return in a sentence that more than the noise of the spectra's upper ends is left and counts as noise, where that is so."""
+    errors = errors_of(checked)
+    if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
+        return []
+    return [
+        f"the model leaves {100 * errors['before']:.2g} % of the recordings' rms, which is coherent with neither the inputs nor the "
+        "motion: coloured noise"
+    ]
+
+
 def is_of_the_fit_alone(
     checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, is_structure: bool
 ) -> bool:
@@ -135,6 +151,6 @@ def verdict_on(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if not unexplained:
+    if not unexplained or is_incoherent(checked):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"

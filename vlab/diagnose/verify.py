@@ -269,11 +269,11 @@ def _checked(
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
             errors.append(apart(recording, run.measured))
-    noise = np.maximum(noise, _incoherent(run, names, recordings) / scale)
     left = [_rms(e) for e in errors]
     stands = errors[0] if left[1] > left[0] else errors[1]
+    standing = recordings[0] if left[1] > left[0] else recordings[1]
     if models[2] is None:
-        errors[2], recordings[2] = stands, recordings[0] if left[1] > left[0] else recordings[1]
+        errors[2], recordings[2] = stands, standing
     parts = []
     for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
         moved = np.full(len(names), np.inf)
@@ -288,6 +288,7 @@ def _checked(
         after=_rms(errors[2]),
         noise=_rms(noise),
         channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing) / scale)),
         refitted=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
@@ -296,10 +297,11 @@ def _checked(
     )
 
 
-def _incoherent(run: Run, names: Sequence[str], simulated: Sequence[Recording | None]) -> Array:
-    """Return the rms (n_names,) of the least that any model leaves unexplained by inputs and motion: noise is in all they leave."""
-    left = [[incoherent_rms(run, n, run.measured[n] - s[n]) for n in names] for s in simulated if s is not None]
-    return np.min(left, axis=0) if left else np.zeros(len(names))
+def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
+    """Return the rms (n_names,) of what inputs and motion do not explain of what a model leaves."""
+    if simulated is None:
+        return np.zeros(len(names))
+    return np.array([incoherent_rms(run, name, run.measured[name] - simulated[name]) for name in names])
 
 
 def _rms(x: Array) -> float:
