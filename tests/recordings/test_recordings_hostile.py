@@ -3,6 +3,7 @@
 import io
 import warnings
 
+import mutated
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -11,6 +12,7 @@ import scipy.io
 import sound
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mutated import mutate
 
 from vlab.errors import BadRecording
 from vlab.recordings import open_table, read_recording, write_recording
@@ -85,30 +87,11 @@ def suffix_of(kind):
     return kind.split()[0]
 
 
-SIGNS = st.sampled_from([b"\n", b",", b";", b'"', b"#", b"-", b"e", b"j", b"nan", b"inf", b"1_0", b"\0", b"\r"])
-SIZES = st.sampled_from([b"\xff" * 4, b"\xff\xff\xff\x7f", b"\0" * 4, b"\0\0\0\x40", b"\xff" * 8])
 EDIT = st.tuples(
-    st.sampled_from(["flip", "insert", "overwrite", "delete", "cut"]),
+    st.sampled_from(mutated.EDITS),
     st.integers(0, 2**20),
-    st.one_of(st.binary(min_size=1, max_size=8), SIGNS, SIZES),
+    st.one_of(st.binary(min_size=1, max_size=8), st.sampled_from(mutated.SIGNS), st.sampled_from(mutated.SIZES)),
 )
-
-
-def mutate(data, edits):
-    data = bytearray(data)
-    for what, where, content in edits:
-        at = where % max(len(data), 1)
-        if what == "flip" and data:
-            data[at] ^= content[0] or 1
-        elif what == "insert":
-            data[at:at] = content
-        elif what == "overwrite":
-            data[at : at + len(content)] = content
-        elif what == "delete":
-            del data[at : at + len(content)]
-        elif what == "cut" and where % 4 == 0:
-            del data[at:]
-    return bytes(data)
 
 
 def opened(read, path):
