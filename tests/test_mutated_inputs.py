@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from mutated import Bound, TooMuchWork, mutated_bytes, mutated_text
+from vlab.controllers.law_file import load_law
 
 import vlab.proof.prove as proving
-from controllers.law_file import load_law
 from vlab.assets import asset
 from vlab.cases import compare_case, load_case
 from vlab.cli import main
