@@ -36,7 +36,7 @@ SLACK = 0.02
 """Share of the recorded power that is no matter: a tenth of the size is more."""
 SMALLER = 0.1
 """A correction of what was explained in part is believed where it leaves this share of what is left otherwise."""
-MOST_TRIED = 40
+MOST_TRIED = 12
 """Other readings that are tried, each in a simulation of the shortest recording."""
 
 
@@ -194,8 +194,8 @@ class _Look:
         found, best = None, len(unexplained)
         for correction in islice(self._other_readings(unexplained), MOST_TRIED):
             tried = beside(self.case.plant, [correction.on(short)])
-            still = sum(tried.left(name) > EXPLAINED for name in unexplained)
-            if still < best and self._holds(correction):
+            still = sum(not tried.channels[name] or tried.left(name) > EXPLAINED for name in unexplained)
+            if still < best and self._is_better(correction):
                 found, best = correction, still
         return [] if found is None else [self._found(self._words_of(found), [found])]
 
@@ -258,10 +258,20 @@ class _Look:
     # ---- whether a correction holds -------------------------------------------------------------------------------
 
     def _holds(self, correction: Correction) -> bool:
-        """Return whether the model does better on all recordings without a slip, and nowhere worse."""
+        """Return whether recordings show a slip that the model denies: it does better without, or no physics is of that size."""
+        return self._is_better(correction, beyond_physics=correction.is_beyond_physics)
+
+    def _is_better(self, correction: Correction, *, beyond_physics: bool = False) -> bool:
+        """Return whether the model does better on all recordings without a slip, and nowhere worse.
+
+        Parameters
+        ----------
+        beyond_physics : bool
+            Nowhere worse will do.
+        """
         then = beside(self.case.plant, [correction.on(run) for run in self.now.runs])
         concerned = set(then.channels) & set(correction.channels) or set(then.channels)
-        is_better = False
+        is_better = beyond_physics
         for name, of_runs in then.channels.items():
             before, after = self.now.left(name), then.left(name)
             if after > WORSE * before + SLACK or (name in correction.channels and not of_runs):
@@ -271,7 +281,7 @@ class _Look:
             is_explained = before >= UNEXPLAINED and after <= EXPLAINED
             is_with = correction.is_turned and (read := reading(of_runs)) is not None and read.sign == 1.0
             is_better |= name in concerned and (is_explained or after <= SMALLER * before or is_with)
-        return is_better or correction.is_beyond_physics
+        return is_better
 
     def _found(self, text: str, ways: Sequence[Correction]) -> Found:
         severity: Severity = "warning" if ways[0].is_turned else "fatal"
