@@ -37,7 +37,9 @@ SLACK = 0.02
 SMALLER = 0.1
 """A correction of what was explained in part is believed where it leaves this share of what is left otherwise."""
 MOST_TRIED = 12
-"""Other readings that are tried, each in a simulation of the shortest recording."""
+"""Other readings that are tried."""
+STEPS_TRIED = 4000
+"""Integration steps of the first recording that each of them is tried on."""
 
 
 def check_recordings(
@@ -190,7 +192,7 @@ class _Look:
         unexplained = self._unexplained(self.now)
         if not unexplained:
             return []
-        short = min(self.now.runs, key=lambda run: float(run.measured.time[-1] - run.measured.time[0]))
+        short = first_seconds(self.case.plant, self.now.runs[0], STEPS_TRIED)
         found, best = None, len(unexplained)
         for correction in islice(self._other_readings(unexplained), MOST_TRIED):
             tried = beside(self.case.plant, [correction.on(short)])
