@@ -39,7 +39,7 @@ SMALLER = 0.1
 MOST_TRIED = 12
 """Other readings that are tried."""
 STEPS_TRIED = 4000
-"""Integration steps of the first recording that each of them is tried on."""
+"""Integration steps, of the recording of which the model leaves most channels, that each of them is tried on."""
 
 
 def check_recordings(
@@ -192,11 +192,17 @@ class _Look:
         unexplained = self._unexplained(self.now)
         if not unexplained:
             return []
-        short = first_seconds(self.case.plant, self.now.runs[0], STEPS_TRIED)
-        found, best = None, len(unexplained)
+
+        def left(run: Run) -> int:
+            at = beside(self.case.plant, [run])
+            return sum(not at.channels[name] or at.left(name) > EXPLAINED for name in unexplained)
+
+        parts = [first_seconds(self.case.plant, run, STEPS_TRIED) for run in self.now.runs]
+        as_said = [left(part) for part in parts]
+        found, best = None, max(as_said)
+        worst = parts[as_said.index(best)]
         for correction in islice(self._other_readings(unexplained), MOST_TRIED):
-            tried = beside(self.case.plant, [correction.on(short)])
-            still = sum(not tried.channels[name] or tried.left(name) > EXPLAINED for name in unexplained)
+            still = left(correction.on(worst))
             if still < best and self._is_better(correction):
                 found, best = correction, still
         return [] if found is None else [self._found(self._words_of(found), [found])]
