@@ -10,7 +10,8 @@ from vlab.cases.initial import InitialState, begins_at_rest, exponentials
 from vlab.cases.misfit import misfit
 from vlab.cases.playback import _held_means, plan_clock
 from vlab.controllers import DirectRateFeedback
-from vlab.errors import BadCase, Diverged
+from vlab.diagnose.engine import diagnose
+from vlab.errors import BadCase, BadRecording, Diverged
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
 from vlab.plants import build_plant
@@ -255,6 +256,38 @@ def test_a_run_of_too_many_steps_is_refused_before_it_starts(tmp_path):
     folder = write_case(tmp_path, CART, "x", [np.arange(300.0)], body)
     with pytest.raises(BadCase, match="steps; at most"):
         compare_case(folder)
+
+
+def test_samples_that_are_too_far_apart_for_their_model_are_refused_before_they_are_simulated(tmp_path):
+    time = np.append(np.arange(20) / 100.0, 1e5)  # one stamp in another unit
+    body = 'time = "t"\n' + channel("y", "encoder", "angle", "rad")
+    write_case(tmp_path, PENDULUM, "t,y", [time, np.sin(np.arange(21))], body)
+    with pytest.raises(BadCase, match="5e\\+03 s apart on average.*is the time in seconds"):
+        compare_case(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(1e30, "reaches 1e\\+30 rad.*at most 1e\\+10"), (1e-200, "moves by .*e-200 rad; at least 1e-77")],
+)
+def test_samples_that_no_simulation_can_have_are_refused(tmp_path, factor, said):
+    time = np.arange(50) / 100.0
+    body = "rate_hz = 100\n" + channel("y", "encoder", "angle", "rad")
+    write_case(tmp_path, PENDULUM, "y,z", [factor * np.cos(9 * time), time], body)
+    with pytest.raises(BadRecording, match=f"run.csv: 'encoder' {said}"):
+        compare_case(tmp_path)
+    with pytest.raises(BadRecording, match=f"run.csv: 'encoder' {said}"):
+        diagnose(load_case(tmp_path))
+
+
+def test_a_comparison_tells_how_far_it_is(tmp_path):
+    body = "rate_hz = 100\n" + channel("y", "encoder", "angle", "rad")
+    write_case(tmp_path, PENDULUM, "y,z", [np.cos(np.arange(900) / 9.0)] * 2, body)
+    shares = []
+    compare_case(tmp_path, progress=lambda share, what: shares.append(share))
+    assert shares == sorted(shares)
+    assert len(shares) > 10  # every 500 of 9000 steps
+    assert shares[-1] == pytest.approx(1.0)
 
 
 def test_the_exponentials_are_those_of_scipy():

@@ -178,6 +178,9 @@ def test_free_motion_is_allowed_and_said():
         ('mass="2"', 'mass="-2"', "MuJoCo refuses.*negative"),
         ('stiffness="80"', 'stiffness="inf"', "finite"),
         ('stiffness="80"', 'stiffness="1e999"', "refuses|finite"),
+        ('stiffness="80"', 'stiffness="1e200"', "at most 1e\\+77 can be computed with"),
+        ('mass="2"', 'mass="1e308"', "at most 1e\\+77 can be computed with"),
+        ('gravity="0 0 -9.81"', 'gravity="0 0 1e100"', "at most 1e\\+77 can be computed with"),
         ("<geom", "<gem", "MuJoCo refuses"),
         ("</body>", "", "malformed XML"),
         ("<mujoco>", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco>', "document type"),
@@ -195,6 +198,23 @@ def test_bad_models_are_refused_in_one_line(old, new, match):
     with pytest.raises(BadStructure, match=match) as caught:
         build_mjcf(SPRING.replace(old, new))
     assert "\n" not in str(caught.value)
+
+
+def test_a_model_whose_contacts_take_more_memory_than_it_has_is_refused_in_one_line():
+    touching = '<size memory="200K"/><worldbody><replicate count="200"><geom size="0.1"/></replicate>'
+    with pytest.raises(BadStructure, match="MuJoCo cannot compute it.*memory") as caught:
+        build_mjcf(SPRING.replace("<worldbody>", touching))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("mass", ["1e-12", "1e12", "1e30", "1e70"])
+def test_a_model_out_of_all_proportion_has_its_rest_or_says_that_it_has_none(mass):
+    plant = build_mjcf(SPRING.replace('mass="2"', f'mass="{mass}"'))
+    assert np.all(np.isfinite(plant.rest))
+    if "no equilibrium" in plant.notes[0]:
+        assert plant.rest[0] == 0.0  # where MuJoCo began anew it has settled nothing
+    else:
+        assert plant.rest[0] == pytest.approx(-float(mass) * 9.81 / 80, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,32 @@ def test_a_seal_opens_for_its_truth_only():
     assert canonical({"b": 1, "a": 2}) == canonical({"a": 2, "b": 1})
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"verdict": "nothing-missing", "seconds": NaN}', "the number NaN is not finite"),
+        ('{"verdict": "nothing-missing", "seconds": 1e999}', "the number 1e999 is not finite"),
+        ('{"verdict": "nothing-missing", "seconds": ' + 400 * "9" + "}", "is not finite"),
+        (100_000 * "[", "not readable as JSON"),
+        ('{"findings": []}', "not an answer as vlab writes it"),
+        ('{"verdict": "missing-physics", "findings": {"effect": "stop"}}', "not an answer as vlab writes it"),
+        ('{"verdict": "missing-physics", "findings": [{"effect": 1, "place": ""}]}', "not an answer as vlab writes it"),
+        ('["nothing-missing"]', "not an answer as vlab writes it"),
+    ],
+)
+def test_an_answer_that_is_none_is_refused_in_one_line(capsys, cases, answered, text, said):
+    path = answers_folder(cases) / ANSWERS / "case-001.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    status, out, err = run(capsys, "prove", str(cases), "--jobs", "1")
+    assert (status, out) == (2, "")
+    assert said in err
+    assert str(path) in err
+    assert err.count("\n") == 1
+    assert answered == ["case-002"]
+    assert not (answers_folder(cases) / FROZEN).exists()
+
+
 def test_the_recordings_say_nothing_of_the_truth(cases):
     names = {p.name for p in (cases / "case-001").iterdir()}
     assert names == {"case.toml", "rig.xml", *(f"run{i + 1}.parquet" for i in range(len(names) - 2))}

@@ -13,6 +13,7 @@ import json
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -95,6 +96,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, value)
     words = list(sys.argv[1:] if argv is None else argv)
     is_debug = DEBUG in words
+    if (
+        not is_debug
+    ):  # of numpy, on numbers that are looked at where they are used; whoever asked for such warnings gets them
+        warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
     with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written
         try:
             return _run(words)

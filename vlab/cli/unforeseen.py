@@ -31,5 +31,6 @@ def place_of(error: BaseException) -> str:
     for file, number in reversed(frames):
         path = Path(file)
         if path.is_relative_to(_PACKAGE):
-            return ".".join(path.relative_to(_PACKAGE.parent).with_suffix("").parts) + f":{number}"
+            module = ".".join(path.relative_to(_PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+            return f"{module}:{number}"
     return "vlab"

@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 from numba import config, njit
 from numba.core.caching import FunctionCache
 
+SHARED = ("/dev/shm",)
+"""Writable even in containers in which nothing else is."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -67,10 +69,10 @@ def _temporary() -> Iterator[str]:
     """Yield folders for temporary files that are the user's own: what is kept there is run, so nobody else may write there."""
     if not hasattr(os, "getuid"):
         return
-    parents = ["/dev/shm"]  # writable even in containers that nothing else is writable in
+    parents = []
     with contextlib.suppress(OSError):
-        parents.insert(0, tempfile.gettempdir())
-    for parent in parents:
+        parents.append(tempfile.gettempdir())
+    for parent in (*parents, *SHARED):
         folder = Path(parent) / f"vlab-compiled-{os.getuid()}"
         if Path(parent) == Path.cwd():  # what `tempfile` falls back to
             continue

@@ -1,0 +1,103 @@
+"""Compiled loops: kept between runs where there is a place for it, and needing none."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vlab.diagnose
+from vlab.diagnose import compiling, observer
+from vlab.diagnose.compiling import compiled
+
+USE = """
+import sys
+from pathlib import Path
+import numpy as np
+{prepare}
+from vlab.diagnose.compiling import compiled
+from vlab.diagnose import observer, compiled as laws
+double = observer._with_room(np.ones((2, 1, 1)))
+assert double.shape == (4, 1, 1)
+print(observer.__file__)
+print(getattr(observer._with_room._cache, "cache_path", None))
+"""
+
+
+def used(folder, prepare="", **environment):
+    """Use a compiled function of the package in a folder; return where it was kept."""
+    kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    done = subprocess.run(
+        [sys.executable, "-c", USE.format(prepare=prepare)],
+        env={**kept, "PYTHONPATH": str(folder), **environment},
+        cwd="/",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    file, where = done.stdout.split()
+    assert Path(file).is_relative_to(folder)
+    return where
+
+
+@pytest.fixture
+def sealed_off(tmp_path):
+    """An installation in which numba can keep nothing: a file stands where its folder would be, whoever the user is."""
+    package = Path(vlab.__file__).parent
+    ignored = shutil.ignore_patterns("__pycache__", "_assets")
+    shutil.copytree(package, tmp_path / "vlab", ignore=ignored)
+    if not (package / "controllers").exists():
+        shutil.copytree(package.parent / "controllers", tmp_path / "controllers", ignore=ignored)
+    (tmp_path / "vlab" / "diagnose" / "__pycache__").write_text("")
+    return tmp_path
+
+
+NOWHERE = {"HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_path):
+    (tmp_path / "temporary").mkdir()
+    where = used(sealed_off, **NOWHERE, TMPDIR=str(tmp_path / "temporary"))
+    assert Path(where).is_relative_to(tmp_path / "temporary")
+    assert list(Path(where).glob("*.nbc"))  # processes that are forked need not compile it again
+    (folder,) = (tmp_path / "temporary").iterdir()
+    assert folder.stat().st_mode & 0o077 == 0
+
+
+def test_nothing_at_all_need_be_writable(sealed_off):
+    assert used(sealed_off, "import vlab.diagnose.compiling as c; c._temporary = lambda: iter(())", **NOWHERE) == "None"
+
+
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(compiling, "SHARED", ())
+    (own,) = compiling._temporary()
+    assert Path(own).parent == tmp_path
+    Path(own).chmod(0o777)
+    assert list(compiling._temporary()) == []
+    Path(own).rmdir()
+    Path(own).symlink_to(tmp_path)
+    assert list(compiling._temporary()) == []
+
+
+def test_a_cache_that_goes_away_is_done_without(tmp_path, monkeypatch):
+    @compiled()
+    def twice(x):
+        return 2 * x
+
+    def full(*given):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(twice._cache._cache_file, "save", full)
+    monkeypatch.setattr(twice._cache._cache_file, "load", full)
+    assert twice(3) == 6
+    assert twice(1.5) == 3.0
+
+
+def test_what_is_compiled_is_kept():
+    assert observer._with_room(np.ones((1, 1, 1))).shape == (2, 1, 1)
+    assert list(Path(observer._with_room._cache.cache_path).glob("observer._with_room*.nbc"))
