@@ -166,9 +166,10 @@ def test_every_caller_says_whose_code_a_name_may_run():
     root = Path(named_law.__code__.co_filename).parents[2]
     silent, direct = [], {}
     for path in [*(root / "vlab").rglob("*.py"), *(root / "controllers").rglob("*.py")]:
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(function, ast.FunctionDef):
-                continue
+        text = path.read_text(encoding="utf-8")
+        if not any(name in text for name in (*LOADERS, "load_user_law", "class_from_file", "exec(", "eval(")):
+            continue
+        for function in [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.FunctionDef)]:
             calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
             names = {c.func.id for c in calls}
             for call in calls:
@@ -259,12 +260,10 @@ def test_a_recording_that_its_manifest_does_not_know_is_refused_by_every_verb(fo
         assert "is not the one whose hash the manifest.json beside it states" in err
 
 
-@pytest.mark.parametrize("how", ["gone", "no hash", "no JSON", "link"])
-def test_a_run_folder_without_its_hash_is_none(folder, tmp_path, how):
+@pytest.mark.parametrize("how", ["no hash", "no JSON", "link"])
+def test_a_manifest_that_states_no_hash_is_refused(folder, tmp_path, how):
     manifest = folder / "manifest.json"
-    if how == "gone":
-        manifest.unlink()
-    elif how == "no hash":
+    if how == "no hash":
         content = json.loads(manifest.read_text())
         del content["recording_sha256"]
         manifest.write_text(json.dumps(content))
@@ -273,7 +272,7 @@ def test_a_run_folder_without_its_hash_is_none(folder, tmp_path, how):
     else:
         manifest.rename(tmp_path / "manifest.json")
         manifest.symlink_to(tmp_path / "manifest.json")
-    with pytest.raises(BadRecording, match=r"no manifest\.json that states the hash"):
+    with pytest.raises(BadRecording, match=r"its manifest\.json does not state the hash"):
         load_run(folder)
 
 

@@ -24,7 +24,7 @@ from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, StoredSettings, load_run, perform
 from vlab.outputs import MANIFEST, output_folder
-from vlab.recordings.bound import RECORDING, check_run
+from vlab.recordings.bound import RECORDING, check_run, stated_hash
 from vlab.recordings.files import written_whole
 from vlab.schema import Reader
 
@@ -350,7 +350,7 @@ def _is_whole(folder: Path) -> bool:
         check_run(folder)
     except BadRecording:
         return False
-    return True
+    return stated_hash(folder) is not None
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 from vlab.errors import BadRecording
@@ -51,19 +52,19 @@ def check_bound(data: bytes, file: Path) -> None:
 
 
 def check_run(folder: Path) -> None:
-    """Check that a folder holds the recording whose hash its manifest states.
+    """Check that a folder holds a recording, the one whose hash its manifest states; without a manifest any.
 
     Raises
     ------
     BadRecording
-        There is no recording or no such manifest, or the recording is another one.
+        There is no recording, the manifest states no hash, or the recording is another one.
     """
     if not (folder / RECORDING).is_file():
         raise BadRecording(
             f"{folder}: no {RECORDING} in this folder; give a run folder written by vlab experiment, or a recording file"
         )
-    if stated_hash(folder) is None:
+    if stated_hash(folder) is None and os.path.lexists(folder / MANIFEST):
         raise BadRecording(
-            f"{folder}: no {MANIFEST} that states the hash of {RECORDING}; restore the folder, or give the recording file"
+            f"{folder}: its {MANIFEST} does not state the hash of {RECORDING}; restore the folder, or give the recording file"
         )
     check_bound(read_guarded(RECORDING, folder=folder), folder / RECORDING)
