@@ -10,7 +10,7 @@ import pytest
 
 from vlab.errors import OutputRefused
 from vlab.inside import NotInside, file_inside, path_inside
-from vlab.leftovers import OLD, PART, WAS, sweep
+from vlab.leftovers import OLD, PART, WAS, make_held, release, sweep
 from vlab.locks import LOCK, lock, sole_use
 from vlab.outputs import output_folder, write_manifest
 from vlab.recordings.files import written_whole
@@ -64,6 +64,23 @@ def test_what_a_killed_run_left_is_swept_and_what_a_living_one_writes_is_not(wor
         write_manifest(fresh)
     assert hidden(tmp_path) == []
     assert (tmp_path / "file.json").read_bytes() == b"whole"
+
+
+@posix
+def test_what_is_swept_before_it_is_held_is_made_again(tmp_path):
+    made: list[Path] = []
+
+    def make() -> Path:
+        path = tmp_path / f".run-{len(made)}{PART}"
+        path.mkdir()
+        made.append(path)
+        if len(made) == 1:
+            path.rmdir()  # as another process does that sweeps just then
+        return path
+
+    path, held = make_held(make)
+    assert (path, held is not None) == (made[1], True)
+    release(held)
 
 
 @posix

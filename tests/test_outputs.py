@@ -1,6 +1,8 @@
 """Output folders: numbers that nobody else has, nothing overwritten, nothing half-written."""
 
 import multiprocessing
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,6 +64,21 @@ def test_the_number_follows_the_last_one_there(tmp_path):
 def test_a_claim_goes_where_nothing_came_into_it(tmp_path):
     with pytest.raises(ZeroDivisionError), numbered_folder(tmp_path / "out" / "run") as claimed, output_folder(claimed):
         raise ZeroDivisionError
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_claim_goes_with_its_process(tmp_path):
+    code = "import sys, time; from vlab.outputs import numbered_folder\n"
+    code += "with numbered_folder(sys.argv[1]) as claimed: print(claimed.name, flush=True); time.sleep(600)"
+    line = [sys.executable, "-c", code, str(tmp_path / "run")]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "run-001\n"
+        with numbered_folder(tmp_path / "run") as claimed:
+            assert claimed.name == "run-002"
+        process.kill()
+    with numbered_folder(tmp_path / "run") as claimed:
+        assert claimed.name == "run-001"
     assert not list(tmp_path.iterdir())
 
 

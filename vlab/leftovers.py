@@ -35,6 +35,8 @@ def make_held(make: Callable[[], Path]) -> tuple[Path, int | None]:
         path = make()
         try:
             held = lock(path)
+        except FileNotFoundError:
+            continue  # another process swept it before it was held
         except OSError:
             return path, None
         if held is not None:

@@ -11,6 +11,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 def numbered_folder(stem: Path | str) -> Iterator[Path]:
     """Yield ``stem-001``, or the number after the last one there, which nobody else gets while the block runs.
 
-    The claim is an empty folder, for `output_folder` to fill; it goes where nothing came into it.
+    It is for `output_folder` to make. Until then a hidden file stands for it, which is swept after a process that was killed.
 
     Raises
     ------
@@ -72,14 +73,15 @@ def numbered_folder(stem: Path | str) -> Iterator[Path]:
     stem = Path(stem)
     with _parents(stem):
         try:
-            claimed = _claimed(stem)
+            sweep(stem.parent)
+            claimed, claim, held = _claimed(stem)
         except OSError as error:
             raise _not_writable(stem, error) from error
         try:
             yield claimed
         finally:
-            with contextlib.suppress(OSError):
-                claimed.rmdir()
+            claim.unlink(missing_ok=True)
+            release(held)
 
 
 def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "name another with --out") -> None:
@@ -111,9 +113,9 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
 
 
 def _move_in(fresh: Path, target: Path, overwrite: bool) -> None:
-    """Put a folder where it belongs: in one step, so that a claimed number is never free in between."""
+    """Put a folder where it belongs: in one step where nothing is, or an empty folder."""
     try:
-        os.replace(fresh, target)  # an empty folder gives way
+        os.replace(fresh, target)
     except OSError:
         if not target.is_dir():
             raise
@@ -129,16 +131,25 @@ def _beside(target: Path, ending: str) -> Path:
     return Path(tempfile.mkdtemp(prefix=f".{target.name}-", suffix=ending, dir=target.parent))
 
 
-def _claimed(stem: Path) -> Path:
-    """Make the empty folder of the next number; the system lets one process make it."""
+def _claimed(stem: Path) -> tuple[Path, Path, int | None]:
+    """Return the next number's folder, and the file that claims it with its lock; the system lets one process make the file."""
     named = (re.fullmatch(rf"{re.escape(stem.name)}-(\d+)", path.name) for path in stem.parent.iterdir())
     numbers = [int(match[1]) for match in named if match]
     for number in itertools.count(max(numbers, default=0) + 1):
+        target = stem.with_name(f"{stem.name}-{number:03d}")
+        claim = target.with_name(f".{target.name}{PART}")
         with contextlib.suppress(FileExistsError):
-            claimed = stem.with_name(f"{stem.name}-{number:03d}")
-            claimed.mkdir()
-            return claimed
+            claim, held = make_held(partial(_new_file, claim))
+            if not target.exists():  # else its process has just ended
+                return target, claim, held
+            claim.unlink(missing_ok=True)
+            release(held)
     raise AssertionError("numbers have no end")
+
+
+def _new_file(path: Path) -> Path:
+    path.open("xb").close()
+    return path
 
 
 @contextlib.contextmanager
