@@ -50,7 +50,7 @@ def sealed_off(tmp_path):
     package = Path(vlab.__file__).parent
     ignored = shutil.ignore_patterns("__pycache__", "_assets")
     shutil.copytree(package, tmp_path / "vlab", ignore=ignored)
-    if not (package / "controllers").exists():
+    if (package.parent / "controllers").is_dir():  # a checkout: `vlab.controllers` leads there
         shutil.copytree(package.parent / "controllers", tmp_path / "controllers", ignore=ignored)
     (tmp_path / "vlab" / "diagnose" / "__pycache__").write_text("")
     return tmp_path

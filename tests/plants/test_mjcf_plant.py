@@ -179,7 +179,8 @@ def test_free_motion_is_allowed_and_said():
         ('stiffness="80"', 'stiffness="inf"', "finite"),
         ('stiffness="80"', 'stiffness="1e999"', "refuses|finite"),
         ('stiffness="80"', 'stiffness="1e200"', "at most 1e\\+77 can be computed with"),
-        ('mass="2"', 'mass="1e308"', "at most 1e\\+77 can be computed with"),
+        ('mass="2"', 'mass="1e308"', "body_inertia of the compiled model is inf; it must be finite"),
+        ('mass="2"', 'mass="1e100"', "at most 1e\\+77 can be computed with"),
         ('gravity="0 0 -9.81"', 'gravity="0 0 1e100"', "at most 1e\\+77 can be computed with"),
         ("<geom", "<gem", "MuJoCo refuses"),
         ("</body>", "", "malformed XML"),
@@ -211,10 +212,12 @@ def test_a_model_whose_contacts_take_more_memory_than_it_has_is_refused_in_one_l
 def test_a_model_out_of_all_proportion_has_its_rest_or_says_that_it_has_none(mass):
     plant = build_mjcf(SPRING.replace('mass="2"', f'mass="{mass}"'))
     assert np.all(np.isfinite(plant.rest))
-    if "no equilibrium" in plant.notes[0]:
+    if any("no equilibrium" in note for note in plant.notes):
         assert plant.rest[0] == 0.0  # where MuJoCo began anew it has settled nothing
     else:
-        assert plant.rest[0] == pytest.approx(-float(mass) * 9.81 / 80, rel=1e-6)
+        assert plant.rest[0] == pytest.approx(
+            -float(mass) * 9.81 / 80, rel=1e-6, abs=1e-9 / 80
+        )  # a force of 1e-9 N is left
 
 
 @pytest.mark.parametrize(

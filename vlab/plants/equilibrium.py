@@ -5,6 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vlab.errors import BadStructure
 from vlab.plants.base import has_diverged
 from vlab.plants.computable import check_numbers, computable
 from vlab.signals import Array
@@ -35,6 +36,7 @@ def _settled(forces: "Forces", model: Any) -> tuple[Array, list[str]]:
     start = model.key_qpos[key].copy() if names else model.qpos0.copy()
     left, tolerance = forces.left(start)
     check_numbers(left, "a force on the model where it starts")
+    forces.check_memory()
     if np.abs(left).max() <= tolerance:
         return start, _free_motion(forces, start)
     rest = _newton(forces, _relax(forces, start))
@@ -65,6 +67,21 @@ class Forces:
         mujoco.mj_forward(self.model, data)
         scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
         return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
+
+    def check_memory(self) -> None:
+        """Refuse a model whose contacts or constraints were left out for want of memory where the forces were last taken.
+
+        Raises
+        ------
+        BadStructure
+            MuJoCo only warns of it, and goes on without them.
+        """
+        full = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
+        if any(self._data.warning[kind].number for kind in full):
+            raise BadStructure(
+                f"the model where it starts: MuJoCo cannot compute it: the memory of the model ({self.model.narena / 1e6:.3g} MB) "
+                "does not hold its contacts and constraints; make <size memory> larger, or let fewer bodies touch"
+            )
 
 
 def _relax(forces: Forces, start: Array) -> Array:
