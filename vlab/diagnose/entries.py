@@ -141,7 +141,8 @@ class Entries:
 
 def limits_of(parameter: Parameter, value: float, reference: Callable[[str], float]) -> tuple[float, float]:
     """Return the least and the largest entry of a parameter that starts at a value; a shape's within its range, which says what it is:
-    a damping ratio; a slip or a gap that is a share of the motion, for others are other laws.
+    a damping ratio; a slip or a gap that is a share of the motion, for others are other laws. A size does not go beyond its range, wherever
+    it starts: a gain of a thousand is a unit, not an amplifier.
 
     Parameters
     ----------
@@ -149,7 +150,8 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
         Gives by name what the parameter's range is in multiples of.
     """
     if parameter.signed:
-        return -np.inf, np.inf
+        most = np.inf if parameter.reference else parameter.high
+        return -most, most
     centre = inward(parameter, value)
     low, high = centre - FURTHEST, centre + FURTHEST
     if parameter.reference in ("displacement", "velocity"):
@@ -157,6 +159,9 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
         low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))
     elif parameter.role == "shape" and not parameter.reference:
         low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
+    elif parameter.role == "amplitude" and not parameter.reference:
+        most = float(np.log(parameter.high))
+        return min(low, most), min(max(high, centre), most)
     return min(low, centre), max(high, centre)
 
 
