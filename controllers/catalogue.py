@@ -9,12 +9,12 @@ from vlab.controllers.lqr import LqrDesign
 from vlab.controllers.mfdrf import MfdrfDesign
 
 from vlab.controllers import lqdrf, lqg, lqr, mfdrf
+from vlab.design.published_tables import published_designs
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_designs
 from vlab.structure.model import Structure
 
 WEIGHTS = ("identity", "energy")

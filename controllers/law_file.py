@@ -14,7 +14,7 @@ from vlab.controllers.direct_rate_feedback import DirectRateFeedback
 from vlab.controllers.linear import LinearLaw
 
 from vlab.errors import BadController
-from vlab.schema import Reader
+from vlab.files.toml import Reader
 
 FORMAT = "vlab-law-1"
 Matrix = tuple[tuple[float, ...], ...]

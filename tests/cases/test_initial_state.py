@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from vlab.cases import load_case
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.wired import wired_runs
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.parameters.recorded_runs import wired_runs
 
 HELD = 4
 

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.choose import ALIKE, LAPSE, choose, is_of_priors
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, independent_values, scored, weighed
-from vlab.diagnose.second import OUTLYING, are_far_fetched
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.words import next_measurement
+from vlab.diagnose.advice import next_measurement
+from vlab.diagnose.inference.evidence import WORTH, Found, Hypothesis, independent_values, scored, weighed
+from vlab.diagnose.inference.model_choice import ALIKE, LAPSE, choose, is_of_priors
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.search.second_effect import OUTLYING, are_far_fetched
 from vlab.physics.catalogue import EFFECTS
 
 

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 import vlab.diagnose
-from vlab.diagnose import compiling, observer
-from vlab.diagnose.compiling import compiled
+from vlab.diagnose.kernels import compilation as compiling
+from vlab.diagnose.kernels.compilation import compiled
+from vlab.diagnose.predictors import kalman as observer
 
 USE = """
 import sys
 from pathlib import Path
 import numpy as np
 {prepare}
-from vlab.diagnose.compiling import compiled
+from vlab.diagnose.kernels.compilation import compiled
 from vlab.diagnose import observer, compiled as laws
 double = observer._with_room(np.ones((2, 1, 1)))
 assert double.shape == (4, 1, 1)
@@ -69,7 +70,10 @@ def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_
 
 
 def test_nothing_at_all_need_be_writable(sealed_off):
-    assert used(sealed_off, "import vlab.diagnose.compiling as c; c._temporary = lambda: iter(())", **NOWHERE) == "None"
+    assert (
+        used(sealed_off, "import vlab.diagnose.kernels.compilation as c; c._temporary = lambda: iter(())", **NOWHERE)
+        == "None"
+    )
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):

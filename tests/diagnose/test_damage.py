@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthetic import run_of
 
-from vlab.diagnose.damage import assess, on_clock, says_something, sensor_limits
-from vlab.diagnose.hum import find_hum, without_hum
-from vlab.diagnose.seen import BEYOND
+from vlab.diagnose.data.mains_interference import find_hum, without_hum
+from vlab.diagnose.data.quality import assess, on_clock, says_something, sensor_limits
+from vlab.diagnose.data_findings import BEYOND
 from vlab.recordings.quality import cut_off
 
 TIME = np.arange(4000) / 500.0

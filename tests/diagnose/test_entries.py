@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vlab.diagnose.entries import inward, limits_of, outward
+from vlab.diagnose.inference.parameter_vector import inward, limits_of, outward
 from vlab.physics.catalogue import EFFECTS
 
 SIZES = [

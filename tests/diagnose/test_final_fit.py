@@ -8,11 +8,11 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.final_fit import final_fit
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.final_fit import final_fit
 from vlab.physics.catalogue import EFFECTS
 
 

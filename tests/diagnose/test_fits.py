@@ -7,13 +7,13 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.fits import as_meant, scored_by
-from vlab.diagnose.lasting import lasting
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Candidate, Term
-from vlab.diagnose.window_refiner import WindowRefiner
+from vlab.diagnose.inference.hypothesis_fits import as_meant, scored_by
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.window_least_squares import WindowRefiner
+from vlab.diagnose.parameters.terms import Candidate, Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.permanent_change import lasting
 from vlab.physics.catalogue import EFFECTS
 
 

@@ -16,16 +16,16 @@ from frequency_rigs import (
     write_frf,
 )
 
-from vlab.assets import asset
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.frequency.engine import FrequencyDiagnosed
-from vlab.diagnose.frequency.levels import ONE_LEVEL, level_notes
-from vlab.diagnose.frequency.measured import Response, read_measured
-from vlab.diagnose.frequency.verify import as_given, check_frequency, checked_again
-from vlab.diagnose.verify import Removed
+from vlab.diagnose.data.amplitude_dependence import ONE_LEVEL, level_notes
+from vlab.diagnose.data.responses import Response, read_measured
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.validation.frequency import as_given, check_frequency, checked_again
+from vlab.diagnose.validation.simulation import Removed
+from vlab.files.assets import asset
 from vlab.physics.catalogue import EFFECTS
-from vlab.views.diagnosis_report import write_diagnosis
+from vlab.views.reports.diagnosis import write_diagnosis
 
 FEW = [EFFECTS[n] for n in ("added-mass", "lost-stiffness", "viscous-damping", "sensor-gain", "coulomb-friction")]
 FRACTIONAL = Hidden(effect="fractional", place="", values={"strength": 60.0})

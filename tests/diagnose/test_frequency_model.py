@@ -7,15 +7,15 @@ import pytest
 from frequency_rigs import CHAIN_EFFECTS, write_beam, write_chain
 
 from vlab.cases import load_case
-from vlab.diagnose.frequency.evaluate import answer
-from vlab.diagnose.frequency.fit import Fitter, Point
-from vlab.diagnose.frequency.measured import Modes, _roughness, read_measured, thinned
-from vlab.diagnose.frequency.modes import ModelModes, model_modes, state_matrix
-from vlab.diagnose.frequency.problem import prepare_frequency
-from vlab.diagnose.frequency.residual import tracked
-from vlab.diagnose.frequency.screen import Screen
-from vlab.diagnose.frequency.verify import amended_by, check_frequency
-from vlab.diagnose.terms import Term
+from vlab.diagnose.data.responses import Modes, _roughness, read_measured, thinned
+from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.frequency import answer
+from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
+from vlab.diagnose.predictors.frequency_problem import prepare_frequency
+from vlab.diagnose.predictors.frequency_residual import tracked
+from vlab.diagnose.search.frequency_screening import Screen
+from vlab.diagnose.validation.frequency import amended_by, check_frequency
 from vlab.errors import BadCase
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
@@ -65,7 +65,7 @@ def test_a_trial_of_low_rank_is_the_model_solved_again(chain):
     lines = Screen(fitter, point).lines[0]
     oscillator = term(chain, "attached-oscillator", "joint:mass2", mass=0.2, frequency=5.0, damping_ratio=0.05)
     data = chain.measured[0]
-    from vlab.diagnose.frequency.evaluate import at_port
+    from vlab.diagnose.predictors.frequency import at_port
 
     z = at_port(oscillator, oscillator.values, float(data.omega[-1])).impedance(1j * data.omega)
     quick = lines.with_port(z, lines.at(oscillator.place)).H
@@ -174,7 +174,7 @@ def test_physics_of_the_nominal_model_is_in_its_responses(chain):
         Attached(EFFECTS["attached-oscillator"], "joint:mass2", {"mass": 0.1, "frequency": 6.0, "damping_ratio": 0.02}),
         Attached(EFFECTS["sensor-delay"], "sensor:sensor1", {"delay": 0.002}),
     ]
-    from vlab.diagnose.frequency.verify import as_given
+    from vlab.diagnose.validation.frequency import as_given
 
     plant = attach(chain.plant, effects)
     found = check_frequency([as_given(plant, chain.wires)] * 3, chain.measured)[0].answers[0]

@@ -11,18 +11,18 @@ from rig_stop import GAP, STOP, stop_case
 
 from vlab.cases import load_case
 from vlab.cli.diagnose import _text
-from vlab.diagnose.attempt import MOST_ATTEMPTS, best_attempt
-from vlab.diagnose.choose import ALIKE, LAPSE, choose
+from vlab.diagnose.advice import probability_in_words, spoilt
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
-from vlab.diagnose.distance import Distance, Part, part_of, whole_gap
-from vlab.diagnose.engine import diagnose
 from vlab.diagnose.findings import alternatives, by_what_they_explain
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis
-from vlab.diagnose.settle import Settling
-from vlab.diagnose.terms import Fit, Term
+from vlab.diagnose.inference.evidence import WORTH, Found, Hypothesis
+from vlab.diagnose.inference.model_choice import ALIKE, LAPSE, choose
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.attempt import MOST_ATTEMPTS, best_attempt
+from vlab.diagnose.search.confirmation import Settling
+from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
+from vlab.diagnose.validation.simulation import Amended, Removed, check
 from vlab.diagnose.verdict import closes, verdict_on
-from vlab.diagnose.verify import Amended, Removed, check
-from vlab.diagnose.words import probability_in_words, spoilt
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 

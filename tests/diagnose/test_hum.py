@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 from synthetic import run_of
 
-from vlab.diagnose.hum import find_hum, without_hum
+from vlab.diagnose.data.mains_interference import find_hum, without_hum
 
 RATE, SECONDS = 1000.0, 20.0
 TIME = np.arange(round(RATE * SECONDS)) / RATE

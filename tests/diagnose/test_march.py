@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vlab.diagnose import march as marching
-from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.march import _remember, acting_order, march
-from vlab.diagnose.places import Place
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.terms import Term
-from vlab.diagnose.twin import discretise
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.observation import ChannelRows
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors import integration as marching
+from vlab.diagnose.predictors.integration import _remember, acting_order, march
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
 

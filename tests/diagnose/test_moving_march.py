@@ -5,12 +5,12 @@ import pytest
 from rig_swinging import driven_arm
 
 from vlab.cases import load_case
-from vlab.diagnose.nonlinear import refine
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.refine import MovingRefiner
-from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.places import admissible
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference import trajectory_least_squares as refine
+from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
+from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.parameters.locations import admissible
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.trajectory_problem import prepare_moving
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import LinearPortEffect
 

@@ -14,17 +14,17 @@ from scipy.linalg import expm
 from test_twin_inputs import ENCODER, VELOCITY, recorded
 
 from vlab.cases import load_case
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.choose import choose
-from vlab.diagnose.noise import uneven_noise
-from vlab.diagnose.nonlinear.lagging import actuator_states
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.refine import MovingRefiner
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.roads import road_of
-from vlab.diagnose.terms import Term
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.data.noise import uneven_noise
+from vlab.diagnose.inference.model_choice import choose
+from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
+from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.actuator_states import actuator_states
+from vlab.diagnose.predictors.scope import linear_problem
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory_problem import prepare_moving
+from vlab.diagnose.search.model_class import road_of
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 

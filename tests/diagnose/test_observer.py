@@ -7,10 +7,10 @@ from rigs import oscillator_case
 from scipy.linalg import expm
 
 from vlab.cases import load_case
-from vlab.diagnose.observer import filter_gains, run_filter
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.twin import Discrete
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.predictors.kalman import filter_gains, run_filter
+from vlab.diagnose.predictors.modal_problem import prepare
 
 H, NOISE, INTENSITY = 0.01, np.array([2e-3, 0.3]), 4.0
 

@@ -6,13 +6,13 @@ from rigs import PENDULUM
 
 from vlab.cases import load_case
 from vlab.cli import main
-from vlab.diagnose.mesh import SOFT, with_modes_of_fe, with_soft_cables
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.roads import UNSTRETCHED, road_of
-from vlab.diagnose.screen import Screen
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.mesh_correction import SOFT, with_modes_of_fe, with_soft_cables
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.predictors.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
+from vlab.diagnose.predictors.scope import linear_problem
+from vlab.diagnose.search.model_class import UNSTRETCHED, road_of
 from vlab.plants.mjcf import build_mjcf
 
 PLAN = """

@@ -5,12 +5,12 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.places import Place, admissible, reported_name
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Term
-from vlab.diagnose.verify import amended
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.locations import Place, admissible, reported_name
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.validation.simulation import amended
 from vlab.physics.catalogue import EFFECTS
 
 SHARE = {"crosstalk": 5e-4, "cross-axis": 0.2, "misplaced-sensor": 0.2}

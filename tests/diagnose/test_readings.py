@@ -8,9 +8,9 @@ from rig_folder import multisine
 from scipy import signal
 from test_timing import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFNESS, case, recorded
 
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.readings import other_readings
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.alternative_conventions import other_readings
+from vlab.diagnose.search.model_class import road_of
 
 DELAY = 0.030
 

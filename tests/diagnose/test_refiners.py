@@ -6,11 +6,11 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import load_case
-from vlab.diagnose.choose import choose
-from vlab.diagnose.fits import ENOUGH
-from vlab.diagnose.readings import other_readings, read_otherwise
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.inference.hypothesis_fits import ENOUGH
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.model_choice import choose
+from vlab.diagnose.search.alternative_conventions import other_readings, read_otherwise
+from vlab.diagnose.search.model_class import road_of
 from vlab.physics.catalogue import EFFECTS
 
 RATE, SECONDS, NOISE = 100.0, 4.0, 1e-4

@@ -9,7 +9,7 @@ from rigs import EFFECTS, oscillator_case, pendulum_case, two_link_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial import InitialState
+from vlab.cases.initial_state import InitialState
 
 
 def samples(rig, column, record):

@@ -7,9 +7,9 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.shortlist import shortlisted
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.shortlist import shortlisted
 from vlab.physics.catalogue import EFFECTS
 
 SOME = (

@@ -5,10 +5,10 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.choose import choose
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import search
+from vlab.diagnose.inference.model_choice import choose
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.selection import search
 from vlab.physics.catalogue import EFFECTS
 
 SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "actuator-clipping", "sensor-gain")

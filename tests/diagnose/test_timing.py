@@ -7,8 +7,8 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy import signal
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.model_class import road_of
 
 RATE, SECONDS, NOISE = 500.0, 8.0, 0.003
 MASS, STIFFNESS, DAMPING = 1.02, 2510.0, 1.1

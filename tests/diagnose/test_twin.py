@@ -8,14 +8,14 @@ from rigs import oscillator_case
 from scipy import linalg
 
 from vlab.cases import load_case, simulate
-from vlab.diagnose.linear_view import channel_rows
-from vlab.diagnose.mesh import with_modes_of_fe
-from vlab.diagnose.modes import as_stepped
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.twin import discretise
-from vlab.diagnose.uncertain import adjusted
-from vlab.diagnose.uncertain_structure import OF_FE_SD, adjusted_structure
-from vlab.diagnose.wired import wired_runs
+from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
+from vlab.diagnose.parameters.mjcf import adjusted
+from vlab.diagnose.parameters.mode_selection import as_stepped
+from vlab.diagnose.parameters.observation import channel_rows
+from vlab.diagnose.parameters.recorded_runs import wired_runs
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.structure import OF_FE_SD, adjusted_structure
+from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes

@@ -8,16 +8,16 @@ from rig_folder import Channel, Record, multisine, write_case
 from test_twin import marched
 
 from vlab.cases import load_case, simulate
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.linear_view import actuator_forces, command_readings
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.signals import windows
-from vlab.diagnose.simulation import _inputs
-from vlab.diagnose.terms import Term
-from vlab.diagnose.uncertain import Uncertain, adjusted
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.data.runs import windows
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted
+from vlab.diagnose.parameters.observation import actuator_forces, command_readings
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal import _inputs
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.predictors.scope import linear_problem
 from vlab.errors import BadStructure
 from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf

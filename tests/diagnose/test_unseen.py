@@ -5,13 +5,13 @@ import pytest
 from test_twin_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.roads import road_of
-from vlab.diagnose.signals import liveliest
-from vlab.diagnose.standoff import without_standoffs
-from vlab.diagnose.uncertain import uncertain_parameters, unused
-from vlab.diagnose.unseen import held_out
-from vlab.diagnose.verify import Amended, check
+from vlab.diagnose.data.runs import liveliest
+from vlab.diagnose.parameters.holdout import held_out
+from vlab.diagnose.parameters.mjcf import uncertain_parameters, unused
+from vlab.diagnose.parameters.static_offset import without_standoffs
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.model_class import road_of
+from vlab.diagnose.validation.simulation import Amended, check
 from vlab.errors import BadCase, BadStructure, UnknownName
 from vlab.plants.linearise import linearise
 

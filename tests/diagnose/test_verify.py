@@ -11,14 +11,14 @@ import rig_oscillator
 from rig_folder import Channel, Record, write_case
 from rigs import oscillator_case
 
-from vlab.assets import asset
 from vlab.cases import load_case, simulate
-from vlab.diagnose.distance import gap_closed, total
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.parallel import side_by_side
+from vlab.diagnose.inference.sensor_offset import said_zeros
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.validation.gap import gap_closed, total
+from vlab.diagnose.validation.simulation import Amended, Checked, check, coarse_steps, with_finer_steps
 from vlab.diagnose.verdict import closes, is_needed, left_over
-from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, with_finer_steps
-from vlab.diagnose.zeros import said_zeros
+from vlab.files.assets import asset
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
 

@@ -9,7 +9,7 @@ from command import run as run_words
 from scipy import signal
 
 from vlab.lab.run_folder import RunSettings, perform
-from vlab.views import modal_test_report
+from vlab.views.reports import modal_test as modal_test_report
 
 FREQ, ZETA = np.array([6.0, 17.0]), np.array([0.01, 0.008])
 SHAPES = np.array([[1.0, 1.0], [0.6, -0.9]])

@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vlab.cases.case import Case, load_case
-from vlab.cases.initial import InitialState
+from vlab.cases.channel_map import Run
+from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
-from vlab.cases.wiring import Run
-from vlab.diagnose.prepare import prepare
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.terms import Term
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 

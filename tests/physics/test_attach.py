@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
 
-from vlab.cases.initial import InitialState
+from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.errors import BadExperiment, UnknownName
 from vlab.physics.attach import Attached, attach, effect_tables, own_stiffness, port_at, written

@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from vlab.diagnose.compiled import series
+from vlab.diagnose.kernels.expression_graph import series
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
-from vlab.physics.tape import tape_of
+from vlab.physics.expression import tape_of
 
 PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]

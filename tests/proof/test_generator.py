@@ -14,21 +14,21 @@ from scipy.linalg import eigh
 import vlab.proof.generator as generator
 from vlab.cases import compare_case
 from vlab.fe import build_fe_model
+from vlab.proof.case_folder import write_case
 from vlab.proof.generator.bench import Bench, Place, Sensor
 from vlab.proof.generator.concealed import Concealed, Wanted, conceal
 from vlab.proof.generator.excite import CLASSES, REST_S, excite
 from vlab.proof.generator.hardware import Output, late, low_passed
 from vlab.proof.generator.hidden import Hidden, Scale
+from vlab.proof.generator.integration import Feedback, Poles, _Way, march, port_rows
 from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.law import DryFriction, Sliders, Static
 from vlab.proof.generator.library import LIBRARY
-from vlab.proof.generator.march import Feedback, Poles, _Way, march, port_rows
 from vlab.proof.generator.plan import plan
 from vlab.proof.generator.rigs import SHAFT, SLIDER, shaft, slider
 from vlab.proof.generator.simulate import Setup, scale_at
 from vlab.proof.generator.sizing import Refit
 from vlab.proof.suites import drawn_suites, kinds, make_case
-from vlab.proof.writing import write_case
 from vlab.structure import load_structure
 
 FORBIDDEN = ("mujoco", "vlab.physics", "vlab.plants")
@@ -42,7 +42,7 @@ def test_the_generator_imports_nothing_of_the_model_side():
     folder = Path(generator.__file__).parent
     names = [f"vlab.proof.generator.{p.stem}" for p in folder.glob("*.py") if p.stem != "__init__"]
     assert len(names) > 10
-    names += ["vlab.proof.suites", "vlab.proof.writing", "vlab.proof.concealing"]
+    names += ["vlab.proof.suites", "vlab.proof.case_folder", "vlab.proof.conceal"]
     code = f"import importlib, sys\nfor n in {names}: importlib.import_module(n)\n"
     code += f"print([m for m in sys.modules if m.startswith({FORBIDDEN})])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -13,11 +13,10 @@ from scipy import linalg
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
 from vlab.errors import BadExperiment, BadProof, OutputRefused
-from vlab.locks import LOCK, sole_use
-from vlab.proof import concealing
+from vlab.files.locks import LOCK, sole_use
+from vlab.proof import conceal as concealing
 from vlab.proof.campaign import common_instructions, run_all
-from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
-from vlab.proof.opening import REMADE
+from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
 from vlab.proof.prove import (
     ANSWERS,
     FROZEN,
@@ -28,8 +27,9 @@ from vlab.proof.prove import (
     prove,
     read_commitments,
 )
-from vlab.proof.sealing import canonical, opened, sealed
-from vlab.views.proof_report import write_proof
+from vlab.proof.seal import canonical, opened, sealed
+from vlab.proof.truth import REMADE
+from vlab.views.reports.proof import write_proof
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,13 @@ from rerun.chunk import RrdReader
 
 from vlab.cases import load_case
 from vlab.cases.compare import compare_case
+from vlab.diagnose import export as amended_model
 from vlab.diagnose.diagnosis import Attempt
-from vlab.diagnose.distance import total
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.verify import Amended, amended, check
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.validation.gap import total
+from vlab.diagnose.validation.simulation import Amended, amended, check
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -32,11 +33,11 @@ from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import write_recording
 from vlab.structure.reader import load_structure
-from vlab.views import amended_model, diagnosis_report
-from vlab.views.diagnosis_words import verdict_sentence
 from vlab.views.figures import to_svg
 from vlab.views.figures.model_drawing import model_figure, place_position
-from vlab.views.missing_force import missing_force
+from vlab.views.figures.restoring_force import missing_force
+from vlab.views.reports import diagnosis as diagnosis_report
+from vlab.views.reports.diagnosis_summary import verdict_sentence
 
 RATE, SECONDS = 200.0, 4.0
 MASS, STIFFNESS, DAMPING, FRICTION = 1.0, 800.0, 1.5, 0.6

@@ -1,4 +1,4 @@
-"""What a ``case.toml`` may say: its tables as frozen dataclasses, read strictly by `vlab.schema.Reader`."""
+"""What a ``case.toml`` may say: its tables as frozen dataclasses, read strictly by `vlab.files.toml.Reader`."""
 
 from dataclasses import dataclass, field
 from typing import Literal

@@ -21,10 +21,10 @@ from vlab import __version__
 from vlab.cli import unforeseen
 from vlab.cli.common import Outcome
 from vlab.errors import Diverged, VlabError
+from vlab.files.output_folder import finite
+from vlab.files.text import in_line, one_line, printable
 from vlab.interrupts import LEFT, LeavingAtOnce, Noted
 from vlab.interrupts import STATUS as INTERRUPTED
-from vlab.outputs import finite
-from vlab.text import in_line, one_line, printable
 
 VERBS = {
     "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",

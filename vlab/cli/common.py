@@ -8,8 +8,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from vlab.files.text import in_line
 from vlab.interrupts import Noted
-from vlab.text import in_line
 
 LOG_S = 30.0
 """Time between two lines of progress in a log."""

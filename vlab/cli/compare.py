@@ -5,8 +5,8 @@ import argparse
 from vlab.cases.compare import compare_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.outputs import output_folder, write_manifest
-from vlab.text import in_line
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     with share_bar("compare") as report:
         comparison = compare_case(arguments.case, progress=report)
     document = comparison.to_json()
-    from vlab.views.case_report import HEADERS, misfit_rows, write_case
+    from vlab.views.reports.case import HEADERS, misfit_rows, write_case
 
     rows = misfit_rows(comparison)
     text = "\n".join(

@@ -6,7 +6,7 @@ from pathlib import Path
 from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
-from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder
+from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder
 from vlab.proof.suites import BENCHES, MIXTURES, SUITES
 
 

@@ -5,9 +5,9 @@ import json
 
 from vlab.cli.common import Outcome, progress_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.outputs import finite, output_folder, write_manifest
-from vlab.reproduce.measured_correction import correct_by_test
-from vlab.text import in_line
+from vlab.files.output_folder import finite, output_folder, write_manifest
+from vlab.files.text import in_line
+from vlab.reproduce.correction.pipeline import correct_by_test
 
 PERIOD_S, PERIODS = 100.0, 3
 

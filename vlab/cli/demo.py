@@ -6,9 +6,9 @@ import time
 
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.demo import run_demo
-from vlab.diagnose.words import probability_in_words
-from vlab.outputs import output_folder, write_manifest
+from vlab.demo.story import run_demo
+from vlab.diagnose.advice import probability_in_words
+from vlab.files.output_folder import output_folder, write_manifest
 
 OUT = "out/demo"
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             progress=lambda text: print(f"vlab demo: {text} ...", file=sys.stderr, flush=True),
         )
         print("vlab demo: report ...", file=sys.stderr, flush=True)
-        from vlab.views.demo_report import write_demo
+        from vlab.views.reports.demo import write_demo
 
         write_demo(demo, folder)
         write_manifest(folder, verb="demo")

@@ -13,7 +13,7 @@ import numpy as np
 from vlab import units
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
+from vlab.cli.law_argument import file_of, is_given, laboratory_for, linear_gains, load_given
 from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
 from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
 from vlab.controllers.law_file import write_law
@@ -30,13 +30,13 @@ from vlab.fe.assembly import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import MODELS, build_reduced_model
+from vlab.files.output_folder import finite, output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.hardware.array_controller import array_report, array_text
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report, robustness_text
-from vlab.outputs import finite, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
-from vlab.text import in_line
 
 PRINTED = "lbf s/in"
 """Unit in which gains of direct rate feedback are printed beside SI, as in Tables 7, 11 and 15."""
@@ -168,7 +168,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
     title = f"{arguments.law} on the {model} model"
 
     def figures(top: float) -> dict[str, Any]:
-        from vlab.views.design_view import design_figures
+        from vlab.views.figures.design import design_figures
 
         return design_figures(fe, design, title=title, top=top, damping=asked.damping)
 
@@ -231,7 +231,7 @@ def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
 
 def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> Callable[[float], dict[str, Any]]:
     def figures(top: float) -> dict[str, Any]:
-        from vlab.views.design_view import loop_figures
+        from vlab.views.figures.design import loop_figures
 
         return loop_figures(fe, loop, title=title, top=top, damping=asked.damping)
 
@@ -343,7 +343,7 @@ def _text(title: str, document: dict[str, Any]) -> str:
 
 def _write(folder: Path, made: Made, loop: SampledLoop | None) -> None:
     """Write everything but the manifest."""
-    from vlab.views.design_view import robustness_figures, write_figures
+    from vlab.views.figures.design import robustness_figures, write_figures
 
     document = made.document
     text = json.dumps(document, allow_nan=False, indent=2)

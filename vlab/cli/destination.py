@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from vlab.errors import OutputRefused
-from vlab.outputs import check_output, keep_apart, numbered_folder
+from vlab.files.output_folder import check_output, keep_apart, numbered_folder
 
 OVERWRITE = "--overwrite"
 

@@ -7,13 +7,13 @@ from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.user_law import code_of
+from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, probability_in_words
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
+from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadExperiment
-from vlab.outputs import output_folder, write_manifest
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.physics.catalogue import EFFECTS, effect_named
-from vlab.text import in_line
 
 OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
 VERDICTS = {
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
         with share_bar("diagnose") as report:
             done = diagnose(case, effects=effects, progress=report)
-        from vlab.views.diagnosis_report import write_diagnosis
+        from vlab.views.reports.diagnosis import write_diagnosis
 
         write_diagnosis(done, folder)
         write_manifest(folder, verb="diagnose", case=str(arguments.case))

@@ -9,17 +9,17 @@ from typing import Any
 from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, share_bar
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.cli.given_law import file_of
-from vlab.cli.loop_words import loop_facts, loop_text, period_text, periods_of
+from vlab.cli.law_argument import file_of
+from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
+from vlab.files.output_folder import output_folder
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings, perform
-from vlab.outputs import output_folder
 from vlab.recordings import write_recording
-from vlab.views.viewer import PORT, listening, viewer_at
+from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
 
@@ -161,7 +161,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     prepared = settings.prepare()
     live = None
     if arguments.live is not None:
-        from vlab.views.live import LiveView
+        from vlab.views.rerun.live import LiveView
 
         pace = 1.0 if arguments.pace is None else arguments.pace
         live = LiveView(prepared, pace=pace, connect=lambda: viewer_at(arguments.live))
@@ -197,7 +197,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:
-    from vlab.views.run_view import write_run_views
+    from vlab.views.reports.run_files import write_run_views
 
     write_run_views(folder, done, report=report)
 

@@ -9,18 +9,18 @@ from typing import Any
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording, VlabError
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
 from vlab.lab.run_folder import SETTINGS, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
 from vlab.modal.recognise import KINDS
-from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, ModalModel, Recording
 from vlab.structure import load_structure
-from vlab.text import in_line
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
 """Names by which the time column of a recording from elsewhere is known."""
@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if true is not None:
         document["against_plant"] = [mode.as_dict() for mode in found]
     if arguments.out:
-        from vlab.views.modal_test_report import write_modal_test
+        from vlab.views.reports.modal_test import write_modal_test
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_modal_test(result, folder, title=_title(arguments.run), found=found, true=true)
@@ -142,7 +142,7 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
         f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
-    from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
+    from vlab.views.reports.modal_test import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
 
     parts += doubts(result)
     for part in result.distortion:
@@ -183,7 +183,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
     headers = ["mode", "driven Hz", "indicator", "decay Hz", "decay zeta", *dwells[0].outputs]
     document: dict[str, Any] = {"frf": [], "modes": modes}
     if arguments.out:
-        from vlab.views.modal_test_report import write_dwells
+        from vlab.views.reports.modal_test import write_dwells
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_dwells(dwells, folder, title=_title(arguments.run))

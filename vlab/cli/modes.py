@@ -7,13 +7,13 @@ import numpy as np
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadStructure
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.modal.mac import comac, mac
-from vlab.outputs import output_folder, write_manifest
 from vlab.reproduce import cross_check
 from vlab.reproduce.cross_check import SILENT
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
-from vlab.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         responses = {}
         if arguments.force:
-            from vlab.views.response_view import response_figures
+            from vlab.views.figures.structure_response import response_figures
 
             responses = response_figures(check.fe, arguments.force, arguments.response or ())
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:

@@ -8,7 +8,7 @@ from typing import Any
 from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment
-from vlab.proof.concealing import conceal_cases
+from vlab.proof.conceal import conceal_cases
 from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
 
 QUICK_CASES = 12
@@ -88,14 +88,14 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             scheduler=arguments.scheduler,
             progress=report,
         )
-    from vlab.views.proof_report import write_proof
+    from vlab.views.reports.proof import write_proof
 
     write_proof(found, out / "report.html")
     return {**found, "out": str(out)}
 
 
 def _write_report(done: Any, folder: Path) -> None:
-    from vlab.views.diagnosis_report import write_diagnosis
+    from vlab.views.reports.diagnosis import write_diagnosis
 
     write_diagnosis(done, folder)
 

@@ -6,12 +6,12 @@ from typing import Any
 
 from vlab.cli.common import Outcome, progress_bar, share_bar, text_table
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.cli.loop_words import effort_table, ring_down_table
+from vlab.cli.loop_summary import effort_table, ring_down_table
 from vlab.errors import BadExperiment
-from vlab.outputs import finite, output_folder, write_manifest
+from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.reproduce.control_bench import HARDWARE, TESTS
-from vlab.reproduce.control_figures import FIGURES, control_figure
-from vlab.reproduce.tables import (
+from vlab.reproduce.figures.control import FIGURES, control_figure
+from vlab.reproduce.tables.registry import (
     NOT_REPRODUCIBLE,
     ON_REQUEST,
     SIMULATED,
@@ -147,7 +147,7 @@ def _figure(arguments: argparse.Namespace) -> Outcome:
         figure = control_figure(
             arguments.figure, plant=arguments.plant, seed=arguments.seed, progress=lambda text: report(0.0, text)
         )
-    from vlab.views.control_test import write_control_figure
+    from vlab.views.reports.control_test import write_control_figure
 
     with (
         destination(arguments, f"out/figure-{figure.number}") as out,
@@ -198,9 +198,9 @@ def _effort_lines(effort: dict[str, Any]) -> list[str]:
 
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
     """Report what the model can and cannot explain of the limit cycle; with a folder, its time histories, too."""
-    from vlab.reproduce.limit_cycle import limit_cycle_report
-    from vlab.reproduce.limit_cycle_odds import limit_cycle_odds
-    from vlab.reproduce.limit_cycle_runs import simulated_seconds
+    from vlab.reproduce.limit_cycle.odds import limit_cycle_odds
+    from vlab.reproduce.limit_cycle.runs import simulated_seconds
+    from vlab.reproduce.limit_cycle.study import limit_cycle_report
 
     if arguments.table:
         raise BadExperiment(f"--limit-cycle is a study of its own; leave the tables {', '.join(arguments.table)} away")
@@ -210,7 +210,7 @@ def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
     if not arguments.out:
         document: dict[str, Any] = {**limit_cycle_report(beam), "odds": odds}
     else:
-        from vlab.views.limit_cycle import write_limit_cycle
+        from vlab.views.reports.limit_cycle import write_limit_cycle
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             with progress_bar("time histories", simulated_seconds()) as report:

@@ -8,7 +8,7 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
 from vlab.errors import BadRecording, OutputRefused
-from vlab.inside import NotInside, file_inside
+from vlab.files.containment import NotInside, file_inside
 from vlab.recordings.bound import RECORDING, check_run
 
 NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             raise BadRecording("--save is for two runs; of one run the file is there: run.rrd in its folder")
         rrd = _rrd(paths[0])
         return _shown(rrd, str(rrd), ELSEWHERE)
-    from vlab.views.two_runs import load_two, write_two_runs
+    from vlab.views.rerun.two_runs import load_two, write_two_runs
 
     runs = load_two(paths)
     if arguments.save:
@@ -76,7 +76,7 @@ def _rrd(path: Path) -> Path:
 
 
 def _shown(rrd: Path, what: str, remedy: str) -> Outcome:
-    from vlab.views.viewer import start_viewer
+    from vlab.views.rerun.viewer import start_viewer
 
     with start_viewer(rrd) as viewer, contextlib.suppress(KeyboardInterrupt):
         viewer.wait()

@@ -5,7 +5,7 @@ import traceback
 from pathlib import Path
 
 import vlab
-from vlab.text import one_line
+from vlab.files.text import one_line
 
 STATUS = 3
 """Exit status after an error that is vlab's own fault."""

@@ -18,7 +18,7 @@ from vlab.signals import Array
 
 
 class AskedWeights(Protocol):
-    """What says the weights in the published units, for example a `vlab.published.PublishedDesign`."""
+    """What says the weights in the published units, for example a `vlab.design.published_tables.PublishedDesign`."""
 
     @property
     def weights(self) -> str:

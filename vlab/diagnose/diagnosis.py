@@ -6,10 +6,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vlab.diagnose.distance import LOST, Distance, total, verifying, whole_gap
-from vlab.diagnose.terms import Fit
+from vlab.cases.case import Case
+from vlab.cases.checks import FileCheck
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.validation.gap import LOST, Distance, total, verifying, whole_gap
 
 ERRORS = ("nominal", "refitted", "before", "after", "noise")
+MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
 
 
@@ -117,7 +120,7 @@ class Diagnosis:
     ----------
     checked : tuple of Distance
         Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
-        hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
+        hold-out. Of responses and tables of modes `vlab.diagnose.validation.frequency.CheckedFrequency`.
     attempt : Attempt or None
         Beside ``"none-of-these"``.
     calibration : dict
@@ -202,3 +205,42 @@ def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RejectedCase:
+    """A diagnosis that ends before its search: the case misstates its files.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Whose verdict is ``bad-recording``, and whose quality says why.
+    case : Case
+        As given.
+    """
+
+    diagnosis: Diagnosis
+    case: Case
+
+
+def reject_case(case: Case, check: FileCheck, seconds: float) -> RejectedCase:
+    """Return the diagnosis ``bad-recording`` of a case whose files contradict its description.
+
+    Parameters
+    ----------
+    seconds : float
+        Duration of the checks.
+    """
+    diagnosis = Diagnosis(
+        title=case.table.title,
+        verdict="bad-recording",
+        findings=(),
+        alternatives=(),
+        checked=(),
+        mismatch={"where_frequency_hz": [], "where_channel": [], "where_time_s": []},
+        not_excluded=(),
+        next_measurement=MEND_AND_REPEAT,
+        quality=check.lines,
+        seconds=seconds,
+    )
+    return RejectedCase(diagnosis=diagnosis, case=case)

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.choose import Choice
-from vlab.diagnose.commands import CommandLimit
-from vlab.diagnose.damage import SensorLimit
+from vlab.diagnose.data.command_limit import CommandLimit
+from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.quality import SensorLimit
+from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import Finding, Verdict
-from vlab.diagnose.distance import Distance
-from vlab.diagnose.hum import Hum
-from vlab.diagnose.hypothesis import WORTH, Hypothesis
-from vlab.diagnose.places import reported_name
+from vlab.diagnose.inference.evidence import WORTH, Hypothesis
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.sensor_offset import Zero
+from vlab.diagnose.parameters.locations import reported_name
+from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.resolution import SensorStep
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.zeros import Zero
+from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import ActuatorEffect, Effect, PickUp, SensorEffect
 from vlab.units import ANGULAR

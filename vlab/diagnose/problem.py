@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.wiring import Compared, Run
-from vlab.diagnose.hum import Hum
-from vlab.diagnose.places import Place
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, redundant, unused
-from vlab.diagnose.uncertain_structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
+from vlab.cases.channel_map import Compared, Run
+from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
+from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -101,7 +101,7 @@ class Problem:
 
     @cached_property
     def common_scale(self) -> Array | None:
-        """See `vlab.diagnose.uncertain.common_scale`."""
+        """See `vlab.diagnose.parameters.mjcf.common_scale`."""
         loaded = any(drive.port for run in self.runs for drive in run.drives)
         if self.case.structure is None:
             return common_scale(self.plant, self.parameters, loaded=loaded)
@@ -111,7 +111,7 @@ class Problem:
 
     @cached_property
     def redundant(self) -> Array:
-        """See `vlab.diagnose.uncertain.redundant`."""
+        """See `vlab.diagnose.parameters.mjcf.redundant`."""
         return redundant(self.parameters)
 
     def adjusted(self, theta: Array) -> Plant:

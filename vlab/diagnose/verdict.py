@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vlab.diagnose.choose import Choice
+from vlab.diagnose.data_findings import Seen
 from vlab.diagnose.diagnosis import Verdict
-from vlab.diagnose.distance import LOST, NO_WORSE, gap_closed, total, verifying
+from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR
-from vlab.diagnose.seen import Seen
-from vlab.diagnose.verify import Checked
+from vlab.diagnose.validation.gap import LOST, NO_WORSE, gap_closed, total, verifying
+from vlab.diagnose.validation.simulation import Checked
 
 ABOVE_NOISE = 1.5
 """Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""

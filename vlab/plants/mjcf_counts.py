@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from vlab.errors import BadStructure
-from vlab.text import one_line
+from vlab.files.text import one_line
 
 MOST_NUMBERS = 10_000**2
 """Numbers of 8 bytes that the counts of a model may ask for, 800 MB; so up to 10 000 elements may be copies."""

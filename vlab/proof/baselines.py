@@ -15,11 +15,11 @@ from mujoco import rollout, sysid
 from scipy import signal
 
 from vlab.cases import Case
-from vlab.cases.wiring import Run
-from vlab.diagnose.distance import total
-from vlab.diagnose.verify import Amended, check
+from vlab.cases.channel_map import Run
+from vlab.diagnose.validation.gap import total
+from vlab.diagnose.validation.simulation import Amended, check
 from vlab.plants.mjcf import MjcfPlant
-from vlab.proof.sparse import TERMS, Named, sparse_terms
+from vlab.proof.sparse_regression import TERMS, Named, sparse_terms
 from vlab.signals import Array
 
 HAS_SYSID = hasattr(sysid, "optimize")

@@ -10,8 +10,8 @@ from typing import Any
 
 import vlab
 from vlab import controllers
-from vlab.assets import asset
-from vlab.proof.sealing import canonical, digest, files_digest
+from vlab.files.assets import asset
+from vlab.proof.seal import canonical, digest, files_digest
 
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")

@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
-from vlab.locks import sole_use
+from vlab.files.locks import sole_use
 from vlab.physics.catalogue import EFFECTS
-from vlab.proof import shapes
-from vlab.proof.answering import Report, answer_case, write_worst
+from vlab.proof import document_schema as shapes
+from vlab.proof.answer import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
-from vlab.proof.concealing import truth_folder
+from vlab.proof.conceal import truth_folder
 from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
-from vlab.proof.opening import check_remade, note_opening, open_truth
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.sealing import committed, digest, folder_digest, read_json, read_shaped, write_json
+from vlab.proof.seal import committed, digest, folder_digest, read_json, read_shaped, write_json
+from vlab.proof.truth import check_remade, note_opening, open_truth
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
 SHOWN = (

@@ -12,8 +12,8 @@ from vlab.proof.generator.forms import FORMS
 from vlab.proof.generator.hidden import Kind
 from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.library import LIBRARY
+from vlab.proof.generator.out_of_library import STRANGE
 from vlab.proof.generator.rigs import shaft, slider
-from vlab.proof.generator.strange import STRANGE
 
 BENCHES: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft, "beam": beam, "grid": grid}
 SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03}

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from vlab.errors import BadRecording
-from vlab.recordings import csv, mat, parquet, uff
 from vlab.recordings.files import PathLike, refuse
+from vlab.recordings.formats import csv, mat, parquet, uff
 from vlab.recordings.table import open_table
 from vlab.signals import Recording
 

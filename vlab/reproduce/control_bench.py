@@ -15,6 +15,7 @@ import numpy as np
 from vlab.controllers import Controller, lqdrf, lqg, mfdrf
 from vlab.controllers.catalogue import published_way
 from vlab.controllers.linear import LinearController
+from vlab.design.published_tables import published_design
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadExperiment, unknown_name
@@ -34,8 +35,7 @@ from vlab.modal.frf import MeasuredFrequencyResponse, estimate_frf
 from vlab.modal.modal_test import ModalTest, run_modal_test
 from vlab.plants import Plant, build_plant
 from vlab.plants.modal import build_modal
-from vlab.published import published_design
-from vlab.reproduce.measured_shapes import measured_at, measured_coordinates
+from vlab.reproduce.correction.measured_shapes import measured_at, measured_coordinates
 from vlab.reproduce.study import Study
 from vlab.signals import Array, FrequencyResponse, Recording
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vlab.design.published_tables import published_tables
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
@@ -16,7 +17,6 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.modal.mac import mac
 from vlab.plants import PLANTS, Plant, build_plant
 from vlab.plants.base import check_run
-from vlab.published import published_tables
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 

@@ -10,11 +10,11 @@ from vlab.controllers.lqg import LqgDesign
 from vlab.controllers.mfdrf import MfdrfDesign
 from vlab.design import performance
 from vlab.design.closed_loop import RateFeedbackLoop
+from vlab.design.published_tables import published_design, published_table
 from vlab.design.state_model import StateModel, state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_design, published_table
 from vlab.signals import Array
 from vlab.structure import load_structure
 from vlab.structure.model import Structure

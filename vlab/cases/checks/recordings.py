@@ -12,6 +12,7 @@ from itertools import combinations, islice
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.bands import bands
 from vlab.cases.checks.beside import EXPLAINED, FEWEST, UNEXPLAINED, Beside, beside, first_seconds
 from vlab.cases.checks.clock import check_clock
@@ -27,7 +28,6 @@ from vlab.cases.checks.correction import (
 )
 from vlab.cases.checks.shifts import shifts
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
-from vlab.cases.wiring import Run
 from vlab.signals import Recording
 
 WORSE = 1.2

@@ -10,7 +10,7 @@ from vlab.errors import BadExperiment, Diverged
 from vlab.proof.generator.bench import Bench, Blueprint
 from vlab.proof.generator.hardware import Output, Pickup
 from vlab.proof.generator.hidden import Hidden, Kind, places_for
-from vlab.proof.generator.march import Feedback
+from vlab.proof.generator.integration import Feedback
 from vlab.proof.generator.plan import Plan, plan
 from vlab.proof.generator.simulate import Setup, scale_at
 from vlab.proof.generator.sizing import Refit, Size

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.proof.generator.bench import Bench
 from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.hidden import Hidden, Scale, Signals
-from vlab.proof.generator.march import Feedback, Poles, march, port_rows
+from vlab.proof.generator.integration import Feedback, Poles, march, port_rows
 from vlab.signals import Array
 
 

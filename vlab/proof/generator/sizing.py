@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.proof.generator.bench import Bench, Benign, Blueprint
 from vlab.proof.generator.hardware import Output
-from vlab.proof.generator.march import Poles, port_rows
+from vlab.proof.generator.integration import Poles, port_rows
 from vlab.signals import Array
 
 STEP = 1e-2

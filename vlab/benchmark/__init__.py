@@ -1,0 +1,1 @@
+"""Benchmarks: speed beside the tools that a user would use instead."""

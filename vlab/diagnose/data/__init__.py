@@ -1,0 +1,1 @@
+"""Data quality, noise and what recordings show without a model."""

@@ -1,0 +1,148 @@
+"""The command in a closed loop: what the law gives on the recorded samples beside what was recorded of its command.
+
+The law is known, so its commands can be replayed on the recorded samples without any model of the structure. Where the
+recorded commands are cut off at a limit, a replay with that limit meets them and one without does not; whether the law
+knows of the limit (an observer that is told the limited command) is tried as well.
+"""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.channel_map import Law, Run
+from vlab.cases.initial_state import replayed_commands
+from vlab.cases.replay import bench_for
+from vlab.cases.simulate import warmed_up
+from vlab.controllers import Controller
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+EXPLAINED = 0.5
+"""Share of the replay's squared error that a limit must take away."""
+GRID = 24
+AT_LIMIT = 0.98
+"""Commands above this share of the limit stand at it; it belongs to the actuator with most of them."""
+
+
+class Limited:
+    """A law whose commands are cut off behind it, without its knowing.
+
+    Parameters
+    ----------
+    law : Controller
+        The law.
+    limit : float
+        Largest command, in the law's own unit.
+    """
+
+    def __init__(self, law: Controller, limit: float) -> None:
+        self.law, self.limit = law, limit
+        self.sensors, self.actuators = law.sensors, law.actuators
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.law.reset()
+
+    def step(self, y: Array) -> Array:
+        """Return the law's commands within the limit."""
+        return np.clip(self.law.step(y), -self.limit, self.limit)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommandLimit:
+    """A limit found on the recorded commands.
+
+    Parameters
+    ----------
+    actuator : str
+        Name of the actuator; of several the one that stands at the limit most.
+    limit : float
+        Largest command in the law's own unit.
+    sd : float
+        Half the spacing of the limits that were tried there.
+    is_known : bool
+        Whether the law knows of it.
+    before, after : float
+        Error of the replayed commands over the rms of the recorded ones, without and with the limit.
+    """
+
+    actuator: str
+    limit: float
+    sd: float
+    is_known: bool
+    before: float
+    after: float
+
+    def on(self, run: Run) -> Run:
+        """Return a run whose law has the limit."""
+        if run.law is None:
+            return run
+        return replace(run, law=replace(run.law, controller=limited(run.law.controller, self.limit, self.is_known)))
+
+
+def limited(controller: Any, limit: float, is_known: bool) -> Any:
+    """Return a law with a limit that it knows of or not."""
+    out = copy.deepcopy(controller)
+    if is_known and hasattr(out, "limit"):
+        out.limit = limit
+        return out
+    return Limited(out, limit)
+
+
+def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
+    """Return the limit that the recorded commands of closed loops have and their law has not; None without one."""
+    loops = [run for run in runs if run.law is not None and any(c.actuator is not None for c in run.compared)]
+    if not loops:
+        return None
+    law = loops[0].law
+    assert law is not None
+    if getattr(law.controller, "limit", None) is not None:
+        return None
+    recorded = [_recorded(run) for run in loops]
+    size = float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in recorded]) ** 2)))
+    own = [np.abs(r / law.per_actuator[_columns(run)]) for run, r in zip(loops, recorded, strict=True)]  # its own unit
+    largest = max(float(r.max()) for r in own)
+
+    def error(limit: float | None, is_known: bool) -> float:
+        parts = [_replay(plant, run, limit, is_known) - r for run, r in zip(loops, recorded, strict=True)]
+        return float(np.sqrt(np.mean(np.concatenate([p.ravel() for p in parts]) ** 2))) / size
+
+    before = error(None, False)
+    options = np.geomspace(0.5, 1.3, GRID) * largest
+    tried = [(error(float(x), known), float(x), known) for known in (True, False) for x in options]
+    after, limit, known = min(tried, key=lambda t: t[0])
+    if not after**2 <= (1 - EXPLAINED) * before**2 or limit > 1.02 * largest:
+        return None
+    fine = limit * np.linspace(0.96, 1.04, 17)
+    after, limit = min((error(float(x), known), float(x)) for x in fine)
+    there = np.zeros(len(law.actuators))
+    for run, r in zip(loops, own, strict=True):
+        there[_columns(run)] += np.sum(r >= AT_LIMIT * limit, axis=0)
+    actuator = plant.actuators[law.actuators[int(np.argmax(there))]].name
+    return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
+
+
+def _columns(run: Run) -> list[int]:
+    """Return which of a law's commands were recorded."""
+    assert run.law is not None
+    recorded = {c.actuator for c in run.compared if c.actuator is not None}
+    return [i for i, a in enumerate(run.law.actuators) if a in recorded]
+
+
+def _recorded(run: Run) -> Array:
+    assert run.law is not None
+    by_actuator = {c.actuator: c.channel for c in run.compared if c.actuator is not None}
+    return np.column_stack([run.measured[by_actuator[run.law.actuators[i]]] for i in _columns(run)])
+
+
+def _replay(plant: Plant, run: Run, limit: float | None, is_known: bool) -> Array:
+    law: Law = run.law  # type: ignore[assignment]
+    if limit is not None:
+        law = replace(law, controller=limited(law.controller, limit, is_known))
+    bench = bench_for(plant, run)
+    law, _ = warmed_up(law, run, bench)
+    out = replayed_commands(run, law, run.measured, bench)
+    return out[:, _columns(run)]

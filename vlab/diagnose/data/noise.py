@@ -1,0 +1,157 @@
+"""The noise of recorded channels, read off their spectra or off their neighbours in time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from vlab.cases.channel_map import Run
+from vlab.signals import Array
+
+NOISE_BAND = 0.7
+"""The noise is read off the spectrum above this share of half the sample rate, as its median there."""
+LEAST_NOISE = 1e-4
+"""Least noise that is believed, as a share of a channel's rms: what integrators and converters leave."""
+SEGMENT = 1024
+"""Longest segment of the spectra in samples."""
+BURSTS = 0.5
+"""The median over segments is taken where it is below this share of their mean: most of them know nothing of a blow in a few."""
+GROUPS = 64
+"""Parts of the spectrum whose medians are compared where a filter is looked for."""
+FLAT_GROUPS = 6
+"""Fewest neighbouring groups that are a floor, a tenth of the spectrum."""
+FLAT = 2.0
+"""A floor's groups are within this ratio in power; medians of few segments scatter by half of it."""
+CLIFF = 4.0
+"""A filter takes this ratio in power off the noise at the upper end: less is half the standard deviation or less."""
+HEARD = 100.0
+"""Somewhere a channel has this many times the floor's power: what was measured must stand out of a floor."""
+COHERENT = 0.5
+"""A floor of which the inputs explain this share is no noise: the thing answers, up to where its excitation ends."""
+LEAST_SEGMENTS = 8
+"""Fewest segments per input that a coherence is averaged over."""
+
+
+def noise_level(column: Array, inputs: Array | None = None) -> float:
+    """Return the standard deviation of a channel's noise: white noise of the level at the upper end of its spectrum.
+
+    Where the recording was low-passed below that end, as data loggers do before they thin out, it is the level of the floor from
+    which the spectrum falls off.
+
+    Parameters
+    ----------
+    column : (n,) array
+    inputs : (n, k) array or None
+        What drove the thing: a floor that they explain is the thing's answer. Without them every floor is noise.
+    """
+    return _noise(column, inputs)[0]
+
+
+def noise_levels(run: Run, names: Sequence[str]) -> Array:
+    """Return the noise levels of channels of a run, whose inputs and times it knows, (n_names,)."""
+    return np.array([level for level, _ in _noises(run, names)])
+
+
+def noise_rms(run: Run, names: Sequence[str]) -> Array:
+    """Return the rms of the noise in channels of a run, (n_names,): below its level where it was low-passed."""
+    return np.array([rms for _, rms in _noises(run, names)])
+
+
+def _noises(run: Run, names: Sequence[str]) -> list[tuple[float, float]]:
+    columns = [run.measured[name] for name in names]
+    if not run.measured.is_uniform:
+        return [(noise, noise) for noise in (uneven_noise(run.measured.time, column) for column in columns)]
+    inputs = np.column_stack([run.measured[drive.channel] for drive in run.drives]) if run.drives else None
+    return [_noise(column, inputs) for column in columns]
+
+
+def _noise(column: Array, inputs: Array | None) -> tuple[float, float]:
+    """Return the standard deviation of a channel's noise were it white, and its rms as it is."""
+    least = LEAST_NOISE * (float(np.std(column)) or 1.0)
+    if len(column) < 64:
+        return least, least
+    freq, power = _spectrum(column, "mean")
+    high = freq > NOISE_BAND / 2
+    if len(column) > LEAST_SEGMENTS * SEGMENT // 2:
+        quiet = _spectrum(column, "median")[1]
+        power = quiet if np.median(quiet[high]) < BURSTS * np.median(power[high]) else power
+    level, share = float(np.median(power[high])), 1.0
+    floor = _filtered_floor(power, CLIFF * level)
+    if floor is not None and not _is_answer(column, inputs, freq[floor]):
+        level, share = float(np.median(power[floor])), floor.stop / len(power)
+    grain = _grain(column) / np.sqrt(12)
+    white, rms = (float(np.hypot(max(np.sqrt(part * level / 2), least), grain)) for part in (1.0, share))
+    return white, rms
+
+
+def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
+    freq, power = signal.welch(
+        column - column.mean(), 1.0, nperseg=min(len(column), SEGMENT), window="blackmanharris", average=average
+    )
+    return freq, power
+
+
+def _filtered_floor(power: Array, least: float) -> slice | None:
+    """Return the bins of a floor above a level from which a spectrum (n_bins,) falls off to its end; None where there is none.
+
+    Noise is below everything that was recorded before the filter, so no lower frequency has less.
+    """
+    width = len(power) // GROUPS
+    if width < 2:
+        return None
+    groups = np.median(power[1 : 1 + width * GROUPS].reshape(GROUPS, width), axis=1)
+    for stop in range(GROUPS, FLAT_GROUPS, -1):
+        flat = groups[stop - FLAT_GROUPS : stop]
+        if flat.min() > least and flat.max() < FLAT * flat.min():
+            level = float(np.median(flat))
+            is_lowest = bool(np.all(groups[: stop - FLAT_GROUPS] > level / FLAT))
+            falls = bool(np.all(groups[stop:] < FLAT * level))
+            if is_lowest and falls and power.max() > HEARD * level:
+                return slice(1 + width * (stop - FLAT_GROUPS), 1 + width * stop)
+            return None
+    return None
+
+
+def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
+    """Tell whether the inputs explain a channel between the ends of a band (n_bins,) of frequencies [1/sample]."""
+    if inputs is None:
+        return False
+    inputs = inputs[:, np.ptp(inputs, axis=0) > 0]
+    count = inputs.shape[1]
+    length = min(SEGMENT, 2 * len(column) // (LEAST_SEGMENTS * count + 1)) if count else 0
+    if length < 4 / (band[-1] - band[0]):
+        return count > 0  # it cannot be told
+    parts = np.column_stack([inputs, column])
+    freq, S = signal.csd(parts.T[:, None], parts.T[None], 1.0, nperseg=length, window="hann")
+    inside = (freq >= band[0]) & (freq <= band[-1])
+    S = np.moveaxis(S[..., inside], -1, 0)
+    cross, own = S[:, :count, count], S[:, :count, :count]
+    own = own + 1e-9 * np.trace(own, axis1=1, axis2=2).real[:, None, None] * np.eye(count)
+    explained = np.einsum("fi,fi->f", cross.conj(), np.linalg.solve(own, cross[..., None])[..., 0]).real
+    return bool(np.median(explained / S[:, count, count].real) > COHERENT)
+
+
+def _grain(column: Array) -> float:
+    """Return the step of a coarsely quantised channel, else 0."""
+    steps = np.diff(np.unique(column))
+    return float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
+
+
+def uneven_noise(time: Array, column: Array) -> float:
+    """Return the standard deviation of the noise of a smooth channel at uneven times.
+
+    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
+    """
+    if len(column) < 16:
+        return LEAST_NOISE * float(np.std(column) or 1.0)
+    index = np.arange(2, len(column) - 2)
+    near = index[:, None] + np.array([-2, -1, 1, 2])
+    t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
+    weights = np.ones_like(t)  # Lagrange's polynomials at zero
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
+    left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
+    noise = max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+    return float(np.hypot(noise, _grain(column) / np.sqrt(12)))

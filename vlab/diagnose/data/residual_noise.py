@@ -1,0 +1,160 @@
+"""Noise of a residual: the part that neither inputs nor motion explain.
+
+A model that lacks physics errs by something that its inputs and its motion determine. Noise, of whatever colour, is what they leave: of
+a sensor, common to sensors, or of the recorded input, which comes in through the structure and rings on its resonances. The spectrum R of
+a residual over the whole record is modelled in every narrow band by the local rational method,
+
+    R(k) D(k) = sum_i N_i(k) X_i(k) + T(k) + sum_j c_j Z_j(k) + D(k) V(k),
+
+with polynomials D (D(0) = 1), N_i and T of degree `DEGREE` in frequency about the band's middle, so that a band may hold as many
+resonances; X are the inputs' spectra, T is the transient (leakage, free decay), Z are spectra of nonlinear functions of the motion, and V
+is the noise. Every line of V is the error of its prediction from the other lines of its band (leave one out), so that a resonance of few
+lines, which any fit follows, does not count as explained.
+
+References
+----------
+R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012, chapter 7 (local polynomials).
+T. McKelvey, G. Guérin, Non-parametric frequency response estimation using a local rational model, IFAC Proc. 45 (2012) 49.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from vlab.cases.channel_map import ORDER, Run
+from vlab.diagnose.data.runs import fastest, uniform
+from vlab.signals import Array
+
+DEGREE = 1
+"""Degree of the local polynomials [1]: resonances that one band may hold."""
+LINES_PER_UNKNOWN = 2
+"""Spectral lines of a band per unknown of its fit [1]: half of them are left to tell noise from what is explained."""
+MOTION_BAND = 2.0
+"""Nonlinear functions are taken of the motion below this multiple of the frequency that holds nearly all of its power [1]."""
+RANK = 1e-8
+"""Singular values below this share of the largest are rounding [1]."""
+LEAST_FREEDOM = 1e-6
+"""Least share of a line that its own fit leaves free [1]: rounding alone is below."""
+FIRST_LINES = 3
+"""Spectral lines from which the noise's share of the mean is extrapolated [1]."""
+LEAST_SNR = 10.0
+"""Least ratio of a channel's rms to its incoherent residual [1]: of more (20 dB) no noise is told from physics that these functions miss."""
+
+
+def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
+    """Return the rms of the noise in a residual.
+
+    Parameters
+    ----------
+    run : Run
+        Its inputs and compared channels explain what is no noise.
+    channel : str
+        The residual's.
+    residual : (n,) array
+        Recorded less simulated.
+
+    Returns
+    -------
+    float
+        In the channel's unit; 0 where the record cannot tell: uneven times, too few samples, or more than a tenth of the motion.
+    """
+    if not run.measured.is_uniform or np.ptp(residual) == 0:
+        return 0.0
+    inputs = [_spectrum(run.measured[drive.channel]) for drive in run.drives]
+    inputs = [x for x in inputs if np.any(x)]
+    motions = [run.measured.index(c.channel) for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    lines = [noise_lines(residual, inputs, _nonlinear(run, column)) for column in motions]
+    power = min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(residual) ** 2
+    squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
+    rms = float(np.sqrt(min(squares, float(np.mean(residual**2)))))
+    return rms if LEAST_SNR * rms <= float(np.std(run.measured[channel])) else 0.0
+
+
+def _of_mean(power: Array) -> float:
+    """Return the 95 % quantile of what noise as red as a random walk, of power 1/f^2, adds to the square of a record's mean.
+
+    The mean stands for half of the first line's frequency, and its square is chi-squared with one degree of freedom.
+
+    Parameters
+    ----------
+    power : (n,) array
+        Of the noise on the lines from the first one on.
+    """
+    first = power[:FIRST_LINES]
+    return (
+        float(stats.chi2.ppf(0.95, 1)) * 4.0 * 2.0 * float(np.mean(first * np.arange(1, len(first) + 1) ** 2))
+        if len(first)
+        else 0.0
+    )
+
+
+def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> float | None:
+    """Return the share of a residual's rms about its mean that is noise, from 0 to 1; None where `noise_lines` is None."""
+    noise = noise_lines(residual, linear, nonlinear)
+    total = float(np.sum(np.abs(_spectrum(residual)) ** 2))
+    return None if noise is None or total == 0 else float(np.sqrt(np.sum(noise) / total))
+
+
+def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> Array | None:
+    """Return the power of the noise on every line of a residual's spectrum but its mean, (n // 2,).
+
+    Parameters
+    ----------
+    residual : (n,) array
+    linear, nonlinear : sequence of (n // 2 + 1,) complex arrays
+        Spectra X and Z of what may explain it.
+
+    Returns
+    -------
+    (n // 2,) array or None
+        Squares of absolute values of the discrete Fourier transform, at most the residual's own; None where the record has not
+        lines enough for one band.
+    """
+    R = _spectrum(residual)[1:]
+    X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
+    unknowns = DEGREE + (len(X) + 1) * (DEGREE + 1) + len(Z)
+    count = len(R) // (LINES_PER_UNKNOWN * unknowns)
+    if count == 0:
+        return None
+    noise = np.zeros(len(R))
+    for band in np.array_split(np.arange(len(R)), count):
+        powers = np.vander(np.linspace(-1.0, 1.0, band.size), DEGREE + 1, increasing=True)
+        columns = [-R[band, None] * powers[:, 1:], powers.astype(complex)]
+        columns += [x[band, None] * powers for x in X] + [z[band, None] for z in Z]
+        A = np.hstack(columns)
+        size = np.linalg.norm(A, axis=0)
+        A = A[:, size > 0] / size[size > 0]
+        Q, singular, Vh = np.linalg.svd(A, full_matrices=False)
+        rank = int(np.sum(singular > RANK * singular[0]))
+        Q = Q[:, :rank]
+        fit = Vh[:rank].conj().T @ ((Q.conj().T @ R[band]) / singular[:rank])
+        # leave-one-out residuals, (R - fit) / (1 - leverage); near a zero of D they have no bound, and noise is no more than R
+        D = 1.0 + powers[:, 1:] @ (fit[:DEGREE] / size[:DEGREE]) if np.all(size[:DEGREE] > 0) else np.ones(band.size)
+        V = np.abs((R[band] - A @ fit) / D) / np.maximum(1.0 - np.sum(np.abs(Q) ** 2, axis=1), LEAST_FREEDOM)
+        noise[band] = np.minimum(V, np.abs(R[band])) ** 2
+    return noise
+
+
+def _nonlinear(run: Run, column: int) -> list[Array]:
+    """Return spectra of functions of a recorded motion: of friction, drag, cubic and quadratic springs, and a spring that drifts.
+
+    Parameters
+    ----------
+    column : int
+        Of the recording.
+    """
+    n, h = len(run.measured), uniform(run.measured.time)
+    order = ORDER.get(run.measured.channels[column].kind, 0)
+    values = run.measured.data[:, column]
+    omega = 2j * np.pi * np.fft.rfftfreq(n, h)
+    top = MOTION_BAND * fastest(values[:, None], h, [order])
+    Y = np.where(np.abs(omega) < 2 * np.pi * top, np.fft.rfft(values - values.mean()), 0.0)
+    Y[0], omega[0] = 0.0, 1.0
+    x, v = (np.fft.irfft(Y * omega ** (power - order), n) for power in (0, 1))
+    drift = np.linspace(-1.0, 1.0, n)
+    return [_spectrum(z) for z in (np.sign(v), np.abs(v) * v, x**3, x**2, drift * x)]
+
+
+def _spectrum(x: Array) -> Array:
+    return np.asarray(np.fft.rfft(x - x.mean()))

@@ -1,0 +1,363 @@
+"""The runs of a case on one clock: interval means of the inputs, deviations of the outputs from rest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import signal
+
+from vlab.cases.channel_map import Compared, Run
+from vlab.cases.initial_state import begins_at_rest
+from vlab.cases.replay import before
+from vlab.diagnose.data.noise import NOISE_BAND, noise_level
+from vlab.diagnose.data.quality import on_clock, says_something
+from vlab.hardware.output_chain import OutputChain
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+POINTS_PER_CYCLE = 14.0
+"""Samples of the search per cycle of the fastest motion that carries power: phase errors of its laws stay below 2 %."""
+ENOUGH_SAMPLES = 6000
+"""A run is not thinned below this length."""
+MOST_SAMPLES = 8000
+"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
+FIRST_WILL_DO = 0.25
+"""It is the first part, whose start is known best, where that has this share of the power of any other."""
+POWER_SHARE = 0.99
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Signals:
+    """One run as the search sees it.
+
+    Parameters
+    ----------
+    name, role : str
+        Of the run.
+    h : float
+        Sample period of the search [s].
+    u : (n, n_actuators) array
+        Mean command of every actuator from each sample to the next.
+    load : (n, n_ports) array
+        Mean force on the ports that a recording drives directly.
+    y : (n, n_channels) array
+        Compared channels, deviations from the model's rest where the recording counts from elsewhere.
+    noise : (n_channels,) array
+        Standard deviation of the noise of y.
+    scale : (n_channels,) array
+        Rms of y about its mean, never zero.
+    at_rest : bool
+        Whether the run starts at rest.
+    t0 : float
+        Time of the first sample from the start of the recording [s].
+    start : (2m,) array or None
+        Modal state at the first sample, where it is taken as known.
+    before : (k, 2m) array or None
+        Modal states at the samples before the first one, for laws with memory.
+    shown : (k, n_channels) array or None
+        What the channels showed before the first sample, smoothed and freed of what sensors are said to add: for what sensors remember.
+    led : (k, n_actuators) array or None
+        Commands before the first sample, for what comes out late.
+    valid : (n, n_channels) array of bool or None
+        Which samples say something of the structure; all of them by default.
+    end : float or None
+        Time of the last sample where the sample period is not even.
+    """
+
+    name: str
+    role: str
+    h: float
+    u: Array
+    load: Array
+    y: Array
+    noise: Array
+    scale: Array
+    at_rest: bool
+    t0: float = 0.0
+    start: Array | None = None
+    before: Array | None = None
+    shown: Array | None = None
+    led: Array | None = None
+    valid: Array | None = None
+    end: float | None = None
+
+    @property
+    def last_s(self) -> float:
+        """Time of the last sample from the start of the recording [s]."""
+        return self.t0 + (len(self.y) - 1) * self.h if self.end is None else self.end
+
+    @property
+    def usable(self) -> Array:
+        """One where a sample says something, zero where it was lost or stands at a limit, (n, n_channels)."""
+        return np.ones(self.y.shape) if self.valid is None else np.asarray(self.valid, dtype=float)
+
+    @property
+    def t(self) -> Array:
+        """Time stamps from the start [s]."""
+        return self.t0 + np.arange(len(self.y)) * self.h
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def first(self, most: int) -> "Signals":
+        """Return the first samples alone."""
+        valid = None if self.valid is None else self.valid[:most]
+        return replace(self, u=self.u[:most], load=self.load[:most], y=self.y[:most], valid=valid)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Feedthrough:
+    """What channels show of inputs at once.
+
+    Parameters
+    ----------
+    direct : (n_channels, n_actuators + n_ports) array
+        What they read of the accelerations that a unit command or load gives.
+    still : (n_channels, n_actuators + n_ports) array
+        What they read of a unit command or load while nothing that the search follows accelerates: as sensors of forces do, and
+        what modes above its band yield. What an actuator's effect does to its command does not show there.
+    moving : (n_channels, n_actuators + n_ports) array
+        What they read of a unit rate of a command or load: velocities of what yields.
+
+    Notes
+    -----
+    All are those of the nominal model: of a refitted gain its deviation times the difference is left, a small thing times a small one.
+    """
+
+    direct: Array
+    still: Array
+    moving: Array
+
+    def shows(self, column: int) -> bool:
+        """Return whether any channel shows an input at once."""
+        return any(np.any(part[:, column]) for part in (self.direct, self.still, self.moving))
+
+    def ahead(self, column: int, mean: Array, now: Array, h: float) -> Array:
+        """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,) every h seconds;
+        (n, n_channels)."""
+        out = np.outer(now - mean, self.direct[:, column]) + np.outer(now, self.still[:, column])
+        return out + np.outer(np.gradient(now, h), self.moving[:, column])
+
+
+WINDOWS = 16
+"""A run is cut into this many windows for the first fits."""
+CYCLES = 3.0
+"""A window holds at least this many cycles of the slowest mode that oscillates; whole runs say more of it."""
+LEAST_WINDOW = 150
+PREROLL = 120
+"""Samples of smoothed motion that a law with memory sees before a window, and of commands, which may come out late."""
+LONG_PREROLL = 2000
+"""The same of laws that are linear in what they remember, which costs them nothing: a light oscillator rings for that long."""
+
+
+def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> list[Signals]:
+    """Cut a run into windows that start from known states, so that a fit cannot lose the phase over a long record.
+
+    Parameters
+    ----------
+    states : (n, 2m) array
+        Smoothed modal states at the run's samples.
+    shown : (n, n_channels) array
+        What the channels show of them.
+    slowest_hz : float
+        Frequency of the slowest mode; 0 where nothing oscillates.
+    """
+    n = len(run)
+    length = max(n // WINDOWS, LEAST_WINDOW, int(CYCLES / (slowest_hz * run.h)) if slowest_hz > 0 else 0)
+    count = max(1, n // length)
+    edges = np.linspace(0, n, count + 1).astype(int)
+    out = []
+    for i, (a, b) in enumerate(pairwise(edges)):
+        part = slice(a, b)
+        out.append(
+            replace(
+                run,
+                name=f"{run.name}[{i}]",
+                u=run.u[part],
+                load=run.load[part],
+                y=run.y[part],
+                valid=None if run.valid is None else run.valid[part],
+                at_rest=run.at_rest and i == 0,
+                t0=run.t0 + float(a * run.h),
+                start=states[a],
+                before=states[max(a - LONG_PREROLL, 0) : a],
+                shown=shown[:a],
+                led=run.u[max(a - PREROLL, 0) : a],
+            )
+        )
+    return out
+
+
+def uniform(time: Array) -> float:
+    """Return the sample period of a record, the median of its steps."""
+    return float(np.median(np.diff(time)))
+
+
+def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
+    """Return the frequency below which nearly all power of the velocities lies [Hz].
+
+    Parameters
+    ----------
+    orders : sequence of int
+        0 where a channel is a displacement, 1 a velocity, 2 an acceleration.
+    """
+    out = 0.0
+    for column, order in zip(y.T, orders, strict=True):
+        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
+        floor = np.median(power[freq > NOISE_BAND / (2 * h)]) if freq.size > 8 else 0.0
+        power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
+        total = np.cumsum(power)
+        if total[-1] > 0:
+            out = max(out, float(freq[np.searchsorted(total, POWER_SHARE * total[-1])]))
+    return out
+
+
+def thinning(count: int, h: float, highest_hz: float, enough: int = ENOUGH_SAMPLES) -> int:
+    """Return by how much a run of `count` samples can be thinned; below `enough` it is not."""
+    if highest_hz <= 0 or count <= enough:
+        return 1
+    by_band = int(1.0 / (h * POINTS_PER_CYCLE * highest_hz))
+    return max(1, min(by_band, count // enough))
+
+
+def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
+    """Return the mean force of every sample of commands (n,) behind the delay, hold and filter of a run's hardware.
+
+    Without hardware, or sampled at another rate than the converter's, they are the forces themselves.
+    """
+    if run.hardware is None or abs(run.measured.rate / rate_hz - 1) > 1e-6 or not run.measured.is_uniform:
+        return commands
+    converter = run.hardware.at_rate(rate_hz).converter
+    return OutputChain(converter, channels=1).response(commands[:, None])[:, 0]
+
+
+def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
+    """Return the mean of an input (n,) at times (n,) [s] from every time of a grid (m,) [s] to the next, (m,).
+
+    The last interval goes on as the input does: held, or along its last slope.
+    """
+    h = grid[1] - grid[0]
+    edges = np.append(grid, grid[-1] + h)
+    if is_held:
+        end = max(edges[-1], time[-1]) + h
+        integral = np.concatenate([[0.0], np.cumsum(values * np.diff(np.append(time, end)))])
+        at = np.interp(edges, np.append(time, end), integral)
+    else:
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+        fine = np.searchsorted(time, edges, side="right").clip(1, len(time) - 1) - 1
+        part = np.clip(edges - time[fine], 0.0, None)
+        slope = (values[fine + 1] - values[fine]) / (time[fine + 1] - time[fine])
+        at = integral[fine] + values[fine] * part + 0.5 * slope * part**2
+    return np.asarray(np.diff(at) / h)
+
+
+def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
+    """Return a channel (n,) at times (n,) [s] at those of a grid (m,) [s] that takes every `thin`-th sample, (m,).
+
+    It is low-passed where the grid is coarser, and interpolated where the times are not even.
+    """
+    h = uniform(time)
+    even = time[0] + h * np.arange(round((time[-1] - time[0]) / h) + 1)
+    aligned = even.size == time.size and bool(np.all(np.abs(even - time) < 1e-3 * h))
+    x = values if aligned else np.interp(even, time, values)
+    if thin > 1:
+        taps = signal.firwin(20 * thin + 1, 1.0 / thin, window="hamming")
+        padded = np.concatenate([2 * x[0] - x[10 * thin : 0 : -1], x, 2 * x[-1] - x[-2 : -10 * thin - 2 : -1]])
+        x = np.convolve(padded, taps, mode="valid")[: len(x)]
+    out = x[::thin]
+    return out[: len(grid)] if len(out) >= len(grid) else np.interp(grid, even[::thin] - even[0], out)
+
+
+def signals_of(
+    run: Run,
+    plant: Plant,
+    compared: Sequence[Compared],
+    rest: Array,
+    port_names: Sequence[str],
+    *,
+    orders: Sequence[int],
+    commands: Array | None = None,
+    highest_hz: float | None = None,
+    feedthrough: Feedthrough | None = None,
+) -> Signals:
+    """Put one run on the search's clock.
+
+    Parameters
+    ----------
+    compared : sequence of Compared
+        Measured channels, without commands.
+    rest : (n_channels,) array
+        The model's values at rest.
+    commands : (n_samples, n_actuators) array or None
+        What a law in the loop commanded, added to the inputs.
+    highest_hz : float or None
+        Fastest motion of interest; found from the run itself by default.
+    feedthrough : Feedthrough or None
+        The search lets inputs act with their means over the intervals, and readings show the inputs of their own moment; what
+        channels show of the difference is taken off them.
+    """
+    time = run.measured.time - run.measured.time[0]
+    h, n_actuators = uniform(time), len(plant.actuators)
+    columns = np.column_stack(
+        [run.measured[c.channel] - (0.0 if c.from_rest else r) for c, r in zip(compared, rest, strict=True)]
+    )
+    top = fastest(columns, h, orders) if highest_hz is None else highest_hz
+    thin = thinning(len(time), h, top)
+    grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
+    y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
+    recorded = y.copy()
+    inputs = np.zeros((len(grid), n_actuators + len(port_names)))
+
+    def add(column: int, values: Array, is_held: bool, is_first: bool = False) -> None:
+        mean = interval_means(time, values, is_held, grid)
+        inputs[:, column] += mean
+        if feedthrough is not None and feedthrough.shows(column):
+            now = before(values) if is_held and not is_first else values
+            y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin), h * thin)
+
+    for drive in run.drives:
+        values, is_held = run.measured[drive.channel], drive.is_held
+        if drive.through_chain and run.hardware is not None:
+            values, is_held = through_chain(run, values, run.hardware.converter.rate), True
+        at = n_actuators + list(port_names).index(drive.port) if drive.actuator is None else drive.actuator
+        add(at, values, is_held, drive.is_first)
+    if commands is not None:
+        for j in range(n_actuators):
+            add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
+    u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
+    usable = on_clock(run, says_something(run, compared), grid)
+    part = liveliest(recorded, MOST_SAMPLES)
+    recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
+    scale = np.std(recorded, axis=0)
+    scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
+    slow = np.array([order < 2 for order in orders])
+    is_driven = bool(run.drives) or commands is not None
+    starts = is_driven and begins_at_rest(y, slow, plant)
+    return Signals(
+        name=run.name,
+        role=run.role,
+        h=float(h * thin),
+        u=u,
+        load=load,
+        y=y,
+        noise=np.array([noise_level(column, inputs[part]) for column in recorded.T]),
+        scale=scale,
+        at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
+        t0=float(grid[part.start]),
+        valid=None if usable.all() else usable,
+    )
+
+
+def liveliest(y: Array, most: int) -> slice:
+    """Return which `most` samples of channels (n, p) to look at: the first, or those with the most power where the first have little."""
+    n = len(y)
+    if n <= most:
+        return slice(0, n)
+    size = np.std(y, axis=0)
+    power = np.sum(((y - y.mean(axis=0)) / np.where(size > 0, size, 1.0)) ** 2, axis=1)
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    starts = np.append(np.arange(0, n - most, max(most // 8, 1)), n - most)
+    held = total[starts + most] - total[starts]
+    start = 0 if held[0] >= FIRST_WILL_DO * held.max() else int(starts[np.argmax(held)])
+    return slice(start, start + most)

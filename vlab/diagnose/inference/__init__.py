@@ -1,0 +1,1 @@
+"""Parameter vectors, least squares, evidence."""

@@ -1,0 +1,246 @@
+"""Hypotheses fitted and scored: quickly at first, the best ones to the end, over whole runs, and at other places."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.diagnose.inference.evidence import Hypothesis, scored
+from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
+from vlab.physics.effect import Effect, PortEffect
+from vlab.signals import Array
+
+QUICK, FINISHED = 5, 4
+"""Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
+FIRST = 2
+"""Iterations that tell which of few values a parameter has."""
+WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
+"""The same over whole runs."""
+NEARLY_AS_LITTLE = 1.25
+"""Whole runs are fitted on where they leave this multiple of the least mean square at most."""
+PLACES = 5
+"""Places at which the chosen effect is fitted again."""
+ENOUGH = 1.3
+"""What leaves no more than this multiple of the noise lacks nothing that is worth much time."""
+HOPELESS = 12.0
+"""Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
+
+
+def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
+    """Return candidates as terms of a hypothesis."""
+    return [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
+
+
+def floor_of(refiner: Refiner) -> float:
+    """Return the level that noise alone leaves."""
+    return float(np.sqrt(refiner.noise_share))
+
+
+def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
+    """Return a refiner's fit as a hypothesis with its score."""
+    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor_of(refiner))
+
+
+def remembers(effect: Effect) -> bool:
+    """Return whether a law has a memory of the motion."""
+    return isinstance(effect, PortEffect) and effect.memory((1,)) is not None
+
+
+def fitted(
+    refiner: Refiner, terms: Sequence[Term], start: Fit, iterations: int = QUICK, gain: float = 0.0
+) -> Hypothesis:
+    """Return a hypothesis fitted from another fit on, with its score."""
+    own = refiner.beside(terms)
+    return scored_by(own, own.fit(terms, start, iterations), gain)
+
+
+def each_fitted(refiner: Refiner, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
+    """Return quick fits of candidates, each alone."""
+    told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
+    first = side_by_side(lambda c: fitted(refiner, terms_of([c]), start, FIRST, c.gain), told)
+    best: dict[str, Hypothesis] = {}
+    for h in by_score(first):
+        best.setdefault(h.label, h)
+
+    def fit(c: Candidate) -> Hypothesis:
+        coarse = best.get(c.label)
+        if coarse is None:
+            return fitted(refiner, terms_of([c]), start, gain=c.gain)
+        return fitted(refiner, coarse.terms, coarse.fit, gain=c.gain)
+
+    return side_by_side(fit, candidates)
+
+
+def _of_few_values(refiner: Refiner, candidate: Candidate) -> list[Candidate]:
+    """Return a candidate with every value that a parameter of few values can have; none of one that has no such parameter.
+
+    Slopes tell nothing there, and in the screening a period that is far from the right one may gain more than it.
+    """
+    h = refiner.runs[0].h
+    return [
+        replace(candidate, values={**candidate.values, p.name: k * h})
+        for p in candidate.effect.parameters
+        if p.grain and p.reference == "step"
+        for k in range(round(p.grid[0]), round(p.grid[-1]) + 1)
+    ]
+
+
+def pairs_fitted(refiner: Refiner, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:
+    """Return quick fits of a second effect each beside a fitted hypothesis."""
+
+    def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
+        first, second = pair
+        terms = [*first.terms, *terms_of([second])]
+        return fitted(refiner, terms, first.long_fit, gain=first.gain + second.gain)
+
+    return side_by_side(fit, pairs)
+
+
+def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses, the best first."""
+    return sorted((h for some in hypotheses for h in some), key=lambda h: -h.score)
+
+
+def hopeful(order: Sequence[Hypothesis]) -> int:
+    """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
+    if not order or min(h.level for h in order) > ENOUGH:
+        return len(order)
+    return sum(h.score > order[0].score - HOPELESS for h in order)
+
+
+def finished(refiner: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses by score, the best of them fitted to the end."""
+    order = by_score(hypotheses)
+    most = min(FINISHED, hopeful(order))
+
+    def fit(item: tuple[int, Hypothesis]) -> Hypothesis:
+        place, h = item
+        return fitted(refiner, h.terms, h.fit, ITERATIONS if place < most else 0, h.gain)
+
+    return by_score(side_by_side(fit, list(enumerate(order))))
+
+
+def on_whole_runs(
+    whole: Refiner,
+    narrow: Refiner,
+    hypotheses: Sequence[Hypothesis],
+    most: int = WHOLE_FINISHED,
+    thetas: Sequence[Array] = (),
+    iterations: int = WHOLE_ITERATIONS,
+    screened: Sequence[Candidate] = (),
+    start: Fit | None = None,
+) -> list[Hypothesis]:
+    """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
+
+    Windows say how well a law describes the motion at hand; whole runs how well it holds on in the long run, and what a law
+    that remembers makes of all that came before. Only the first `most` are fitted again; to the others happens
+    what happened to the worst of these.
+
+    Parameters
+    ----------
+    thetas : sequence of (n_changes,) arrays
+        Uncertain parameters to start from besides: short windows leave frequencies open by more than whole runs forgive, for
+        half a cycle further on a fit is lost.
+    screened : sequence of Candidate
+        The screening's values, from which a law that remembers starts as well, with all else as `start` has it: in windows it knows
+        nothing of what came before, and a set that one event left is there in all that follow.
+    """
+    if narrow.runs == whole.runs:
+        return list(hypotheses)
+    chosen = list(hypotheses)[:most]
+    told = {c.label: c for c in reversed(screened) if remembers(c.effect)}
+
+    def fitted_on(h: Hypothesis) -> Fit:
+        own = whole.fit(h.terms, h.fit, iterations, thetas)
+        fresh = told.get(h.label)
+        if fresh is None or scored_by(whole, own).level <= ENOUGH:
+            return own
+        return min(own, whole.fit(terms_of([fresh]), start), key=whole.unlikeliness)
+
+    fits = side_by_side(fitted_on, chosen)
+    fits = _on_from_the_best(whole, fits)
+    both = []
+    for h, fit in zip(chosen, fits, strict=True):
+        other = scored_by(whole, fit)
+        level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
+        # windows start from states smoothed without the law, for which the uncertain parameters make up
+        both.append(replace(h, misfit=0.5 * (h.misfit + other.misfit), price=other.price, level=level, whole=fit))
+    misfit = max((b.misfit - h.misfit for b, h in zip(both, chosen, strict=True)), default=0.0)
+    price = max((b.price - h.price for b, h in zip(both, chosen, strict=True)), default=0.0)
+    more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)
+    rest = [
+        replace(h, misfit=h.misfit + misfit, price=h.price + price, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
+        for h in list(hypotheses)[most:]
+    ]
+    return by_score(both, rest)
+
+
+def _on_from_the_best(whole: Refiner, fits: Sequence[Fit]) -> list[Fit]:
+    """Return fits that leave nearly as little as the best one, fitted on from where it ended as far as that is theirs, too.
+
+    A law that holds another one as a special case may get there where the simpler one, after as many steps, is still on its way.
+    """
+    if len(fits) < 2:
+        return list(fits)
+    best = min(fits, key=lambda fit: fit.cost)
+    near = [i for i, fit in enumerate(fits) if fit.cost <= NEARLY_AS_LITTLE * best.cost]
+    if len(near) < 2:
+        return list(fits)
+
+    def on(i: int) -> Fit:
+        again = whole.fit(fits[i].terms, _as_in(best, fits[i]), WHOLE_ITERATIONS)
+        return min(fits[i], again, key=whole.unlikeliness)
+
+    better = dict(zip(near, side_by_side(on, near), strict=True))
+    return [better.get(i, fit) for i, fit in enumerate(fits)]
+
+
+def as_meant(whole: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the hypotheses whose laws have values that their words fit; those that do not are fitted on from values that the
+    elastic elements at their places suggest, where these have any.
+
+    Of a gap that is small beside the motion a recording knows the force alone: with a tenth of the stiffness and ten times the gap it
+    is a stop beside the element.
+    """
+    found = side_by_side(lambda h: h if is_meant(h.long_fit.terms) else _from_elements(whole, h), list(hypotheses))
+    return [h for h in found if is_meant(h.long_fit.terms)]
+
+
+def _from_elements(whole: Refiner, hypothesis: Hypothesis) -> Hypothesis:
+    """Return a hypothesis fitted to whole runs from what the elements at its places suggest."""
+    old = hypothesis.long_fit
+    terms = tuple(of_element(t) for t in old.terms)
+    if not is_meant(terms):
+        return hypothesis
+    fit = whole.fit(terms, replace(old, terms=terms), WHOLE_ITERATIONS)
+    was, now = scored_by(whole, old), scored_by(whole, fit)
+    return replace(
+        hypothesis,
+        whole=fit,
+        misfit=hypothesis.misfit + now.misfit - was.misfit,
+        price=now.price,
+        level=hypothesis.level * now.level / was.level,
+    )
+
+
+def _as_in(best: Fit, fit: Fit) -> Fit:
+    """Return a fit with all that another one knows of the same: uncertain parameters, and values of the same names."""
+    terms = [
+        replace(term, values={name: other.values.get(name, value) for name, value in term.values.items()})
+        for term, other in zip(fit.terms, best.terms, strict=False)
+    ]
+    return replace(best, terms=(*terms, *fit.terms[len(terms) :]))
+
+
+def other_places(
+    refiner: Refiner, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
+) -> dict[str, Hypothesis]:
+    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    first, others = best.terms[0], best.terms[1:]
+    elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
+    chosen = elsewhere[: PLACES - 1]
+    found = side_by_side(lambda c: fitted(refiner, [*terms_of([c]), *others], start, QUICK + 2, c.gain), chosen)
+    here = fitted(refiner, best.terms, best.fit, QUICK + 2, best.gain)  # as the others: in windows only
+    return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

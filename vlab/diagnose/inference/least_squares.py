@@ -1,0 +1,609 @@
+"""Fits in simulation: a hypothesis with everything uncertain beside it, on all fit runs at once.
+
+The twin is simulated from its initial states with the effects of the hypothesis inside the loop, for many parameter sets
+side by side, and Gauss and Newton's method brings the difference to the recordings down. The uncertain parameters enter
+in the few directions that the recordings say something of; initial states and channel offsets are fitted along.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+
+import numpy as np
+from scipy import linalg
+
+from vlab.diagnose.data.runs import POINTS_PER_CYCLE, Signals
+from vlab.diagnose.inference.evidence import WORTH, independent_values
+from vlab.diagnose.inference.impedance_scale import exponent, motion_scale
+from vlab.diagnose.inference.jacobian import by_period, carried_on, is_edged, slopes_at, slopes_by_strength, with_scale
+from vlab.diagnose.inference.parameter_vector import Entries, limits_of
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.terms import Candidate, Fit, Term, of_element
+from vlab.diagnose.predictors.modal import channels, mix
+from vlab.diagnose.problem import INTEGRATION_ERROR
+from vlab.physics.effect import SETTLING, PickUp, SensorEffect
+from vlab.signals import Array
+
+ITERATIONS = 12
+FROZEN = 2
+"""Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
+at once moves to where the law does nothing."""
+EXPLAINED, DISTANT = 1.7, 1.5
+"""Mean square of the weighted difference below which a fit needs no second start, and square of the uncertain parameters' distance
+from their priors' means over what is usual, above which it has one all the same."""
+NEAR_ENOUGH, EXACT = 1.0, 0.02
+"""Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
+and for the values of parameters."""
+CHEAPER = 0.5
+"""Decrease of the cost above which a descent goes on although what is left is noise."""
+MORE = 12
+"""Steps that such a descent may take beyond those it was given."""
+NOISE = 0.95
+"""Mean square of what is left below which it is noise, in its squared standard deviations."""
+UNDAMPED, PARTS = 1e-10, (1.0, 0.3, 0.1)
+"""Damping of a step that goes all the way, and the parts of it that are tried: where parameters make up for each other, damped
+ones leave them as far from their priors' means as the first steps took them; and such valleys bend."""
+PASSES = 2
+"""The last slopes are taken anew so often, along directions that the ones before show."""
+REUSED = 3
+"""Steps for which slopes are carried on while they keep half of their promise."""
+LOOSE_START = 0.03
+"""Spread of the states that windows start from, as a share of their rms over all windows."""
+MOST_DIRECTIONS = 100
+MOST_STARTED = 6
+"""Modes whose first state is fitted."""
+INFORMED = 0.005
+"""Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
+error, root mean square, stay at the prior's mean."""
+PROBE = 0.3
+LARGEST = 1e8
+"""What residuals that ran away are cut off at."""
+
+
+class Refiner:
+    """Fits hypotheses to a problem's runs.
+
+    Parameters
+    ----------
+    screen : Screen
+        Gives the uncertain parameters' informed directions and the first states.
+    model_error : float or None
+        Error of the simulation itself that the weights allow for, as a share of a channel's rms; the problem's by default.
+    is_rough : bool
+        For first fits, with coarser steps.
+    """
+
+    is_rough = False
+    directions: Array
+    """Of the uncertain parameters, that the runs inform, (n_changes, r), in their prior's standard deviations."""
+    silent: Array
+    """The other ones, (n_changes, n_changes - r)."""
+
+    def __init__(
+        self,
+        screen: Screen,
+        runs: Sequence[Signals] | None = None,
+        model_error: float | None = None,
+        *,
+        is_rough: bool = False,
+    ) -> None:
+        self.is_rough = is_rough
+        self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
+        self.runs = list(runs if runs is not None else screen.runs)
+        self._weigh(model_error)
+        self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
+        self.active = self._active()
+        self.loose: dict[int, tuple[Array, Array, Array]] = {}
+        self.directions = self._informed()
+        self.loose = self._loose_starts()
+
+    def _weigh(self, model_error: float | None = None) -> None:
+        """Set what the weights of the runs' samples are and what their differences are worth, see `Refiner`."""
+        self.model_error = self.problem.model_error if model_error is None else model_error
+        self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
+        samples = sum(run.y.size for run in self.runs)
+        self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        noise = np.array([run.noise for run in self.runs])
+        scale = np.array([run.scale for run in self.runs])
+        self.noise_share = float(np.mean((noise / self.sigma) ** 2))
+        self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
+        self.integration_share = float(np.mean((INTEGRATION_ERROR * scale / self.sigma) ** 2))
+        self.believed = self.worth
+        if self.problem.case.structure is not None and self.worth > WORTH:
+            # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
+            self.believed = independent_values(self.noise_share, self.error_share, self.worth)
+
+    @cached_property
+    def weights(self) -> list[Array]:
+        """Of every run's samples, (n, n_channels) each: one over the standard deviation of noise and model error, zero where lost."""
+        return [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
+
+    def _informed(self) -> Array:
+        """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
+
+        Every parameter is moved by a part of its standard deviation in a simulation; directions in which all of them
+        together move the channels by little beside noise and model error stay at the prior's mean.
+        """
+        sd, n = self.twin.prior, len(self.twin.prior)
+        theta = np.vstack([self.screen.theta, self.screen.theta + PROBE * np.diag(sd)])
+        starts = np.zeros((n + 1, len(self.runs), 2 * self.twin.m))
+        for i, run in enumerate(self.runs):
+            if not run.at_rest:
+                starts[:, i] = self.first_state(run)
+        gram, samples = np.zeros((n, n)), 0
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h]
+            y = self.simulate([self.runs[i] for i in index], (), theta, (), starts[:, index])
+            for j, i in enumerate(index):
+                run = self.runs[i]
+                part = y[: len(run), :, j] / self.sigma[i]
+                columns = ((part[:, 1:] - part[:, :1]) / PROBE).transpose(0, 2, 1).reshape(-1, n)
+                gram += columns.T @ columns
+                samples += run.y.size
+        scale = self._common_scale()
+        unknown = np.vstack([self.problem.redundant, *([] if scale is None else [scale])])
+        if len(unknown):  # what seems to be known of these is an error of the derivatives
+            known = linalg.null_space(unknown)
+            gram = known @ (known.T @ gram @ known) @ known.T
+        size, vectors = np.linalg.eigh(gram / samples)
+        order = np.argsort(-size)[:MOST_DIRECTIONS]
+        keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
+        self.silent = sd[:, None] * np.delete(vectors, keep, axis=1)
+        return np.asarray(sd[:, None] * vectors[:, keep])
+
+    def _common_scale(self) -> Array | None:
+        """Return the common scale of impedances and gains in standard deviations of its priors, (n_changes,); None without one."""
+        scale = self.problem.common_scale
+        return None if scale is None else np.asarray(scale / self.twin.prior)
+
+    def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
+        """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
+
+        The states that windows start from are smoothed with a model that lacks the physics sought, so they are off by a
+        little; every residual is freed of what a start within that spread makes up for, by linear least squares.
+        """
+        out: dict[int, tuple[Array, Array, Array]] = {}
+        m2 = 2 * self.twin.m
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h and run.start is not None and not run.at_rest]
+            if not index:
+                continue
+            longest = max((self.runs[i] for i in index), key=len)
+            quiet = replace(longest, u=0 * longest.u, load=0 * longest.load, t0=0.0, before=None)
+            starts = np.eye(m2)[:, None, :]
+            theta = np.repeat(self.screen.theta[None], m2, axis=0)
+            free = self.simulate([quiet], (), theta, (), starts)[:, :, 0]  # (n, 2m, p)
+            states = np.array([self.runs[i].start for i in index])
+            spread = LOOSE_START * np.maximum(np.sqrt(np.mean(states**2, axis=0)), 1e-12)
+            for i in index:
+                n = len(self.runs[i])
+                seen = free[:n] * self.runs[i].usable[:, None, :]
+                response = (seen / self.sigma[i]).transpose(0, 2, 1).reshape(-1, m2) * spread
+                gram = response.T @ response + np.eye(m2)
+                out[i] = (response, np.linalg.solve(gram, response.T), spread)
+        return out
+
+    def _active(self) -> Array:
+        """Return the modes whose first state is fitted: those that carry the first motion."""
+        if not self._free:
+            return np.zeros(0, dtype=int)
+        size = np.zeros(self.twin.m)
+        for run in self._free:
+            x = self.first_state(self.runs[run])
+            m = self.twin.m
+            energy = x[m:] ** 2 + (self.twin.omega * x[:m]) ** 2
+            size = np.maximum(size, energy / max(energy.max(), 1e-300))
+        largest = np.argsort(-size, kind="stable")[:MOST_STARTED]
+        return np.sort(largest[size[largest] > 1e-6])
+
+    def first_state(self, run: Signals) -> Array:
+        """Return the smoothed modal state at the first sample of a run that the screening filtered."""
+        if run.start is not None:
+            return run.start
+        for group in self.screen.groups:
+            for i, other in enumerate(group.runs):
+                if other.name == run.name:  # the screening may have looked at its first part only
+                    return np.asarray(group.smoothed.x[0, i])
+        return np.zeros(2 * self.twin.m)
+
+    def beside(self, terms: Sequence[Term]) -> "Refiner":
+        """Return the refiner of a hypothesis: this one, or another where its runs start from states that the hypothesis denies."""
+        return self
+
+    # ---- simulation -------------------------------------------------------------------------------------------------
+
+    def simulate(
+        self,
+        runs: list[Signals],
+        terms: Sequence[Term],
+        theta: Array,
+        values: Sequence[Mapping[str, Array]],
+        starts: Array,
+    ) -> Array:
+        """Simulate parameter sets side by side over runs of one sample period.
+
+        Parameters
+        ----------
+        theta : (n_sets, n_changes) array
+        values : sequence of mappings
+            Of every term its parameter values, (n_sets,) arrays.
+        starts : (n_sets, n_runs, 2m) array
+
+        Returns
+        -------
+        (n, n_sets, n_runs, n_channels) array
+            Channels, zero beyond a run's end.
+        """
+        y = channels(self.twin, self.highest, runs, terms, theta, values, starts, self.is_rough)
+        return self._read(y, runs, terms, theta, values)
+
+    def _read(
+        self,
+        y: Array,
+        runs: Sequence[Signals],
+        terms: Sequence[Term],
+        theta: Array,
+        values: Sequence[Mapping[str, Array]],
+    ) -> Array:
+        """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
+        gains = self.twin.gains(theta)[1]
+        with np.errstate(over="ignore"):  # of a trial that ran away
+            y *= gains[:, None, :]
+        for term, own in zip(terms, values, strict=True):
+            if isinstance(term.effect, PickUp):
+                mix(y, term, own, runs)
+            elif isinstance(term.effect, SensorEffect):
+                self._sense(y, term.effect, term.place.index, gains, own, runs)
+        return y
+
+    def _sense(
+        self,
+        y: Array,
+        effect: SensorEffect,
+        index: int,
+        gains: Array,
+        given: Mapping[str, Array],
+        runs: Sequence[Signals],
+    ) -> None:
+        """Let a sensor effect act on its channel, set by set and run by run.
+
+        A window begins in the middle of a motion that the sensor's own dynamics have followed before: where that is not known, it is
+        the beginning turned round.
+        """
+        for s in range(y.shape[1]):
+            p = {k: float(v[s]) for k, v in given.items()}
+            for j, run in enumerate(runs):
+                column, before = y[:, s, j, index], y[:0, s, j, index]
+                if run.shown is not None and len(run.shown):
+                    before = gains[s, index] * run.shown[-effect.settling(p, run.h) :, index]
+                elif not run.at_rest:
+                    before = 2.0 * column[0] - column[SETTLING:0:-1]
+                lead = len(before)
+                t = run.t0 + np.arange(-lead, len(y)) * run.h
+                y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, t)[lead:]
+
+    # ---- fitting ----------------------------------------------------------------------------------------------------
+
+    def fit(
+        self,
+        terms: Sequence[Term] = (),
+        start: Fit | None = None,
+        iterations: int = ITERATIONS,
+        thetas: Sequence[Array] = (),
+        settled: float = NEAR_ENOUGH,
+    ) -> Fit:
+        """Fit a hypothesis.
+
+        It starts from the screening's values and uncertain parameters, or those of `start` for what both know, with new
+        terms at several sizes, whichever simulates best.
+
+        Parameters
+        ----------
+        thetas : sequence of (n_changes,) arrays
+            Other log-factors of the uncertain parameters to start from where `start` knows all terms.
+        settled : float
+            The descent ends where two steps in a row lower the cost by less.
+        """
+        entries = self.entries(terms)
+        first, *others = self._starts(entries, start, thetas)
+        best = self._descend(entries, first, iterations, settled)
+        samples = sum(run.y.size for run in self.runs)
+        for x in (
+            others
+        ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
+            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * entries.r:
+                break
+            best = min(best, self._descend(entries, x, iterations, settled), key=self.unlikeliness)
+        return best
+
+    def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
+        """Return the least that a term leaves with any of some values, as a fit's `cost` with its priors, and the term with these.
+
+        All else is as `start` has it; nothing is fitted.
+        """
+        terms = [replace(term, values=dict(own)) for own in values]
+        entries = self.entries(terms[:1])
+        costs = self._costs(entries, np.array([self._initial(entries, [own], start.theta, start) for own in values]))
+        best = int(np.argmin(costs))
+        return float(costs[best]), terms[best]
+
+    def unlikeliness(self, fit: Fit) -> float:
+        """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
+        return self.believed * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
+
+    def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+        damping, raw = 1e-3, self.residual(entries, x[None])[0]
+        if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
+            return self._result(entries, x, raw, np.zeros((0, 0)))
+        slopes, age = np.zeros((raw.size, x.size)), REUSED
+        small, done, last = 0, -1, iterations
+        while (done := done + 1) < last:
+            shapes_too = done >= FROZEN or iterations <= FROZEN
+            weight = self._weight(entries, raw)
+            best = raw * weight
+            cost = float(best @ best)
+            if age >= REUSED:
+                slopes, age = slopes_at(self, entries, x, raw), 0
+            normal, gradient = self._normal(entries, slopes, weight), slopes.T @ (weight * best)
+            if not shapes_too:
+                still = entries.shapes
+                normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
+            scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
+            lams = damping * np.array([1.0, 1e2, 1e5])
+            steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
+            trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
+            if is_edged(entries):
+                trials = np.vstack([trials, self._rescaled(entries, x)])
+            trials = entries.bounded(trials)
+            residuals = self.residual(entries, trials)
+            costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
+            pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+            if not costs[pick] < cost:
+                if age:  # the slopes are old: new ones before smaller steps
+                    age = REUSED
+                    continue
+                damping *= 1e4
+                if damping > 1e6:
+                    break
+                continue
+            small = small + 1 if costs[pick] > cost - settled else 0
+            step, change = trials[pick] - x, residuals[pick] - raw
+            promised = -float(step @ (2.0 * gradient + normal @ step))
+            slopes = carried_on(slopes, step, change)
+            age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
+            x, raw = trials[pick], residuals[pick]
+            is_damped = len(PARTS) <= pick < len(PARTS) + len(lams)
+            damping = max(0.1 * (lams[pick - len(PARTS)] if is_damped else damping), 1e-8)
+            is_cheap = cost - costs[pick] < CHEAPER  # no longer do the uncertain parameters come nearer to their priors
+            if small >= 2 and shapes_too:
+                break
+            if settled <= EXACT:
+                continue
+            if is_cheap and self._is_noise(entries, raw):
+                break
+            if not is_cheap and not self.is_rough and np.mean(raw[entries.priors :] ** 2) < EXPLAINED:
+                last = min(max(last, done + 2), iterations + MORE)
+        if settled <= EXACT:  # what is carried on is good for steps, not for intervals
+            entries, x, raw = self._with_silent(entries, x, raw)
+            slopes = slopes_at(self, entries, x, raw)
+            for _ in range(PASSES):
+                slopes = slopes_by_strength(self, entries, x, raw, slopes)
+            common = self._common_scale()
+            if common is not None:
+                slopes = with_scale(entries, x, slopes, common)
+        return self._result(entries, x, raw, self._normal(entries, slopes, self._weight(entries, raw)))
+
+    def _rescaled(self, entries: Entries, x: Array) -> Array:
+        """Return an entry with all motions on the scale that the priors like best; see `scales`."""
+        along, ours = entries.along(motion_scale(self.problem)), slice(0, entries.r)
+        grown = -float(along @ x[ours]) / max(float(along @ along), 1e-12)
+        out = x.copy()
+        out[ours] += grown * along
+        out[entries.priors : entries.first_effect] *= np.exp(grown)
+        for k, (i, parameter) in enumerate(entries.parameters, start=entries.first_effect):
+            power = grown * exponent(entries.terms[i].effect, parameter)
+            out[k] = out[k] * np.exp(power) if parameter.signed else out[k] + power
+        return out
+
+    def _normal(self, entries: Entries, slopes: Array, weight: Array) -> Array:
+        """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
+        ours, data = slopes[: entries.priors], slopes[entries.priors :]
+        return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
+
+    def _with_silent(self, entries: Entries, x: Array, raw: Array) -> tuple[Entries, Array, Array]:
+        """Return entries, a vector of them and its residual with the directions that the runs say nothing of beside the informed ones.
+
+        All gains and impedances a hundredth larger change no channel, but every force that a law is found to have.
+        """
+        wide = replace(entries, directions=np.hstack([entries.directions, self.silent]))
+        none = np.zeros(wide.r - entries.r)
+        return wide, np.insert(x, entries.r, none), np.insert(raw, entries.r, none)
+
+    def _is_noise(self, entries: Entries, raw: Array) -> bool:
+        """Return whether what remains of every run is as small as the noise: a better fit means nothing.
+
+        All together may be while the loudest run still asks for another value: most samples of a blow are of its fading out.
+        """
+        at = entries.priors
+        for size in (self.runs[i].y.size for i in by_period(self.runs)):
+            if np.mean(raw[at : at + size] ** 2) > NOISE + 4.0 * np.sqrt(2.0 / size):  # four standard deviations of it
+                return False
+            at += size
+        return True
+
+    def _weight(self, entries: Entries, raw: Array) -> Array:
+        """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
+
+        The scale of what no parameter explains is unknown; taking it as found keeps the priors in force however wrong a
+        hypothesis is.
+        """
+        priors = entries.priors
+        worth = self.believed / max(raw.size - priors, 1)
+        spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
+        out = np.full(raw.size, np.sqrt(worth / spread))
+        out[:priors] = 1.0
+        return out
+
+    def _starts(self, entries: Entries, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
+        """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
+        terms = entries.terms
+        known = {} if start is None else {t.label: t for t in start.terms}
+        theta = self.screen.theta if start is None else start.theta
+        if all(t.label in known for t in terms):
+            own = [known[t.label].values for t in terms]
+            return self._ordered(entries, [self._initial(entries, own, x, start) for x in (theta, *thetas)])
+        candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
+        given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
+        out = [
+            self._initial(entries, values, joint, start)
+            for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
+        ]
+        options = []
+        for size in (1.0, 0.3, 0.05):
+            small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]
+            own = [
+                known[t.label].values if t.label in known else {**t.values, **less}
+                for t, less in zip(terms, small, strict=True)
+            ]
+            options.append(self._initial(entries, own, theta, start))
+        natural = [known.get(term.label, of_element(term)) for term in terms]
+        if any(there is not here for there, here in zip(natural, terms, strict=True)):
+            options.append(self._initial(entries, [t.values for t in natural], theta, start))
+        X = np.array([*out, *options])
+        costs = self._costs(entries, X)
+        together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
+        first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
+        if start is None or start.chi2 - start.cost < DISTANT * entries.r:
+            return first
+        # far from its priors the other fit has made up for what is missing
+        own = [known.get(term.label, term).values for term in terms]
+        return [*first, self._initial(entries, own, np.zeros_like(theta), start)]
+
+    def _ordered(self, entries: Entries, starts: list[Array]) -> list[Array]:
+        """Return starts by what they leave, the least first; with a law that alone."""
+        if len(starts) == 1:
+            return starts
+        costs = self._costs(entries, np.array(starts))
+        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if entries.terms else None]
+
+    def _costs(self, entries: Entries, X: Array) -> Array:
+        residuals = self.residual(entries, X)
+        return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
+
+    def entries(self, terms: Sequence[Term]) -> Entries:
+        """Return what a fit of terms moves."""
+        firsts = [self.first_state(self.runs[i]) for i in self._free]
+        return Entries(
+            terms=terms,
+            limits=[
+                limits_of(p, t.values[p.name], partial(self.screen.reference, place=t.place))
+                for t in terms
+                for p in t.effect.parameters
+            ],
+            directions=self.directions,
+            prior=self.twin.prior,
+            offset_sd=self.screen.offset_sd,
+            omega=self.twin.omega,
+            active=self.active,
+            firsts=np.array(firsts).reshape(len(firsts), 2 * self.twin.m),
+        )
+
+    @property
+    def _free(self) -> list[int]:
+        """The runs whose first state is fitted."""
+        return [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
+
+    def _initial(
+        self, entries: Entries, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
+    ) -> Array:
+        """Return the vector of terms' values and log-factors, with the offsets and first states of a fit where one is given."""
+        known = {} if start is None else start.starts
+        names = [self.runs[i].name for i in self._free]
+        states = [known.get(name, first) for name, first in zip(names, entries.firsts, strict=True)]
+        offsets = np.zeros(len(entries.offset_sd)) if start is None else start.offsets
+        return entries.packed(theta, offsets, states, values)
+
+    def _unpacked(self, entries: Entries, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
+        """Return log-factors, offsets, the first states of all runs (n_sets, n_runs, 2m) and terms' values of vectors."""
+        theta, offsets, states, values = entries.unpacked(X)
+        starts = np.zeros((len(X), len(self.runs), 2 * self.twin.m))
+        for i, run in enumerate(self.runs):
+            if run.start is not None and not run.at_rest:
+                starts[:, i] = run.start
+        starts[:, self._free] = states
+        return theta, offsets, starts, values
+
+    def residual(self, entries: Entries, X: Array) -> Array:
+        """Return what vectors leave of the recordings, (n_sets, rows): deviations from priors, weighted differences of every run's samples
+        in the order of `by_period`, what windows' starts were moved by; of unit variance each."""
+        theta, offsets, starts, values = self._unpacked(entries, X)
+        priors = entries.priors
+        samples = sum(run.y.size for run in self.runs)
+        out = np.empty((len(X), priors + samples + 2 * self.twin.m * len(self.loose)))
+        out[:, :priors] = X[:, :priors]  # of unit variance
+        if not len(X):
+            return out
+        at, moved_at = priors, priors + samples
+        for h in sorted({run.h for run in self.runs}):
+            index = [i for i, run in enumerate(self.runs) if run.h == h]
+            y = self.simulate([self.runs[i] for i in index], entries.terms, theta, values, starts[:, index])
+            for j, i in enumerate(index):
+                run = self.runs[i]
+                block = out[:, at : at + run.y.size]
+                at += run.y.size
+                difference = block.reshape(len(X), *run.y.shape)
+                with np.errstate(over="ignore", invalid="ignore"):  # what ran away is cut off below
+                    np.subtract(y[: len(run), :, j].transpose(1, 0, 2), run.y, out=difference)
+                    difference += offsets[:, None]
+                    difference *= self.weights[i]
+                if i in self.loose:
+                    response, solve, _ = self.loose[i]
+                    _cut_off(block)
+                    moved = block @ solve.T
+                    block -= moved @ response.T
+                    out[:, moved_at : moved_at + moved.shape[1]] = moved
+                    moved_at += moved.shape[1]
+        _cut_off(out)
+        return out
+
+    def _result(self, entries: Entries, x: Array, residual: Array, normal: Array) -> Fit:
+        theta, offsets, starts, values = self._unpacked(entries, x[None])
+        terms = entries.terms
+        h = max(run.h for run in self.runs)
+        fitted = tuple(
+            replace(term, values=term.effect.taken({k: float(v[0]) for k, v in own.items()}, h))
+            for term, own in zip(terms, values, strict=True)
+        )
+        priors = entries.priors
+        at, error = priors, [np.zeros(0)] * len(self.runs)
+        for i in by_period(self.runs):
+            run = self.runs[i]
+            part = residual[at : at + run.y.size].reshape(run.y.shape) * self.sigma[i]
+            error[i] = np.sqrt(np.mean(part**2, axis=0)) / run.scale
+            at += run.y.size
+        data = float(residual[priors:] @ residual[priors:])
+        size = np.sqrt(np.diag(normal))  # a gap in metres must not push all others below the cutoff
+        size = np.where(size > 0, size, 1.0)
+        scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
+        covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
+        sd = {
+            f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[k, k], 0.0)))
+            for k, (i, p) in enumerate(entries.parameters, start=entries.first_effect)
+        }
+        return Fit(
+            terms=fitted,
+            theta=theta[0],
+            offsets=offsets[0],
+            starts={self.runs[i].name: starts[0, i] for i in self._free},
+            error=np.array(error),
+            chi2=float(residual @ residual),
+            cost=data,
+            sd=sd,
+        )
+
+
+def _cut_off(residual: Array) -> None:
+    """Bring a residual that ran away back to large numbers, in place."""
+    if residual.min() >= -LARGEST and residual.max() <= LARGEST:  # not of what is no number
+        return
+    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -LARGEST, LARGEST), LARGEST)

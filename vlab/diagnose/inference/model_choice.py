@@ -1,0 +1,176 @@
+"""The choice among hypotheses: how many effects, which class of them, where, with what probability."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vlab.diagnose.data.mains_interference import HARMONICS, MAINS_HZ
+from vlab.diagnose.inference.evidence import Found, Hypothesis
+from vlab.physics.effect import LinearPortEffect
+
+EXPLAINED = 0.5
+"""An effect must explain this share of what stood above the noise before it."""
+TOGETHER = 0.75
+"""Two effects of which neither alone explains enough must explain this share of it."""
+SECOND_SHARE = 0.005
+"""A second effect must explain this share of what stood above the noise without any, too."""
+ABOVE_NOISE = 1.3
+"""Below this multiple of the noise there is nothing to explain."""
+BEYOND_PRIOR, OF_LINEAR = 10.0, 6.0
+"""An effect is also accepted where it gains this much in log-likelihood, priors of the uncertain parameters included, and 2 more for
+every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
+is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
+shapes are looked at at all places, but only a dozen linear ones."""
+OF_PAIRS = 6.0
+"""...and this much more for two of them at once: of a thousand pairs the best one gains 7 by chance."""
+LAPSE = 0.04
+"""Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere. All
+that was tried shares the rest. Counted on the named effects of an earlier campaign of concealed cases."""
+NEAR_MAINS = 0.5
+"""A force [Hz] so near the mains' frequency or a multiple is not believed in for the likelihood alone: hum within the noise of every
+sensor adds up to one over all recordings."""
+ALIKE = 3.0
+"""Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """What is chosen on the fit recordings alone.
+
+    Parameters
+    ----------
+    best : Hypothesis
+        `Found.before` where nothing is missing.
+    alike : tuple of Hypothesis
+        With the best one, all that the recordings cannot tell from it.
+    probability : float
+        Of the best hypothesis' effects, wherever they are.
+    shares : mapping of str to float
+        Of every one of its effects, whatever is there besides it.
+    ranking : tuple of (Hypothesis, float)
+        Other hypotheses with their probabilities, best first.
+    places : dict
+        Probability of every place of the first effect.
+    gained : float
+        Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
+    is_of_priors : bool
+        Most of that is what the refitted model's uncertain parameters are less likely.
+    """
+
+    best: Hypothesis
+    alike: tuple[Hypothesis, ...]
+    probability: float
+    ranking: tuple[tuple[Hypothesis, float], ...]
+    places: dict[str, float]
+    shares: Mapping[str, float] = field(default_factory=dict)
+    gained: float = 0.0
+    is_of_priors: bool = False
+
+    @property
+    def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
+        """All hypotheses with their probabilities, the chosen one first."""
+        return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
+
+
+def is_of_priors(more: Hypothesis, less: Hypothesis) -> bool:
+    """Return whether most of what a hypothesis gains over another is what the other's uncertain parameters are less likely."""
+    return less.price - more.price > more.worth * (less.misfit - more.misfit)
+
+
+def _excess(hypothesis: Hypothesis) -> float:
+    return max(hypothesis.level**2 - 1.0, 0.0)
+
+
+def _beyond(more: Hypothesis, less: Hypothesis) -> float:
+    """Return by how much the log-likelihood that one more effect gains exceeds what is enough to believe in it."""
+    if any(
+        _is_of_mains(t.values["frequency"]) for t in more.terms if t.effect.name in ("sinusoidal-force", "mains-hum")
+    ):
+        return -np.inf
+    known = {t.label for t in less.terms}
+    added = [t for t in more.terms if t.label not in known]
+    count = sum(len(t.effect.parameters) for t in added)
+    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in added)
+    enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
+    enough += OF_PAIRS if len(added) > 1 else 0.0
+    return more.score - less.score + more.complexity - less.complexity - enough
+
+
+def _is_of_mains(frequency: float) -> bool:
+    return any(abs(frequency - k * mains) < NEAR_MAINS for mains in MAINS_HZ for k in HARMONICS)
+
+
+def choose(found: Found) -> Choice:
+    """Choose the hypothesis that explains the fit recordings with the fewest effects."""
+    before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
+    doubles = [h for h in found.hypotheses if len(h.terms) == 2]
+    best = before
+    if singles:
+        one = singles[0]
+        explains = before.level > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(before)
+        if explains or _beyond(one, before) > 0:
+            best = one
+    if best is not before and doubles:
+        two = doubles[0]
+        gained = _excess(one) - _excess(two)
+        first_is_enough = one.level <= ABOVE_NOISE
+        explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
+        if (explains and not first_is_enough) or _beyond(two, one) > 0:
+            best = two
+    elif doubles and before.level > ABOVE_NOISE:  # of two effects one alone may explain nothing
+        two = doubles[0]
+        if _excess(before) - _excess(two) >= TOGETHER * _excess(before) and _beyond(two, before) > 0:
+            best = two
+    if best is before:
+        return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    alike = tuple(h for h in same if h.score >= best.score - ALIKE)
+    probability, ranking = _probabilities(found, best)
+    options = [(best, probability), *ranking]
+    return Choice(
+        best=best,
+        alike=alike,
+        probability=probability,
+        ranking=ranking,
+        places=_places(found, best),
+        shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
+        gained=_beyond(best, before),
+        is_of_priors=is_of_priors(best, before),
+    )
+
+
+def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:
+    """Return the probabilities that the scores of some hypotheses give them among themselves."""
+    scores = np.array([h.score for h in hypotheses])
+    weights = np.exp(scores - scores.max())
+    return [float(w) for w in weights / weights.sum()]
+
+
+def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
+    return tuple(sorted(t.effect.physics for t in hypothesis.terms))
+
+
+def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
+    """Return the probability of the chosen effects and the ranking of the others with the same number of effects."""
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    by_effect: dict[tuple[str, ...], Hypothesis] = {}
+    for h in [best, *sorted(same, key=lambda h: -h.score)]:
+        by_effect.setdefault(_names(h), h)
+    options = [*by_effect.values(), found.before]
+    weights = [(1.0 - LAPSE) * weight for weight in _shares(options)]
+    ranking = sorted(zip(options[1:], weights[1:], strict=True), key=lambda pair: -pair[1])
+    return weights[0], tuple(ranking)
+
+
+def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
+    options = [best, *found.hypotheses[:6]]
+    weights = _shares(options)
+    return tuple(zip(options[1:], weights[1:], strict=True))
+
+
+def _places(found: Found, best: Hypothesis) -> dict[str, float]:
+    first = best.terms[0].place.name
+    options = {k: h for k, h in found.places.items() if _names(h) == _names(best)} or {first: best}
+    weights = _shares(list(options.values()))
+    return dict(sorted(zip(options, weights, strict=True), key=lambda pair: -pair[1]))

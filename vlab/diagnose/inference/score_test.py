@@ -1,0 +1,728 @@
+"""Which physics, where: a regression of the filter's innovations on every effect at every place.
+
+The innovations of a filter on the nominal model are white where nothing is missing. A force that the model lacks leaves
+in them its response through the observer, which forgets quickly even where the structure rings for minutes: no phase
+drifts, and decays without any input are as good as driven records. The motion at every place is the smoothed one, so the
+law of every effect can be evaluated there, and its amplitude follows by linear regression with the uncertain parameters
+beside it under their priors. What remains is a table of likelihood gains, one for each effect at each place.
+"""
+
+import copy
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.fft import next_fast_len
+
+from vlab.cases.replay import before
+from vlab.cases.timestamps import between_samples
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.locations import Place, admissible
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impulses_of, middles
+from vlab.diagnose.predictors.kalman import Gains, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes
+from vlab.diagnose.problem import Problem
+from vlab.physics.effect import (
+    ActuatorEffect,
+    Effect,
+    LinearPortEffect,
+    Parameter,
+    PickUp,
+    PortEffect,
+    SensorEffect,
+)
+from vlab.signals import Array
+
+SLOW = 1e-3
+"""Trust in the model, as a factor in the unknown forces, of an observer that forgets slowly and sees what only adds up over many
+cycles: where something is to be explained, it looks as well."""
+REFITS = 4
+"""The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
+
+
+OFFSET_SD = (0.005, 0.05, 0.05)
+"""Prior standard deviation of a channel's zero, as a share of its rms: of displacements, where a constant force shows as well,
+of velocities and of accelerations, where it does not."""
+TONES, TONE_WIDTH = 3, 4.0
+"""Frequencies that are read off what is left of the recordings, and how far apart they lie at least, in lines of a recording."""
+HIGHEST_TONE = 0.3
+"""...and up to what share of the sample rate they are looked for."""
+TONE_STANDS_OUT, TONE_NEIGHBOURS = 8.0, 30.0
+"""A tone has more power than this multiple of the median of so many lines to both sides; noise alone has it once in 3000 lines. What
+is left of a contact or a coarse step has none that stand out."""
+WORTH = 500.0
+"""Independent values that the innovations count as in the estimate of the uncertain parameters."""
+SHARES = 2
+"""Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
+ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
+"""Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
+one where the step is off by a part in the number of steps."""
+COARSE_ZOOM = 4
+"""How many of them are enough for a law that remembers."""
+NO_GAIN = 1e-3
+"""Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
+MOST_ROWS = 60_000
+"""Samples times channels that the screening works on."""
+
+
+def _inverse(normal: Array) -> Array:
+    """Return the pseudo-inverse of a normal matrix; columns of very different units must not fall to its cutoff."""
+    size = np.sqrt(np.diag(normal))
+    return np.asarray(np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """The whitened columns of all effects and shapes at a place, (rows, sum of widths)."""
+
+    effects: list[tuple[Effect, dict[str, float]]]
+    widths: list[int]
+    rows: Array
+
+
+class Screen:
+    """The screening of a problem's fit runs.
+
+    Parameters
+    ----------
+    problem : Problem
+        The case.
+    trust : float
+        Factor on the unknown forces' intensity: below 1 the filter trusts the model more and forgets more slowly.
+    like : Screen or None
+        Another screening of the same runs, whose uncertain parameters and intensities are taken over.
+    theta : (n_changes,) array or None
+        Uncertain parameters to start from instead.
+    """
+
+    keeps_plans: ClassVar[bool] = False
+    """Whether the columns of all places are kept for screenings beside some candidates; they are made in this process then."""
+    slower: "tuple[Screen, ...]" = ()
+    """Screenings of the same runs by observers that forget more slowly, where there are any."""
+    theta: Array
+    """The uncertain parameters as the filters have them."""
+    estimate: tuple[Array, list[dict[str, float]]]
+    """Of `given`: the uncertain parameters and the candidates' values that explain the innovations together."""
+    cautious: tuple[Array, list[dict[str, float]]]
+    """The same with the innovations taken as few independent values, so that the priors weigh more."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        signals: Sequence[Signals] | None = None,
+        *,
+        trust: float = 1.0,
+        like: "Screen | None" = None,
+        theta: Array | None = None,
+    ) -> None:
+        self.problem, self.twin, self.trust = problem, problem.twin, trust
+        self._intensity: dict[float, float] = dict(problem.intensity if like is None else like._intensity)
+        self.runs = list(signals if signals is not None else problem.in_role("fit"))
+        self.runs = self._shortened(self.runs)
+        self._cache: dict[str, _Plan] = {}
+        self._marched: dict[tuple[Any, ...], Array] = {}
+        self._spectra: tuple[Group, Array, Any] | None = None
+        self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
+        start = np.zeros(len(self.twin.changes)) if like is None else like.theta
+        self.theta = start if theta is None else theta
+        for _ in range(REFITS if like is None else 1):
+            self._linearise()
+            step = self._step
+            if np.all(np.abs(step) <= 0.02 * self.twin.prior + 1e-4):
+                break
+            self.theta = np.clip(self.theta + step, -2.0, 2.0)
+        else:
+            self._linearise()
+
+    def _shortened(self, runs: list[Signals]) -> list[Signals]:
+        """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
+        most = MOST_ROWS // (len(runs) * len(self.twin.rows.at_q))
+        return [run if len(run) <= most else run.first(most) for run in runs]
+
+    def _linearise(self) -> None:
+        """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
+        periods = sorted({run.h for run in self.runs})
+        M, C, K, self.actuator_gain, self.sensor_gain = (part[0] for part in self.twin.matrices(self.theta[None]))
+        forces, rows = self.twin.forces * self.actuator_gain, self.twin.rows_at(self.theta)
+        self.now = replace(self.twin, M=M, C=C, K=K, forces=forces, rows=rows)
+        self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
+        self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
+        self.nuisance = np.hstack([self._nuisance(), self._offsets()])
+        precision = np.concatenate([1.0 / np.maximum(self.twin.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
+        self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
+        present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
+        step = self._gram @ (self.nuisance.T @ self.e - precision * present)
+        self.base = self.e - self.nuisance @ step
+        self.variance = float(np.mean(self.base**2))
+        self._step = self._believed(precision, precision * present)[: len(self.theta)]
+        self._plain = (self.nuisance, precision)
+
+    def _believed(self, precision: Array, pull: Array) -> Array:
+        """Return the coefficients of the uncertain parameters' columns, the innovations taken as few independent values.
+
+        What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
+        taken at their number, directions that scale nearly everything drift many standard deviations away.
+        """
+        share = WORTH / len(self.e) / max(self.variance, 1.0)
+        normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
+        return np.asarray(_inverse(normal) @ (share * (self.nuisance.T @ self.e) - pull))
+
+    def given(self, candidates: Sequence[Candidate]) -> "Screen":
+        """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
+        other = copy.copy(self)
+        other._spectra, other._tones = None, {}
+        columns = [self.columns_of(candidate) for candidate in candidates]
+        nuisance, precision = self._plain
+        other.nuisance = np.hstack([nuisance, *columns])
+        free = np.concatenate([precision, np.full(other.nuisance.shape[1] - nuisance.shape[1], 1e-12)])
+        whole = other.nuisance.T @ other.nuisance + np.diag(free)
+        other._gram = _inverse(whole)
+        pull = np.zeros(len(free))
+        pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
+        solution = other._gram @ (other.nuisance.T @ self.e - pull)
+        other.base = self.e - other.nuisance @ solution
+        other.variance = float(np.mean(other.base**2))
+        other.estimate = self._estimate(candidates, solution)
+        other.cautious = self._estimate(candidates, other._believed(free, pull))
+        return other
+
+    def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
+        """Return the uncertain parameters and the candidates' values that explain the innovations together."""
+        at, values = len(self.theta) + len(self.offset_sd), []
+        theta = np.clip(self.theta + solution[: len(self.theta)], -2.0, 2.0)
+        for candidate in candidates:
+            own = dict(candidate.values)
+            for parameter in candidate.effect.amplitudes:
+                found = float(solution[at])
+                own[parameter.name] = found if parameter.signed else max(found, 0.02 * abs(own[parameter.name]), 1e-300)
+                at += 1
+            values.append(own)
+            at += not candidate.effect.amplitudes
+        return theta, values
+
+    def states(
+        self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()
+    ) -> list[tuple[Signals, Array, Array]]:
+        """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off, and what channels
+        of gain one show of these, (n, n_channels)."""
+        out = []
+        for group in self.groups:
+            smoothed = group.smoothed
+            if effects:
+                y = group.y.copy()
+                for effect, place, values in effects:
+                    y[..., place.index] = effect.correct(y[..., place.index], values, group.h, group.times)
+                smoothed = run_filter(group.system, group.gains, group.forces, y, group.lengths, usable=group.usable)
+            shown = smoothed.x @ group.system.C[0].T + group.forces @ group.system.D[0].T
+            out += [(run, smoothed.x[: len(run), i], shown[: len(run), i]) for i, run in enumerate(group.runs)]
+        return out
+
+    def forget(self) -> None:
+        """Drop what only the table of candidates is made of."""
+        self._marched.clear()
+        if not self.keeps_plans:
+            self._cache.clear()
+
+    def columns_of(self, candidate: Candidate) -> Array:
+        """Return the whitened columns of a candidate's amplitudes, (rows, k)."""
+        blocks = []
+        shape = {p.name: candidate.values[p.name] for p in candidate.effect.shapes}
+        plan = self._cache.get(candidate.place.name)
+        start = 0
+        for (effect, values), width in zip(plan.effects, plan.widths, strict=True) if plan is not None else ():
+            if effect.name == candidate.effect.name and values == shape:
+                assert plan is not None
+                return plan.rows[:, start : start + width].astype(float)
+            start += width
+        for group in self.groups:
+            left, _ = self._left_by(group, candidate.place, [(candidate.effect, shape)])
+            blocks.append(group.rows(left))
+        return np.concatenate(blocks)
+
+    def _foreseen(
+        self, group: Group, place: Place, effect: Effect, values: Mapping[str, float], columns: Array
+    ) -> None:
+        """Take the innovations themselves off the columns (n, n_runs, p, k) of a pick-up: of their own sample signals count as
+        far as they were foreseen, or what is left of one sensor would explain what is left of another."""
+        if not isinstance(effect, PickUp):
+            return
+        other = 0.0 if place.tag == "command" else group.e[..., place.other]
+        (unit,) = unit_amplitudes(effect, dict(values))
+        columns[..., place.index, 0] -= effect.mix(group.e[..., place.index], other, unit) - group.e[..., place.index]
+
+    def _group(self, runs: list[Signals]) -> Group:
+        twin = self.now
+        m = twin.m
+        system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(m), twin.rows, runs[0].h)
+        u, lengths = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+        usable = None
+        if any(run.valid is not None for run in runs):
+            usable, _ = stack_runs(runs, [run.usable for run in runs])
+        forces = u @ twin.forces.T + load @ twin.loads.T
+        noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0)) / self.sensor_gain
+        near = self._intensity.get(runs[0].h, 0.0)
+        if self.trust == 1.0:
+            self._intensity[runs[0].h], gains = tune(system, noise, forces, y, lengths, usable, near)
+        else:
+            intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
+            gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y))
+        if usable is None and all(run.at_rest for run in runs):  # how it starts is known: every sample counts
+            gains = Gains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
+        smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
+        steady = np.trace(gains.S[-1])
+        settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
+        group = Group(runs, system, gains, smoothed, u, forces, y, lengths, usable, e=smoothed.e)
+        group.motion = middles(twin, group)
+        group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
+        group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
+        group.impulses = impulses_of(system, gains.K[-1], len(y))
+        return group
+
+    # ---- what a signal leaves in the innovations --------------------------------------------------------------------
+
+    def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
+        """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
+        parts = []
+        if modal is not None:
+            parts.append(convolved(group.impulses[:, :, : self.twin.m], modal.astype(np.float32)))
+        if reading is not None:
+            parts.append(convolved(group.impulses[:, :, self.twin.m :], reading.astype(np.float32)))
+        return np.asarray(sum(parts))
+
+    def _nuisance(self) -> Array:
+        """Return the whitened columns of the uncertain parameters, (rows, n_changes)."""
+        blocks = []
+        sensors = [(i, change.sensor) for i, change in enumerate(self.twin.changes) if change.sensor is not None]
+        for group in self.groups:
+            reading = np.zeros((*group.y.shape, len(self.twin.changes)))
+            for i, sensor in sensors:
+                reading[..., sensor, i] = group.y[..., sensor]
+            for shift in self.twin.shifts:
+                p, v = np.split(group.smoothed.x, 2, axis=-1)
+                reading[..., shift.sensor, shift.by] = p @ shift.at_q + v @ shift.at_v
+            left = self.through(group, self._changed_forces(group), reading)
+            for i, sensor in sensors:  # of its own sample only what was foreseen: the rest is the innovation itself
+                left[..., sensor, i] -= group.e[..., sensor]
+            blocks.append(group.rows(left))
+        return np.concatenate(blocks)
+
+    def _changed_forces(self, group: Group) -> Array:
+        """Return the modal forces that a unit of every uncertain parameter adds, (n, n_runs, m, n_changes)."""
+        p, v, a = group.motion
+        modal = np.zeros((*p.shape, len(self.twin.changes)))
+        slopes = self.twin.slopes(self.theta)
+        for i, change in enumerate(self.twin.changes):
+            for matrix, motion in zip(slopes[i], (a, v, p), strict=True):
+                if matrix is not None:
+                    modal[..., i] -= motion @ matrix.T
+            if change.actuator is not None:
+                modal[..., i] += group.u[..., change.actuator, None] * self.now.forces[:, change.actuator]
+        return modal
+
+    def _offsets(self) -> Array:
+        """Return the columns of the channels' zeros."""
+        blocks = []
+        for group in self.groups:
+            reading = np.zeros((*group.y.shape, group.y.shape[2]))
+            for i in range(group.y.shape[2]):
+                reading[..., i, i] = 1.0
+            blocks.append(group.rows(self.through(group, None, reading)))
+        return np.concatenate(blocks)
+
+    @property
+    def offset_sd(self) -> Array:
+        """Prior standard deviation of the channels' zeros."""
+        share = np.array([OFFSET_SD[order] for order in self.problem.orders])
+        return np.asarray(share * np.max([run.scale for run in self.runs], axis=0))
+
+    def _left(self, columns: Array) -> Array:
+        """Return columns with what the uncertain parameters explain of them taken off."""
+        return np.asarray(columns - self.nuisance @ (self._gram @ (self.nuisance.T @ columns)))
+
+    def asked(
+        self, others: Sequence[Sequence[Signals]], skewed: Sequence[int] = (), skew_s: float = 0.0
+    ) -> tuple[Array, float, float]:
+        """Return how far the innovations ask for other inputs and for another time of some readings.
+
+        Parameters
+        ----------
+        others : sequence of sequences of Signals
+            The same runs with other inputs.
+        skewed : sequence of int
+            Channels that may show what is later, all by the same time.
+        skew_s : float
+            That time, a share of a sample [s].
+
+        Returns
+        -------
+        shares : (n_others,) or (n_others + 1,) array
+            Of the way to each of the others, and of the skew, all together: 1 where they are right.
+        gain : float
+            In log-likelihood.
+        explained : float
+            Share of what is left that this explains.
+        """
+        by_name, blocks = [{s.name: s for s in signals} for signals in others], []
+        for group in self.groups:
+            forces, readings = [], []
+            for named in by_name:
+                runs = [named[run.name].first(len(run)) for run in group.runs]
+                y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+                forces.append(self._of_inputs(group, runs))
+                readings.append(group.y - y)
+            if skewed:
+                forces.append(np.zeros_like(group.forces))
+                readings.append(_moved(group.y, skewed, skew_s / group.h))
+            left = self.through(group, np.stack(forces, axis=-1), np.stack(readings, axis=-1))
+            if skewed:  # of their own samples only what was foreseen
+                left[..., -1] -= _moved(group.e, skewed, skew_s / group.h)
+            blocks.append(group.rows(left))
+        columns = np.concatenate(blocks)
+        normal, pull = columns.T @ self._left(columns), columns.T @ self.base
+        if not np.all(np.diag(normal) > 1e-12):
+            return np.zeros(len(pull)), 0.0, 0.0
+        shares = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), pull)
+        won = float(pull @ shares)
+        return shares, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
+
+    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+        """Return by what modal forces the inputs of the same runs with others differ from a group's, (n, n_runs, m)."""
+        u, _ = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        return np.asarray(u @ self.now.forces.T + load @ self.now.loads.T - group.forces)
+
+    # ---- the candidates ---------------------------------------------------------------------------------------------
+
+    def candidates(
+        self,
+        effects: Sequence[Effect],
+        among: Collection[str] | None = None,
+    ) -> list[Candidate]:
+        """Return every effect at every place that admits it, best first.
+
+        Parameters
+        ----------
+        among : collection of str or None
+            Labels of the candidates to look at; all by default.
+        """
+
+        def at(places: Sequence[Place]) -> list[Candidate]:
+            out: list[Candidate] = []
+            for place in places:
+                mine = [
+                    effect
+                    for effect in effects
+                    if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
+                ]
+                out += self._at(place, mine) if mine else []
+            return out
+
+        places = self.problem.places
+        if self.keeps_plans:
+            found = [at([place]) for place in places]
+        else:
+            found = side_by_side(at, [places[i::SHARES] for i in range(SHARES)])
+        return sorted((c for part in found for c in part), key=lambda c: (-c.gain, c.label))
+
+    def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
+        """Return the columns of some effects at a place, one block for every effect and shape."""
+        return self._columns(place, [(effect, values) for effect in effects for values in self._shapes(effect, place)])
+
+    def _columns(self, place: Place, plans: list[tuple[Effect, dict[str, float]]]) -> "_Plan":
+        """Return the columns of effects with their shapes at a place."""
+        parts: list[Array] = []
+        widths: list[int] = []
+        for group in self.groups:
+            left, widths = self._left_by(group, place, plans)
+            parts.append(group.rows(left))
+        return _Plan(plans, widths, np.concatenate(parts).astype(np.float32))
+
+    def _left_by(
+        self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> tuple[Array, list[int]]:
+        """Return what effects with their shapes leave in the innovations, (n, n_runs, p, sum of widths), and their widths."""
+        left, widths = self._carried(group, [self._causes(group, place, effect, values) for effect, values in plans])
+        start = 0
+        for (effect, values), width in zip(plans, widths, strict=True):
+            self._foreseen(group, place, effect, values, left[..., start : start + width])
+            start += width
+        return left, widths
+
+    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+        """Return what causes leave in the innovations, one block of columns for those that belong together, and the widths.
+
+        Every way in has one impulse response, so the columns are its convolutions with the signals.
+        """
+        widths = [own[0].series.shape[-1] for own in causes]
+        starts = [sum(widths[:i]) for i in range(len(widths) + 1)]
+        ways: dict[bytes | int, list[tuple[int, Cause]]] = {}
+        for start, own in zip(starts, causes, strict=False):
+            for cause in own:
+                ways.setdefault(cause.way, []).append((start, cause))
+        columns, order = [], []
+        for entering in ways.values():
+            series = np.concatenate([c.series.astype(np.float32) for _, c in entering], axis=-1)
+            columns.append(convolved(self._impulse(group, entering[0][1]), series[:, :, None]))
+            order += [start + i for start, c in entering for i in range(c.series.shape[-1])]
+        if order == list(range(starts[-1])):
+            return np.concatenate(columns, axis=-1), widths
+        out = np.zeros((*group.y.shape, starts[-1]), dtype=np.float32)
+        for i, column in zip(order, np.moveaxis(np.concatenate(columns, axis=-1), -1, 0), strict=True):
+            out[..., i] += column
+        return out, widths
+
+    def _impulse(self, group: Group, cause: Cause) -> Array:
+        """Return what a unit impulse in a cause's way leaves in the innovations, (n, p, 1)."""
+        m = self.twin.m
+        if cause.force is None:
+            return group.impulses[:, :, m + cause.channel, None]
+        return np.asarray(group.impulses[:, :, :m] @ cause.force[:, None])
+
+    def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
+        if place.name not in self._cache:
+            self._cache[place.name] = self._plan(place, effects)
+        best: dict[str, Candidate] = {}
+        for candidate in self._regressed(place, self._cache[place.name]):
+            name = candidate.effect.name
+            if name not in best or candidate.gain > best[name].gain:
+                best[name] = candidate
+        return list(best.values())
+
+    def zoomed(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with its shape sought between the values of the grid.
+
+        A law with an edge - a gap, a threshold, a step - has slopes only near the right one: a fit that starts between two
+        values of a coarse grid finds no way to either.
+        """
+        best = candidate
+        shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
+        remembers = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
+        widths = ZOOM[:COARSE_ZOOM] if remembers else ZOOM  # such laws are smooth in their shapes, and slow
+        for width in widths if shapes else ():
+            values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
+            tried = [
+                (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)
+            ]
+            found = self._regressed(candidate.place, self._columns(candidate.place, tried))
+            other = max(found, key=lambda c: c.gain)
+            best = other if other.gain > best.gain + NO_GAIN else best
+        return best
+
+    def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:
+        """Return the candidates of a plan with their amplitudes and gains."""
+        rows = np.asfortranarray(plan.rows, dtype=float)  # a column is read at once
+        left = np.asfortranarray(self._left(rows))
+        out: list[Candidate] = []
+        start = 0
+        for (effect, values), width in zip(plan.effects, plan.widths, strict=True):
+            part = slice(start, start + width)
+            if isinstance(effect, SensorEffect) and not effect.amplitudes:
+                gain, amplitudes = self._corrected_gain(rows[:, start], left[:, start], effect, values), np.zeros(0)
+            else:
+                gain, amplitudes = self._gain(rows[:, part], left[:, part], effect)
+            start += width
+            names = [p.name for p in effect.amplitudes]
+            found = {**values, **dict(zip(names, amplitudes.tolist(), strict=False))} if names else dict(values)
+            out.append(Candidate(effect=effect, place=place, values=found, gain=gain))
+        return out
+
+    def _gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
+        """Return the log-likelihood that columns gain beside the uncertain parameters, and their coefficients.
+
+        With W = (I + N P N^T)^-1, N the uncertain parameters' columns and P their prior covariance, the gain is
+        b^T A^-1 b/2, A = c^T W c, b = c^T W e; innovations are scaled to unit variance.
+        """
+        size = np.sqrt(np.einsum("ij,ij->j", columns, left).clip(0.0))
+        width = columns.shape[1]
+        if not np.all(size > 1e-9):
+            return 0.0, np.zeros(width)
+        gram = (columns / size).T @ (left / size) + 1e-9 * np.eye(width)
+        b = (columns / size).T @ self.base
+        x = np.linalg.solve(gram, b)
+        negative = [i for i, p in enumerate(effect.amplitudes) if not p.signed and x[i] < 0]
+        if negative:  # a negative friction or mass is no candidate: what is left of the law without it
+            others = [i for i in range(width) if i not in negative]
+            x = np.zeros(width)
+            if others:
+                x[others] = np.linalg.solve(gram[np.ix_(others, others)], b[others])
+            if any(x[i] < 0 for i, p in enumerate(effect.amplitudes) if not p.signed):
+                return 0.0, np.zeros(width)
+        if not effect.amplitudes and x[0] < 0.2 * size[0]:
+            return 0.0, np.zeros(width)
+        return 0.5 * float(b @ x) / self.variance, x / size
+
+    def _corrected_gain(self, column: Array, left: Array, effect: SensorEffect, values: dict[str, float]) -> float:
+        """Return the log-likelihood that a corrected recording gains, its stretching paid for."""
+        before = float(self.base @ self.e)
+        after = before - 2 * float(column @ self.base) + float(column @ left)
+        if not after > 0:
+            return 0.0
+        samples = len(self.e) / len(self.twin.rows.at_q)
+        return 0.5 * len(self.e) * float(np.log(before / after)) + samples * effect.stretch(values, self.groups[0].h)
+
+    def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
+        """Return displacement and velocity of a port at the middles of the steps, (n, n_runs)."""
+        if place.name not in group.at_places:
+            row = place.rows[0]
+            group.at_places[place.name] = (group.motion[0] @ row, group.motion[1] @ row)
+        return group.at_places[place.name]
+
+    def reference(self, name: str, place: Place) -> float:
+        """Return what a parameter's values are multiples of at a place."""
+        if name in ("displacement", "velocity"):
+            which = 0 if name == "displacement" else 1
+            sizes = []
+            for group in self.groups:
+                x = self.motion(group, place)[which]
+                for i, length in enumerate(group.lengths):
+                    part = x[group.first : length, i]
+                    sizes.append(float(np.abs(part).max(initial=0.0)))
+            return max(max(sizes), 1e-300)
+        if name == "input":
+            return max(max(float(np.abs(g.u[..., list(place.indices)]).max()) for g in self.groups), 1e-300)
+        if name == "input-slope":
+            own = list(place.indices)
+            return max(max(float(np.abs(np.diff(g.u[..., own], axis=0)).max() / g.h) for g in self.groups), 1e-300)
+        if name == "output":
+            return max(max(float(np.abs(g.y[..., place.index]).max()) for g in self.groups), 1e-300)
+        if name == "duration":
+            return max(float(g.lengths.max() * g.h) for g in self.groups)
+        if name == "step":
+            return max(g.h for g in self.groups)
+        return 1.0
+
+    def tones(self, place: Place) -> tuple[tuple[float, bool], ...]:
+        """Return the frequencies [Hz] at which a force at a port would explain most of what is left, the strongest first, and
+        whether each stands out of its neighbours, as a force of one frequency does and a resonance need not."""
+        if place.name in self._tones:
+            return self._tones[place.name]
+        if self._spectra is None:
+            self._spectra = self._spectra_left()
+        group, frequency, left = self._spectra
+        answer = self._answer(group, place, frequency)
+        seen = np.abs(np.einsum("fp,frp->fr", answer.conj(), left)) ** 2
+        power = seen.sum(axis=1) / np.maximum(np.sum(np.abs(answer) ** 2, axis=1), 1e-300)
+        apart = TONE_WIDTH / (len(group.e) * group.h)
+        power[(frequency < apart) | (frequency > HIGHEST_TONE / group.h)] = 0.0
+        out = []
+        whole = power.copy()
+        for _ in range(TONES):
+            top = int(np.argmax(power))
+            far = np.abs(frequency - frequency[top])
+            beside = whole[(far > apart) & (far < TONE_NEIGHBOURS / TONE_WIDTH * apart) & (whole > 0)]
+            stands_out = bool(beside.size and power[top] > TONE_STANDS_OUT * np.median(beside))
+            out.append((float(frequency[top]) or apart, stands_out))
+            power[far < apart] = 0.0
+        self._tones[place.name] = tuple(out)
+        return tuple(out)
+
+    def _spectra_left(self) -> tuple[Group, Array, Any]:
+        """Return the largest group, frequencies (nf,) and the spectra (nf, n_runs, p) of what nothing uncertain explains."""
+        sizes = [len(g.rows(g.e[..., None])) for g in self.groups]
+        which = int(np.argmax(sizes))
+        group = self.groups[which]
+        left = np.zeros_like(group.e)
+        left[group.first :][group.counts] = self.base[sum(sizes[:which]) :][: sizes[which]].reshape(-1, left.shape[2])
+        size = next_fast_len(4 * len(left), real=True)
+        return group, np.fft.rfftfreq(size, group.h), np.fft.rfft(left, size, axis=0)
+
+    def _answer(self, group: Group, place: Place, frequency: Array) -> Any:
+        """Return the whitened innovations that a unit force at a port leaves at some frequencies, (nf, p)."""
+        system, K = group.system, group.gains.K[-1]
+        C, D, row = system.C[0], system.D[0], place.rows[0]
+        poles, vectors = np.linalg.eig(system.A[0] - K @ C)
+        push = np.linalg.solve(vectors, (system.B[0] - K @ D) @ row)
+        z = np.exp(2j * np.pi * frequency * group.h)
+        seen = (push / (z[:, None] - poles)) @ (C @ vectors).T + D @ row
+        return seen @ group.white.T
+
+    def _grid(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
+        """Return the values of a shape that are tried; frequencies of forces are read off the recordings besides."""
+        values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
+        if isinstance(effect, PortEffect) and parameter.name == "frequency":
+            values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
+        return values
+
+    def _shapes(self, effect: Effect, place: Place) -> list[dict[str, float]]:
+        if not effect.shapes:
+            return [{}]
+        grids = [self._grid(effect, p, place) for p in effect.shapes]
+        return [dict(zip((p.name for p in effect.shapes), values, strict=True)) for values in product(*grids)]
+
+    def _causes(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> list[Cause]:
+        """Return what units of an effect's amplitudes do, (n, n_runs, k) signals and the ways they enter."""
+        if isinstance(effect, PickUp):
+            other = before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
+            recorded = group.y[..., place.index]
+            (values,) = unit_amplitudes(effect, shape)
+            return [Cause(series=(effect.mix(recorded, other, values) - recorded)[..., None], channel=place.index)]
+        if isinstance(effect, SensorEffect):
+            recorded = group.y[..., place.index]
+            parts = [
+                recorded - effect.correct(recorded, v, group.h, group.times) for v in unit_amplitudes(effect, shape)
+            ]
+            return [Cause(series=np.stack(parts, axis=-1), channel=place.index)]
+        if isinstance(effect, ActuatorEffect):
+            return [
+                Cause(series=commands_changed(effect, group.u[..., i], shape, group.h), force=self.now.forces[:, i])
+                for i in place.indices
+            ]
+        if isinstance(effect, LinearPortEffect):
+            return self._linear_causes(group, place, effect)
+        assert isinstance(effect, PortEffect)
+        z, v = self.motion(group, place)
+        own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
+        parts = [self._series(group, place, effect, values, z, v, own) for values in unit_amplitudes(effect, shape)]
+        return [Cause(series=np.stack(parts, axis=-1), force=place.rows[0])]
+
+    def _series(
+        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
+    ) -> Array:
+        """Return an effect's force along the motion at a place; laws with memory are marched at all places at once."""
+        if effect.memory((1,)) is None:
+            return port_series(effect, z, v, values, group.h, command, group.starts)
+        ports = [p for p in self.problem.places if p.kind == "port" and admissible(effect, p)]
+        unit = tuple(values[p.name] for p in effect.amplitudes)
+        shapes = [self._shapes(effect, p) for p in ports]
+        at = next((i for i, p in enumerate(ports) if p.name == place.name), -1)
+        shape = {p.name: values[p.name] for p in effect.shapes}
+        if at < 0 or shape not in shapes[at]:
+            return port_series(effect, z, v, values, group.h, command, group.starts)
+        which = shapes[at].index(shape)
+        key = (id(group), effect.name, unit)
+        if key not in self._marched:  # of all ports and shapes side by side: samples are what takes time
+            motion = [self.motion(group, p) for p in ports]
+            both = [np.stack([m[i] for m in motion], axis=-1)[..., None] for i in range(2)]
+            own = {p.name: np.array([[s[p.name] for s in of_port] for of_port in shapes]) for p in effect.shapes}
+            amplitudes = {p.name: values[p.name] for p in effect.amplitudes}
+            wide = np.zeros((1, 1, 1, len(shapes[at])))
+            starts = group.starts[:, None, None]
+            self._marched[key] = port_series(
+                effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h, starts=starts
+            )
+        return np.asarray(self._marched[key][..., at, which])
+
+    def _linear_causes(self, group: Group, place: Place, effect: LinearPortEffect) -> list[Cause]:
+        p, v, a = group.motion
+        (values,) = unit_amplitudes(effect, {})
+        mass, damping, stiffness = effect.impedance(values, place.stiffness)
+        return [
+            Cause(series=-(mass * (a @ row) + damping * (v @ row) + stiffness * (p @ row))[..., None], force=row)
+            for row in place.rows
+        ]
+
+
+def _moved(y: Array, channels: Sequence[int], samples: float) -> Array:
+    """Return by how much channels (n, n_runs, p) differ where they show what is so many samples later; 0 for the others."""
+    out = np.zeros_like(y)
+    for run in range(y.shape[1]):
+        for channel in channels:
+            out[:, run, channel] = y[:, run, channel] - between_samples(y[:, run, channel], -samples)
+    return out

@@ -1,0 +1,120 @@
+"""The last fit: whole runs in MuJoCo itself, with the derivatives of the system along the motion."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.cases.initial_state import InitialState
+from vlab.cases.simulate import simulate
+from vlab.diagnose.inference.least_squares import ITERATIONS, NEAR_ENOUGH
+from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
+from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.errors import VlabError
+from vlab.physics.attach import Attached, attach
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+CORRECTIONS, STEPS = 2, 5
+"""How often the difference between MuJoCo's run and the system along the motion is taken off the recordings, and the steps of
+the fit after each."""
+ENOUGH = 0.97
+"""A correction that leaves more than this share of the last one's rms ends the fit."""
+FOLLOWS = 0.5
+"""Share of a recording's rms by which MuJoCo's run may miss it for the correction to mean anything."""
+
+
+class SimulatedRefiner(MovingRefiner):
+    """Fits hypotheses to whole runs, so that MuJoCo's own run of the amended plant comes nearest.
+
+    The system along the motion is fitted to the recordings minus the difference between MuJoCo's run and itself (a
+    defect correction): its derivatives are good where its values are off by a little.
+    """
+
+    def __init__(self, screen: MovingScreen) -> None:
+        super().__init__(screen, whole=True)
+        self.recorded = [run.y for run in self.runs]
+
+    def fit(
+        self,
+        terms: Sequence[Term] = (),
+        start: Fit | None = None,
+        iterations: int = ITERATIONS,
+        thetas: Sequence[Array] = (),
+        settled: float = NEAR_ENOUGH,
+    ) -> Fit:
+        """See `Refiner`."""
+        self._compare_with(self.recorded)
+        best = super().fit(terms, start, iterations, thetas, settled)
+        left, bias = self._missed(best)
+        for _ in range(CORRECTIONS):
+            if bias is None:
+                break
+            self._compare_with([y - b for y, b in zip(self.recorded, bias, strict=True)])
+            tried = super().fit(best.terms, best, STEPS, settled=settled)
+            missed, more = self._missed(tried)
+            if not missed < left:
+                break
+            is_enough = missed > ENOUGH * left
+            best, left, bias = tried, missed, more
+            if is_enough:
+                break
+        self._compare_with(self.recorded)
+        return best
+
+    def _compare_with(self, recorded: Sequence[Array]) -> None:
+        self.runs = [replace(run, y=y) for run, y in zip(self.runs, recorded, strict=True)]
+
+    def _missed(self, fit: Fit) -> tuple[float, list[Array] | None]:
+        """Return by how much MuJoCo's run of a fit misses the recordings, over their noise, and its difference to the system's."""
+        along, states = self._along(fit)
+        plant = self.problem.adjusted(fit.theta)
+        effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
+        try:
+            plant = attach(plant, effects, channels=self.problem.names) if effects else plant
+            found = side_by_side(lambda i: self._run(plant, i, states[i]), range(len(states)))
+        except VlabError:
+            return np.inf, None
+        gains = np.array([self._gain(fit, j) for j in range(len(self.problem.channels))])
+        bias, left, worst = [], 0.0, 0.0
+        for i, (values, run) in enumerate(zip(found, self.runs, strict=True)):
+            y = values * gains + fit.offsets
+            missed = (y - self.recorded[i]) * run.usable
+            left += float(np.sum((missed / self.sigma[i]) ** 2))
+            worst = max(worst, float(np.max(np.sqrt(np.mean(missed**2, axis=0)) / run.scale)))
+            bias.append(y - along[i])
+        return left, bias if worst < FOLLOWS else None
+
+    def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
+        """Return what MuJoCo's run of a plant gives at a course's samples."""
+        course, whole = self.moving.moving.courses[run], self.problem.runs[run]
+        first = whole.measured.time[0] + course.time[0] - 1e-9  # the search may have looked at a later part alone
+        part = whole.measured.between(first, np.inf)
+        recording = simulate(plant, replace(whole, measured=part), initial=start).recording
+        rest = self.twin.rows.rest
+        time, at = recording.time - recording.time[0], course.time - course.time[0]
+        columns = [
+            np.interp(at, time, recording[c.channel] + (rest[j] if c.from_rest else 0.0))
+            for j, c in enumerate(self.problem.channels)
+        ]
+        return np.column_stack(columns)
+
+    def _gain(self, fit: Fit, channel: int) -> float:
+        for change, value in zip(self.twin.changes, fit.theta, strict=True):
+            if change.sensor == channel:
+                return float(np.exp(value))
+        return 1.0
+
+    def _along(self, fit: Fit) -> tuple[list[Array], list[InitialState]]:
+        """Return what the system along the motion makes of a fit, from its best starts, and those starts."""
+        y = self.settle(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
+        out, states, nv = [], [], self.twin.m
+        for i, run in enumerate(self.runs):
+            motion = self.moving.alongs[i].motion
+            assert run.start is not None
+            q = self.moving.stepper.moved(motion.q[0], run.start[:nv])
+            states.append(InitialState(qpos=q, qvel=motion.v[0] + run.start[nv:], how="estimated"))
+            out.append(y[: len(run), i] + fit.offsets)
+        return out, states

@@ -1,0 +1,411 @@
+"""Which physics, where, far from rest: the regression of `vlab.diagnose.inference.score_test` on a system that varies along the motion."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.mjcf import Uncertain
+from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.predictors.innovations import Cause, Group
+from vlab.diagnose.predictors.kalman import Gains as SteadyGains
+from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory import (
+    Along,
+    Gains,
+    Stack,
+    filtered,
+    gains_of,
+    innovations,
+    smoothed,
+    smoothed_motions,
+    stacked,
+)
+from vlab.diagnose.predictors.trajectory_data import with_signals
+from vlab.diagnose.predictors.trajectory_problem import Moving
+from vlab.diagnose.predictors.unit_effects import RUNAWAY, commands_changed, unit_amplitudes
+from vlab.diagnose.problem import Problem
+from vlab.physics.attach import port_at
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step
+from vlab.plants.base import Plant, Port
+from vlab.plants.mjcf import AXES
+from vlab.signals import Array
+
+SETTLED = 10
+"""Samples after which innovations count."""
+OFTEN = 25.0
+"""Points per cycle of the fastest motion at which the forces of uncertain parameters are found."""
+CHANGE = 1e-4
+"""Step of the log-factors of uncertain parameters in differences of forces."""
+
+
+class Lines:
+    """The rows of a place along the motions of all runs.
+
+    Parameters
+    ----------
+    rows : (k, n, n_runs, nv) array
+        Jacobian rows of the place's coordinates at the samples.
+    z : (k, n, n_runs) array
+        The coordinates, from rest.
+    weight : (k,) array
+        Gravity along the coordinates where what is added there has weight; 0 elsewhere.
+    """
+
+    def __init__(self, rows: Array, z: Array, weight: Array) -> None:
+        self.rows, self.z, self.weight = rows, z, weight
+
+
+class MovingScreen(Screen):
+    """The screening of a problem's fit runs along their motion.
+
+    Parameters
+    ----------
+    moving : Moving
+        The runs at their samples.
+
+    Notes
+    -----
+    What is uncertain stays at the nominal plant's values, and enters linearly: refitted to recordings that hold something
+    else it would go to its bounds, and hide it. `at` linearises elsewhere once there is a hypothesis.
+    """
+
+    keeps_plans: ClassVar[bool] = True
+    plant: Plant
+    stepper: Stepper
+    alongs: list[Along]
+    stack: Stack
+    gains: Gains
+    near: float | None
+    changes: Array
+    """Generalised forces that a unit of every uncertain log-factor adds, (n, n_runs, nv, n_changes)."""
+    now_known: Array
+    """Deviations from the samples up to and including their own, (n, n_runs, 2 nv)."""
+    next_known: Array
+    """Deviations at the next sample that they let expect."""
+    smooth: Array
+    """Smoothed deviations."""
+    L: Array
+    B: Array
+
+    def __init__(self, problem: Problem, moving: Moving) -> None:
+        self.problem, self.twin, self.trust, self.moving = problem, problem.twin, 1.0, moving
+        self.runs = list(problem.signals)
+        self.motions, self.near = list(moving.motions), None
+        self.lines: dict[str, Lines] = {}
+        self._cache, self._marched, self._spectra, self._tones = {}, {}, None, {}
+        self.theta = np.zeros(len(self.twin.changes))
+        self._along(1)
+
+    def trusting(self, trust: float) -> "MovingScreen":
+        """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
+        other = copy.copy(self)
+        other.trust, other._cache, other._marched = trust, {}, {}
+        other._spectra, other._tones = None, {}
+        other._linearise()
+        return other
+
+    def at(self, theta: Array) -> "MovingScreen":
+        """Return the screening linearised with other values of the uncertain parameters, about the same motion."""
+        other = copy.copy(self)
+        other.theta, other.trust = np.array(theta, dtype=float), 1.0
+        other.theta[[c.sensor is not None for c in self.twin.changes]] = 0.0
+        other._along(0)
+        return other
+
+    def _along(self, passes: int) -> None:
+        """Linearise the refitted plant along the smoothed motion, and regress the innovations on what is uncertain."""
+        self.plant = self.problem.adjusted(self.theta)
+        self.stepper = self.moving.stepper(self.plant, self.problem.channels)
+        self.alongs, self.stack, _, self.near = smoothed_motions(
+            self.moving.courses, self.motions, self.stepper, self.moving.driven, passes, self.near
+        )
+        self.motions = [along.motion for along in self.alongs]
+        self.lines, self._cache, self._marched = {}, {}, {}
+        self._spectra, self._tones = None, {}
+        self.changes = self._changes()
+        self._linearise()
+
+    def _group(self, runs: list[Signals]) -> Group:
+        s = self.stack
+        assert self.near is not None
+        self.gains = gains_of(s, self.near * self.trust)
+        left, predicted = innovations(s, self.gains)
+        self.now_known = filtered(s, self.gains, left, predicted)
+        self.smooth = smoothed(s, self.gains, left, predicted)
+        self.L = s.A - self.gains.K @ s.C
+        self.B = s.G - self.gains.K @ s.D
+        self.next_known = np.einsum("krab,krb->kra", s.A, self.now_known) - s.defect
+        u, lengths = stack_runs(runs, [run.u for run in runs])
+        y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+        states = Smoothed(e=left, x=self.smooth, filtered=self.now_known, predicted=y, lengths=lengths, loglik=0.0)
+        steady = SteadyGains(K=self.gains.K[-1:, 0], S=self.gains.S[-1:, 0], P=self.gains.P[-1:, 0])
+        last = Discrete(A=s.A[-1:, 0], B=s.G[-1:, 0], C=s.C[-1:, 0], D=s.D[-1:, 0])
+        group = Group(
+            runs, last, steady, states, u, np.zeros((*y.shape[:2], self.twin.m)), y, lengths, s.usable, e=left
+        )
+        group.first = min(SETTLED, int(lengths.min()) // 4)
+        group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
+        return group
+
+    def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
+        """See `Screen`: generalised forces take the place of modal ones."""
+        s, K = self.stack, self.gains.K
+        part = modal if modal is not None else reading
+        assert part is not None
+        n, n_runs, _, k = part.shape
+        out = np.zeros((n, n_runs, s.e.shape[2], k))
+        drive = np.zeros((n, n_runs, s.A.shape[2], k))
+        if modal is not None:
+            drive += self.B @ modal
+            if np.any(s.D):
+                out += s.D @ modal
+        if reading is not None:
+            drive -= K @ reading
+            out += reading
+        state = np.zeros((n_runs, s.A.shape[2], k))
+        states = np.zeros((n, *state.shape))
+        for i in range(n):
+            states[i] = state
+            state = self.L[i] @ state + drive[i]
+        return np.asarray(out + s.C @ states)
+
+    def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
+        """See `Screen`: the system varies, so every frequency and channel counts alike."""
+        return np.ones((len(frequency), self.stack.e.shape[2]))
+
+    # ---- what is uncertain ------------------------------------------------------------------------------------------
+
+    def _changes(self) -> Array:
+        """Return the generalised forces that uncertain parameters add along the motion, (n, n_runs, nv, n_changes)."""
+        plant = self.plant
+        middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.alongs, self.moving.courses, strict=True)]
+
+        def column(parameter: Uncertain) -> Array:
+            if not parameter.fields:
+                return np.zeros((*self.stack.e.shape[:2], self.twin.m))
+            pair = [_changed(plant, parameter, sign * CHANGE) for sign in (1.0, -1.0)]
+            return stacked([_slope(pair, m, self._stride()) for m in middles])
+
+        out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
+        for i, change in enumerate(self.twin.changes):
+            if change.actuator is not None:
+                out[..., i] += self.driven_force(change.actuator) * self.commands(change.actuator)[..., None]
+        return out
+
+    def _stride(self) -> int:
+        """Return at which n-th samples forces that vary smoothly are found; splines go between."""
+        h = float(np.median(self.stack.h[self.stack.h > 0]))
+        return int(np.clip(1.0 / (OFTEN * self.problem.highest_hz * h), 1, 4))
+
+    def commands(self, actuator: int) -> Array:
+        """Return what reaches an actuator's gain along the runs, (n, n_runs): its command, or its state where it has one."""
+        lag, courses = self.stepper.lags.get(actuator), self.moving.courses
+        if lag is None:
+            return stacked([c.u[:, actuator] for c in courses])
+        unit = self.plant.control_matrix[lag.control, actuator]
+        return stacked([c.act[:, lag.address] / unit for c in courses if c.act is not None])
+
+    def acted(self, actuator: int, change: Array) -> Array:
+        """Return what a change of an actuator's command (n, n_runs, k) is where its gain is reached."""
+        lag = self.stepper.lags.get(actuator)
+        return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
+
+    def driven_force(self, actuator: int) -> Array:
+        """Return the generalised force of a unit command along the motion, (n, n_runs, nv)."""
+        column = list(self.moving.driven).index(actuator)
+        return stacked([a.drives[:, :, column] for a in self.alongs])
+
+    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+        """See `Screen`."""
+        u, _ = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        given, _ = stack_runs(runs, [course.load for course in self.moving.courses])
+        out = np.zeros((*u.shape[:2], self.twin.m))
+        for i in self.moving.driven:
+            out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
+        for j, name in enumerate(self.moving.load_ports):
+            rows = self._lines(self.plant.port(name), False).rows
+            out += rows.sum(axis=0) * (load - given)[..., j, None]
+        return out
+
+    def _changed_forces(self, group: Group) -> Array:
+        return self.changes
+
+    # ---- places along the motion ------------------------------------------------------------------------------------
+
+    def lines_of(self, place: Place) -> Lines:
+        """Return a port's or body's rows and coordinates along the motion."""
+        if place.name not in self.lines:
+            self.lines[place.name] = self._lines(port_at(self.plant, place.name), place.kind == "body")
+        return self.lines[place.name]
+
+    def _lines(self, port: Port, is_body: bool) -> Lines:
+        model = self.plant.model
+        ports = (port, *port.more)
+        data, at_rest = mujoco.MjData(model), self.plant.new_data()
+        rest = [p.position(at_rest) for p in ports]
+        if all(p.is_constant for p in ports) and port.name.startswith("joint:"):
+            address = int(model.jnt_qposadr[model.joint(port.name.partition(":")[2]).id])
+            z = stacked([a.motion.q[:, address] - rest[0] for a in self.alongs])
+            return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
+        rows, values = [], []
+        for along in self.alongs:
+            own, z = np.zeros((len(along.M), len(ports), model.nv)), np.zeros((len(along.M), len(ports)))
+            for k, q in enumerate(along.motion.q):
+                data.qpos[:] = q
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_tendon(model, data)
+                for i, p in enumerate(ports):
+                    own[k, i], z[k, i] = p.row(data), p.position(data) - rest[i]
+            rows.append(own)
+            values.append(z)
+        weight = np.array([model.opt.gravity[i] for i in range(len(AXES))]) if is_body else np.zeros(len(ports))
+        return Lines(np.moveaxis(stacked(rows), 2, 0), np.moveaxis(stacked(values), 2, 0), weight)
+
+    def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:
+        """Return middle rows (k, n, n_runs, nv), and displacement, velocity, acceleration (k, n, n_runs) over every interval.
+
+        They come from what is known at its start, see `vlab.diagnose.inference.score_test`.
+        """
+        lines, nv = self.lines_of(place), self.twin.m
+        later = np.minimum(np.arange(1, len(self.stack.e) + 1), len(self.stack.e) - 1)
+        after = lines.rows[:, later]
+        v_now, v_next = self._velocities()
+        z0 = lines.z + np.einsum("lkrn,krn->lkr", lines.rows, self.now_known[..., :nv])
+        z1 = lines.z[:, later] + np.einsum("lkrn,krn->lkr", after, self.next_known[..., :nv])
+        v0 = np.einsum("lkrn,krn->lkr", lines.rows, v_now)
+        v1 = np.einsum("lkrn,krn->lkr", after, v_next)
+        h = np.where(self.stack.h > 0, self.stack.h, 1.0)
+        return 0.5 * (lines.rows + after), 0.5 * (z0 + z1), 0.5 * (v0 + v1), (v1 - v0) / h
+
+    def _velocities(self) -> tuple[Array, Array]:
+        nv = self.twin.m
+        v = stacked([a.motion.v for a in self.alongs])
+        later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
+        return v + self.now_known[..., nv:], v[later] + self.next_known[..., nv:]
+
+    def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
+        """See `Screen`."""
+        _, z, v, _ = self.known_motion(place)
+        return z[0], v[0]
+
+    # ---- the candidates ---------------------------------------------------------------------------------------------
+
+    def _left_by(
+        self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> tuple[Array, list[int]]:
+        """See `Screen`; sensors are read as there, forces act along directions that turn with the motion."""
+        if place.kind in ("sensor", "pick-up"):
+            return super()._left_by(group, place, plans)
+        modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
+
+    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+        """See `Screen`: a system that varies has no impulse response."""
+        widths = [own[0].series.shape[-1] for own in causes]
+        reading = np.zeros((*group.y.shape, sum(widths)))
+        for start, (cause,) in zip(np.cumsum([0, *widths]), causes, strict=False):
+            reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
+        return self.through(group, None, reading), widths
+
+    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
+        """Return the generalised forces of an effect's amplitudes along the motion, (n, n_runs, nv, k)."""
+        if isinstance(effect, ActuatorEffect):
+            total = np.zeros(())
+            for i in place.indices:
+                changed = self.acted(i, commands_changed(effect, group.u[..., i], shape, group.h))
+                total = total + self.driven_force(i)[..., None] * changed[..., None, :]
+            return total
+        rows, z, v, a = self.known_motion(place)
+        if isinstance(effect, LinearPortEffect):
+            (values,) = unit_amplitudes(effect, {})
+            mass, damping, stiffness = effect.impedance(values, place.stiffness)
+            force = -mass * (a - self.lines_of(place).weight[:, None, None]) - damping * v - stiffness * z
+            return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
+        assert isinstance(effect, PortEffect)
+        own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
+        with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
+            laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
+        series = [x if np.all(np.abs(x) < RUNAWAY) else 0.0 * z[0] for x in laws]
+        return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
+
+    def _series(
+        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
+    ) -> Array:
+        t = stacked([c.time for c in self.moving.courses]) + 0.5 * self.stack.h
+        return forces_along(effect, z, v, values, self.stack.h, t, command)
+
+    def states_without(self, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]) -> Array:
+        """Return smoothed deviations (n, n_runs, 2 nv) from recordings that sensor effects are taken off."""
+        courses = []
+        for course in self.moving.courses:
+            y, t = course.y.copy(), course.time
+            for effect, place, values in effects:
+                y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(course.h)), t)
+            courses.append(with_signals(course, y))
+        e = stacked([c.y - a.read for c, a in zip(courses, self.alongs, strict=True)])
+        left, predicted = innovations(self.stack, self.gains, e)
+        return smoothed(self.stack, self.gains, left, predicted)
+
+
+def forces_along(
+    effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
+) -> Array:
+    """Return an effect's force along given motion (n, n_runs) with intervals of its own."""
+    memory = effect.memory(z.shape[1:])
+    if memory is None:
+        return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
+    out = np.zeros(z.shape)
+    for k in range(len(z)):
+        step = Step(h=h[k], t=t[k])
+        out[k], memory = effect.force(z[k], v[k], values, step, memory)
+    return out
+
+
+def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
+    model = copy.copy(plant.model)
+    for name, index in parameter.fields:
+        getattr(model, name)[index] *= np.exp(value)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _middle(stepper: Stepper, along: Along, h: Array) -> tuple[Array, Array, Array]:
+    """Return configurations, velocities and accelerations of a motion in the middle of its steps."""
+    q, v = along.motion.q, along.motion.v
+    later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
+    if stepper.is_flat:
+        middle = 0.5 * (q + q[later])
+    else:
+        pairs = zip(q, q[later], strict=True)
+        middle = np.array([stepper.moved(a, 0.5 * stepper.between(a, b)) for a, b in pairs])
+    return middle, 0.5 * (v + v[later]), (v[later] - v) / h[:, None]
+
+
+def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int) -> Array:
+    """Return by how much the forces that a motion takes fall between two models, per log-factor, (n, nv)."""
+    n = len(middle[0])
+    at = np.unique(np.append(np.arange(0, n, stride), n - 1))
+    part = [x[at] for x in middle]
+    slope = (_inverse(pair[1], *part) - _inverse(pair[0], *part)) / (2 * CHANGE)
+    return slope if stride == 1 or len(at) < 4 else np.asarray(CubicSpline(at, slope)(np.arange(n)))
+
+
+def _inverse(model: Any, q: Array, v: Array, a: Array) -> Array:
+    """Return the generalised forces that a motion takes, (n, nv)."""
+    data, out = mujoco.MjData(model), np.zeros(a.shape)
+    for k in range(len(out)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out

@@ -1,0 +1,53 @@
+"""Fits in windows that start from smoothed states: what a law does within a few cycles, whatever a long run adds up to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlab.diagnose.data.runs import Signals, windows
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.parameters.terms import Term
+from vlab.physics.effect import SensorEffect
+
+WHOLE = 3000
+"""Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
+GOLDEN = 0.6180339887
+"""Multiples of it are spread evenly and without a period."""
+
+
+class WindowRefiner(Refiner):
+    """Fits hypotheses to a screening's runs in windows.
+
+    Parameters
+    ----------
+    every : int
+        Only one window in n, spread irregularly, for motion may repeat itself; first fits then, with coarser steps.
+    model_error : float or None
+        See `Refiner`.
+    without : sequence of Term
+        What the sensor effects among these do to the recordings is taken off before smoothing.
+    """
+
+    def __init__(
+        self, screen: Screen, *, every: int = 1, model_error: float | None = None, without: Sequence[Term] = ()
+    ) -> None:
+        self.every = every
+        super().__init__(screen, _cut(screen, every, without), model_error, is_rough=every > 1)
+
+    def beside(self, terms: Sequence[Term]) -> Refiner:
+        """See `Refiner`: windows of its own where a hypothesis says that a sensor is wrong."""
+        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+            return self
+        return WindowRefiner(self.screen, every=self.every, model_error=self.model_error, without=terms)
+
+
+def _cut(screen: Screen, every: int, without: Sequence[Term]) -> Sequence[Signals]:
+    if max(len(run) for run in screen.runs) <= WHOLE:
+        return screen.runs
+    omega = np.abs(screen.twin.omega)
+    moving = omega[omega > 0.1]
+    slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
+    wrong = [(t.effect, t.place, t.values) for t in without if isinstance(t.effect, SensorEffect)]
+    parts = [w for run, states, shown in screen.states(wrong) for w in windows(run, states, shown, slowest)]
+    return [w for i, w in enumerate(parts) if every == 1 or (i * GOLDEN) % 1.0 < 1.0 / every]

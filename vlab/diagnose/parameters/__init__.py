@@ -1,0 +1,1 @@
+"""The parametrised model: uncertain parameters, locations, observed channels."""

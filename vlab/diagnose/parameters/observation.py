@@ -1,0 +1,151 @@
+"""A plant as its channels and ports see it near rest: the map from modes to every channel that a recording has."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from vlab.cases.channel_map import Compared
+from vlab.cases.replay import Bench, State
+from vlab.plants.base import Plant, without_limits
+from vlab.signals import Array
+
+STEP = 1e-6
+"""Step of the central differences [largest joint motion, m or rad, or their rates]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChannelRows:
+    """What channels read per generalised position, velocity and acceleration: y = at_q q + at_v v + at_a a.
+
+    Parameters
+    ----------
+    at_q, at_v, at_a : (n_channels, nv) array
+        About the rest configuration.
+    rest : (n_channels,) array
+        Their values at rest.
+    """
+
+    at_q: Array
+    at_v: Array
+    at_a: Array
+    rest: Array
+
+    def onto(self, shapes: Array) -> "ChannelRows":
+        """Return the same per coordinate of q = shapes p."""
+        return ChannelRows(at_q=self.at_q @ shapes, at_v=self.at_v @ shapes, at_a=self.at_a @ shapes, rest=self.rest)
+
+
+def channel_rows(plant: Plant, compared: Sequence[Compared]) -> ChannelRows:
+    """Measure what channels read, by central differences of the plant's own sensors and ports.
+
+    Accelerations are found first, from generalised forces at rest; what a channel reads of them is then taken off what
+    it reads of positions and velocities, so that the three maps do not depend on the plant's stiffness and damping.
+    """
+    bench = Bench(plant)
+    model, channels = plant.model, tuple(compared)
+    nv = model.nv
+    rest, rest_qacc = _evaluate(bench, channels, np.zeros(nv), np.zeros(nv), np.zeros(nv))
+    inertia = np.zeros((nv, nv))
+    mujoco.mj_fullM(model, bench.data, inertia)
+    zero = np.zeros(nv)
+    at_a = np.zeros((len(channels), nv))
+    for j in range(nv):
+        high = _evaluate(bench, channels, zero, zero, inertia[:, j])
+        low = _evaluate(bench, channels, zero, zero, -inertia[:, j])
+        moved = (high[1] - low[1])[j]
+        at_a[:, j] = (high[0] - low[0]) / (moved if moved else 2.0)
+    maps = []
+    for which in range(2):
+        out = np.zeros((len(channels), nv))
+        for j in range(nv):
+            step = np.zeros(nv)
+            step[j] = STEP
+            moves = [(sign * step, zero) if which == 0 else (zero, sign * step) for sign in (1.0, -1.0)]
+            pair = [_evaluate(bench, channels, move, velocity, zero) for move, velocity in moves]
+            change = (pair[0][0] - pair[1][0]) - at_a @ (pair[0][1] - pair[1][1])
+            out[:, j] = change / (2 * STEP)
+        maps.append(_clean(out))
+    return ChannelRows(at_q=maps[0], at_v=maps[1], at_a=_clean(at_a), rest=rest - at_a @ rest_qacc)
+
+
+def _clean(rows: Array) -> Array:
+    """Set to zero what is rounding beside a channel's largest entry."""
+    largest = np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
+    return np.where(np.abs(rows) > 1e-9 * np.maximum(largest, 1e-6), rows, 0.0)
+
+
+def _evaluate(
+    bench: Bench,
+    compared: tuple[Compared, ...],
+    move: Array,
+    velocity: Array,
+    applied: Array,
+    ctrl: Array | None = None,
+) -> tuple[Array, Array]:
+    qpos = bench.rest.qpos.copy()
+    mujoco.mj_integratePos(bench.model, qpos, move, 1.0)
+    bench.start(State(qpos, velocity))
+    bench.data.qfrc_applied[:] = applied
+    bench.look(np.zeros(bench.model.nu) if ctrl is None else ctrl)
+    return bench.values(compared, bench.sensors()), bench.acceleration.copy()
+
+
+def actuator_forces(plant: Plant) -> Array:
+    """Return the generalised force of a unit command of every actuator at rest and within its limits, (nv, n_actuators)."""
+    plant = without_limits(plant)
+    data = plant.new_data()
+    base = data.qfrc_actuator.copy()
+    out = np.zeros((plant.model.nv, len(plant.actuators)))
+    for i in range(len(plant.actuators)):
+        column = plant.control_matrix[:, i]
+        data.ctrl[:] = column
+        mujoco.mj_forward(plant.model, data)
+        high = data.qfrc_actuator - base
+        data.ctrl[:] = -column
+        mujoco.mj_forward(plant.model, data)
+        out[:, i] = (high - (data.qfrc_actuator - base)) / 2
+        data.ctrl[:] = 0.0
+    return out
+
+
+def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
+    """Return commands (n,) as the plant's own limits let them through: of its controls, and of the forces of plain motors.
+
+    Limits of servos' forces and of joints depend on the motion: the search does not know them, MuJoCo's verdict does.
+    """
+    model, out = plant.model, commands
+    for control in plant.actuators[actuator].controls:
+        share = plant.control_matrix[control, actuator]
+        limits = []
+        if model.actuator_ctrllimited[control] and not model.opt.disableflags & int(
+            mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+        ):
+            limits.append(model.actuator_ctrlrange[control])
+        gain = model.actuator_gainprm[control, 0]
+        is_motor = (
+            model.actuator_gaintype[control] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_NONE
+            and model.actuator_dyntype[control] == mujoco.mjtDyn.mjDYN_NONE
+        )
+        if model.actuator_forcelimited[control] and is_motor and gain:
+            limits.append(np.sort(model.actuator_forcerange[control] / gain))
+        for low, high in limits if share else ():
+            out = np.clip(out, *np.sort([low / share, high / share]))
+    return np.asarray(out)
+
+
+def command_readings(plant: Plant, compared: Sequence[Compared]) -> Array:
+    """Return what channels read of a unit command while nothing accelerates, (n_channels, n_actuators): measured forces."""
+    plant = without_limits(plant)
+    bench, channels = Bench(plant), tuple(compared)
+    forces, still = actuator_forces(plant), np.zeros(plant.model.nv)
+    out = np.zeros((len(channels), len(plant.actuators)))
+    for i in range(len(plant.actuators)):
+        column = plant.control_matrix[:, i]
+        high, low = (
+            _evaluate(bench, channels, still, still, -sign * forces[:, i], sign * column)[0] for sign in (1.0, -1.0)
+        )
+        out[:, i] = (high - low) / 2
+    return _clean(out)

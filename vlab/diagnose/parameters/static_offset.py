@@ -1,0 +1,94 @@
+"""Sensors that read far from nothing at rest: a laser's standoff, an accelerometer's gravity. It is taken off before all else.
+
+A filter that starts displaced by many times the motion, and windows that do, are lost; a zero that is off by less is a parameter of
+every fit, see `vlab.diagnose.inference.sensor_offset`.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.parameters.locations import FREE
+from vlab.diagnose.parameters.observation import channel_rows
+from vlab.diagnose.parameters.recorded_runs import wired_runs
+from vlab.errors import BadStructure
+from vlab.signals import Array
+
+STANDS_OFF = 3.0
+"""A channel stands off where its mean is further from rest than this multiple of its standard deviation, in every recording..."""
+ALIKE = 1.0
+"""...and the means differ by less than this multiple of it."""
+ANGLES = ("angle",)
+"""Kinds that are believed: a pendulum may stand on its head."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standoff:
+    """What a channel reads at rest beyond the model.
+
+    Parameters
+    ----------
+    value : float
+        In SI.
+    """
+
+    channel: str
+    value: float
+    unit: str
+
+    @property
+    def line(self) -> str:
+        """It in words."""
+        return f"{self.channel}: reads {self.value:.4g} {self.unit} more at rest than the model, in all recordings; taken off"
+
+
+def without_standoffs(case: Case) -> tuple[Case, tuple[Standoff, ...]]:
+    """Return a case whose channels read nothing at rest, and what was taken off them.
+
+    Raises
+    ------
+    BadCase, BadRecording
+        Recordings that do not fit the model, or cannot be read.
+    """
+    if not case.recordings(("fit",)):
+        return case, ()
+    wired = wired_runs(case, ("fit",))
+    try:
+        linear = case.plant.linearise()
+    except BadStructure:
+        return case, ()  # no rest to stand off from
+    rows = channel_rows(case.plant, wired.channels)
+    omega, shapes = linear.eigen
+    moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < FREE]) > 0, axis=1)
+    measured = wired.runs[0].measured
+    found = []
+    for i, compared in enumerate(wired.channels):
+        channel = measured.channels[measured.index(compared.channel)]
+        if channel.kind in ANGLES or moves_freely[i]:
+            continue
+        rest = 0.0 if compared.from_rest else rows.rest[i]
+        value = _standoff([run.measured[compared.channel] - rest for run in wired.runs])
+        if value != 0.0:
+            found.append(Standoff(channel=compared.channel, value=value, unit=channel.unit))
+    return (_corrected(case, found), tuple(found)) if found else (case, ())
+
+
+def _standoff(columns: list[Array]) -> float:
+    means, spread = np.array([c.mean() for c in columns]), max(float(c.std()) for c in columns)
+    stands = spread > 0 and np.all(np.abs(means) > STANDS_OFF * spread) and np.ptp(means) < ALIKE * spread
+    return float(np.mean(means)) if stands else 0.0
+
+
+def _corrected(case: Case, found: list[Standoff]) -> Case:
+    """Return a case with the standoffs in the offsets of its channels, which are in the unit of the file."""
+    by_name = {s.channel: s.value for s in found}
+    tables = []
+    for table in case.table.recording:
+        channels = []
+        for channel, name in zip(table.channel, table.channel_names, strict=True):
+            value = by_name.get(name, 0.0)
+            factor = channel.spec().channel_and_factor()[1]
+            channels.append(replace(channel, offset=channel.offset + value / factor) if value else channel)
+        tables.append(replace(table, channel=tuple(channels)))
+    return replace(case, table=replace(case.table, recording=tuple(tables)))

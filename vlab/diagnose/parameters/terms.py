@@ -1,0 +1,146 @@
+"""Candidates of a screening, terms of a hypothesis, and a fit of them: plain data that every search hands on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from vlab.diagnose.parameters.locations import Place
+from vlab.physics.effect import Effect, Parameter, PortEffect
+from vlab.signals import Array
+
+UNTOLD = 1.0
+"""Standard deviation of a size's logarithm beyond which it may as well be none."""
+
+
+NOTHING = 1e-3
+"""A part of a law is nothing where it is this share of another one in its unit."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Term:
+    """One effect at one place with starting values."""
+
+    effect: Effect
+    place: Place
+    values: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """Effect and place in one string."""
+        return f"{self.effect.name}@{self.place.name}"
+
+
+def of_element(term: Term) -> Term:
+    """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
+    if not isinstance(term.effect, PortEffect):
+        return term
+    values = term.effect.of_element(term.values, term.place.stiffness)
+    return term if values is None else replace(term, values=values)
+
+
+def is_meant(terms: Sequence[Term]) -> bool:
+    """Return whether laws have values that their words fit."""
+    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms if isinstance(t.effect, PortEffect))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate(Term):
+    """A term with the shape that the screening found best.
+
+    Parameters
+    ----------
+    gain : float
+        Log-likelihood gained by the regression, shape and amplitude chosen.
+    """
+
+    gain: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hypothesis.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+        With fitted values.
+    theta : (n_changes,) array
+        Log-factors of the uncertain parameters.
+    offsets : (n_channels,) array
+        Zeros of the channels.
+    starts : mapping of str to (2m,) array
+        Modal state at the first sample of every run that does not start at rest.
+    error : (n_runs, n_channels) array
+        Rms of the remaining difference over the channel's rms, runs in the order of the fit.
+    chi2 : float
+        Weighted sum of squares, priors included.
+    cost : float
+        As `chi2`, without the priors.
+    sd : mapping of str to float
+        Standard deviation of every fitted effect parameter (log where unsigned), by ``"label:name"``.
+    """
+
+    terms: tuple[Term, ...]
+    theta: Array
+    offsets: Array
+    starts: dict[str, Array]
+    error: Array
+    chi2: float
+    cost: float
+    sd: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def nil(self) -> tuple[str, ...]:
+        """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
+        return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
+
+    def plainer(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
+        """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
+        return tuple(self._plainer(term, effects) for term in self.terms)
+
+    def nested(self, effects: Sequence[Effect]) -> list[tuple[Term, ...]]:
+        """Return the terms with one of them as a law of its family that has some of its parameters alone, the plainest first.
+
+        At some values of the others its own law is that one: dry friction whose excess at rest is nothing, or comes and goes at once.
+        """
+        out = []
+        for i, term in enumerate(self.terms):
+            own = {(p.name, p.unit) for p in term.effect.parameters}
+            lesser = [
+                effect
+                for effect in effects
+                if effect.family == term.effect.family
+                and effect.kind == term.effect.kind
+                and {(p.name, p.unit) for p in effect.parameters} < own
+            ]
+            for effect in sorted(lesser, key=lambda e: len(e.parameters)):
+                values = {p.name: term.values[p.name] for p in effect.parameters}
+                out.append((*self.terms[:i], replace(term, effect=effect, values=values), *self.terms[i + 1 :]))
+        return out
+
+    def _plainer(self, term: Term, effects: Sequence[Effect]) -> Term:
+        nothing = {p.name for p in term.effect.amplitudes if self._is_nothing(term, p)}
+        if not nothing or len(nothing) == len(term.effect.amplitudes):
+            return term
+        left = {p.name for p in term.effect.parameters} - nothing
+        lesser = [
+            e
+            for e in effects
+            if e.family == term.effect.family and e.kind == term.effect.kind and {p.name for p in e.parameters} <= left
+        ]
+        if not lesser:
+            return term
+        effect = max(lesser, key=lambda e: len(e.parameters))
+        return replace(term, effect=effect, values={p.name: term.values[p.name] for p in effect.parameters})
+
+    def _is_nothing(self, term: Term, parameter: Parameter) -> bool:
+        alike = [abs(term.values[p.name]) for p in term.effect.amplitudes if p.unit == parameter.unit]
+        return self._may_be_none(term, parameter) or abs(term.values[parameter.name]) < NOTHING * max(alike)
+
+    def _may_be_none(self, term: Term, parameter: Parameter) -> bool:
+        sd = self.sd.get(f"{term.label}:{parameter.name}", 0.0)
+        return sd > (abs(term.values[parameter.name]) if parameter.signed else UNTOLD)
+
+
+def _sizes(effect: Effect) -> Sequence[Parameter]:
+    """Return what is nothing where an effect is: its amplitudes, or what there is."""
+    return effect.amplitudes or effect.parameters

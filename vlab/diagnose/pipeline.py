@@ -1,0 +1,264 @@
+"""The whole way of a diagnosis, from a case to what is said of it."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.checks import FileCheck, check_recordings
+from vlab.cases.misfit import misfit
+from vlab.diagnose.advice import far_off, idle, next_measurement, not_excluded, spoilt
+from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.quality import assess
+from vlab.diagnose.data_findings import Seen, look
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
+from vlab.diagnose.findings import alternatives, by_what_they_explain, of_terms
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.sensor_offset import said_zeros, shifted_zeros
+from vlab.diagnose.parameters.holdout import held_out, moves
+from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
+from vlab.diagnose.parameters.static_offset import without_standoffs
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.alternative_conventions import read_otherwise
+from vlab.diagnose.search.attempt import Trials, best_attempt
+from vlab.diagnose.search.confirmation import Settling
+from vlab.diagnose.search.model_class import road_of
+from vlab.diagnose.search.sampling_convention import said
+from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.validation.simulation import Amended, Checked, amended, check, coarse_steps, with_finer_steps
+from vlab.diagnose.verdict import closes, coloured_noise, is_needed, left_over, verdict_on
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosed:
+    """A diagnosis with what it was made of.
+
+    Parameters
+    ----------
+    before, after : Amended
+        The refitted and the amended model; the same where nothing was found.
+    """
+
+    diagnosis: Diagnosis
+    problem: Problem
+    found: TimeFound
+    choice: Choice
+    before: Amended
+    after: Amended
+    fit: Fit
+
+
+def diagnose(
+    case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
+) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
+    """Diagnose a case, or say before any search that its files are not what it says; one of frequency responses and modal tables only in frequency.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing; the whole catalogue by default.
+
+    Raises
+    ------
+    BadCase
+        No recording to fit, or recordings that do not fit the model.
+    BadRecording
+        A file is damaged or not what the case says.
+    """
+    if is_in_frequency(case):
+        return diagnose_frequency(case, effects=effects, progress=progress)
+    effects = list(effects) or list(EFFECTS.values())
+    return _diagnosed(case, effects, progress or (lambda share, what: None), time.monotonic())
+
+
+def _diagnosed(
+    whole_case: Case,
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+    began: float,
+    told: str = "",
+    checked_file: FileCheck | None = None,
+) -> Diagnosed | RejectedCase:
+    """Diagnose a case of recordings.
+
+    Parameters
+    ----------
+    began : float
+        When the clock of all of it started [s].
+    told : str
+        What the recordings told of it before.
+    checked_file : FileCheck or None
+        What was seen of its files before.
+    """
+    report(0.0, "reading")
+    given = whole_case.plant
+    case, standoffs = without_standoffs(with_modes_of_fe(whole_case))
+    file = check_recordings(case) if checked_file is None else checked_file
+    if file.of("fatal"):
+        return reject_case(whole_case, file, time.monotonic() - began)
+    road = road_of(case, effects)
+    problem, case = road.problem, road.problem.case
+    unseen = held_out(case, problem.names, problem.runs)
+    seen = look(problem, assess([*problem.runs, *unseen.runs], problem.runs, file))
+    found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
+    report(0.8, "fitting whole recordings")
+    other = read_otherwise(road, found) if not (told or seen.damage.fatal) else None
+    if other is not None:
+        return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]), file)
+    settling = Settling(
+        problem=problem,
+        whole=found.whole,
+        start=found.before.long_fit,
+        seen=seen,
+        effects=effects,
+        is_linear=road.is_linear,
+    )
+    settled = settling.settled(found)
+    choice, fit_before, fit_after = settled.choice, settled.before, settled.after
+    seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
+    wrong_zeros = {*(zero.channel for zero in seen.zeros), *said_zeros(problem, fit_after)}
+    before, after = amended(problem, fit_before, wrong_zeros), seen.on(amended(problem, fit_after))
+    without = seen.on(amended(problem, fit_before))
+    is_structure = case.structure is not None
+    if seen.is_missing and fit_after.terms:
+        on_fitted = check(problem.runs, without, after)
+        if not (
+            closes(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
+        ):
+            fit_after, after = fit_before, without  # what the recordings show without a model explains them
+    report(0.9, "checking in MuJoCo")
+    runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
+    trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=Amended(plant=given))
+    terms = of_terms(choice, fit_after, problem)
+    tried = trials.of(fit_after, terms)
+
+    def verdict_of(trials: Trials, tried: Attempt) -> Verdict:
+        fitted = partial(_on_fitted, trials, fit_after, terms)
+        return verdict_on(choice, tried.checked, seen, is_structure=is_structure, fitted=fitted)
+
+    verdict = verdict_of(trials, tried)
+    coarse = ""
+    if verdict == "none-of-these" and not is_structure:
+        coarse = coarse_steps(before, tried.checked, check(runs, with_finer_steps(before), None))
+        if coarse:
+            finer = replace(trials, change=with_finer_steps)
+            again = finer.of(fit_after, terms)
+            second = verdict_of(finer, again)
+            if second != verdict:
+                verdict, tried, trials = second, again, finer
+                before, after = with_finer_steps(before), with_finer_steps(after)
+                coarse += "; the verdict is on the shorter ones"
+            elif not told:  # what was fitted with the coarse steps makes up for them
+                finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
+                told = f"{coarse}; all of the search is with the shorter ones"
+                return _diagnosed(finer_case, effects, report, began, told, file)
+    attempt, checked = None, list(tried.checked)
+    if verdict == "none-of-these":
+        others = (h for h in found.hypotheses if h.label != choice.best.label)
+        attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
+    if verdict != "missing-physics":
+        after, fit_after = before, fit_before  # what is not reported is not in the amended model
+        checked = [c.unamended() for c in checked]
+    notes = (
+        *left_over(verdict, checked, is_structure=is_structure),
+        *coloured_noise(verdict, checked, is_structure=is_structure),
+        *spoilt(checked),
+        *idle(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
+        *([coarse] if coarse else []),
+        *([told] if told else []),
+        *(s.line for s in standoffs),
+        *unseen.notes,
+        *problem.notes,
+        *settled.rejected,
+        *road.notes,
+    )
+    findings = by_what_they_explain(tried.findings, checked) if verdict == "missing-physics" else ()
+    diagnosis = replace(
+        _say(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
+        alternatives=alternatives(choice, problem, verdict, found.before.level),
+        seconds=time.monotonic() - began,
+    )
+    report(1.0, "done")
+    return Diagnosed(
+        diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
+    )
+
+
+def _say(
+    verdict: Verdict,
+    problem: Problem,
+    choice: Choice,
+    fit: Fit,
+    checked: Sequence[Checked],
+    seen: Seen,
+    findings: Sequence[Finding],
+    notes: Sequence[str],
+    attempt: Attempt | None,
+) -> Diagnosis:
+    return Diagnosis(
+        title=problem.case.table.title,
+        verdict=verdict,
+        findings=tuple(findings),
+        alternatives=(),
+        checked=tuple(checked),
+        mismatch=_mismatch(checked),
+        not_excluded=(*not_excluded(choice, verdict), *far_off(problem.parameters, fit.theta)),
+        next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
+        attempt=attempt,
+        quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
+        notes=tuple(notes),
+        calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
+    )
+
+
+def _on_fitted(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
+    """Return how far the models are from the recordings to fit."""
+    return replace(trials, runs=trials.problem.runs).of(fit, terms).checked
+
+
+def _hum_line(hum: Hum) -> str:
+    lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
+    return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
+
+
+def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:
+    """Return where the model is off without any hypothesis: bands, channels, times, the worst first."""
+    bands: list[dict[str, float]] = []
+    channels: dict[str, float] = {}
+    times: list[dict[str, Any]] = []
+    for run in checked:
+        simulated = run.standing
+        if simulated is None:
+            continue
+        for name, errors in run.channels.items():
+            channels[name] = max(channels.get(name, 0.0), errors[1])
+            found = misfit(run.measured, simulated, name)
+            for low, high, share in zip(
+                found.band_edges_hz[:-1], found.band_edges_hz[1:], found.band_share, strict=True
+            ):
+                bands.append({"low_hz": float(low), "high_hz": float(high), "share": float(share), "nrmse": errors[1]})
+            k = int(np.argmax(found.window_nrmse))
+            times.append(
+                {
+                    "recording": run.name,
+                    "channel": name,
+                    "time_s": float(found.window_time_s[k]),
+                    "nrmse": float(found.window_nrmse[k]),
+                }
+            )
+    bands.sort(key=lambda b: -b["share"] * b["nrmse"] ** 2)
+    times.sort(key=lambda t: -t["nrmse"])
+    order = sorted(channels, key=lambda c: -channels[c])
+    return {
+        "where_frequency_hz": bands[:4],
+        "where_channel": [{"channel": c, "nrmse": channels[c]} for c in order],
+        "where_time_s": times[:4],
+    }

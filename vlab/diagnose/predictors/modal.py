@@ -1,0 +1,118 @@
+"""What hypotheses make of recordings: the twin with their effects inside, for many parameter sets side by side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.reduced_model import Twin, discretise
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.integration import acting_order, march
+from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
+from vlab.signals import Array
+
+STEPS_PER_CYCLE, FINER = 22.0, 2
+"""Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
+more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round, a gap closes within a step."""
+EDGED = ("friction", "hysteresis", "contact", "clearance")
+"""Families of such laws."""
+
+
+def channels(
+    twin: Twin,
+    highest_hz: float,
+    runs: list[Signals],
+    terms: Sequence[Term],
+    theta: Array,
+    values: Sequence[Mapping[str, Array]],
+    starts: Array,
+    is_rough: bool = False,
+) -> Array:
+    """Return the channels of runs of one sample period before sensors have their say, (n, n_sets, n_runs, p).
+
+    Parameters
+    ----------
+    highest_hz : float
+        Of the fastest motion.
+    theta : (n_sets, n_changes) array
+    values : sequence of mappings
+        Of every term its parameter values, (n_sets,) arrays.
+    starts : (n_sets, n_runs, 2m) array
+    is_rough : bool
+        Without finer steps for laws with edges.
+    """
+    h, n_sets = runs[0].h, len(theta)
+    M, C, K, actuator_gain, _ = twin.matrices(theta)
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, LinearPortEffect):
+            mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
+            for row in term.place.rows:
+                outer = np.outer(row, row)
+                M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
+                C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
+                K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
+    ports = acting_order(terms)
+    finer = FINER if not is_rough and any(terms[i].effect.family in EDGED for i in ports) else 1
+    substeps = finer * max(1, int(np.ceil(STEPS_PER_CYCLE * highest_hz * h))) if ports else 1
+    inputs = np.concatenate(
+        [
+            twin.forces[None] * actuator_gain[:, None, :],
+            np.repeat(np.hstack([twin.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+        ],
+        axis=2,
+    )
+    system = discretise(M, C, K, inputs, twin.rows, h / substeps)
+    if twin.shifts:
+        system = replace(system, C=system.C + twin.shifted(theta))
+    known = inputs.shape[2] - len(ports)
+    forces = _inputs(runs, terms, values, n_sets)
+    with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+        return march(system, forces, known, terms, values, ports, starts, runs, substeps)
+
+
+def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
+    """Return commands, behind the actuators' effects, and direct loads, (n, n_sets or 1, n_runs, k)."""
+    n = max(len(run) for run in runs)
+    out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
+    for i, run in enumerate(runs):
+        out[: len(run), 0, i] = np.hstack([run.u, run.load])
+    led = _led(runs)
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, ActuatorEffect):
+            out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+            for s in range(n_sets):
+                p = {k: float(v[s]) for k, v in own.items()}
+                for i in term.place.indices:
+                    whole = np.concatenate([led[..., i], out[:, s, :, i]])
+                    out[:, s, :, i] = term.effect.actuate(whole, p, runs[0].h)[len(led) :]
+    return out
+
+
+def _led(runs: list[Signals]) -> Array:
+    """Return the commands before every run's first sample, zero where there were none, (k, n_runs, n_actuators)."""
+    leads = [run.u[:0] if run.led is None else run.led for run in runs]
+    most = max(len(lead) for lead in leads)
+    return np.stack([np.vstack([np.zeros((most - len(lead), lead.shape[1])), lead]) for lead in leads], axis=1)
+
+
+def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
+    """Let a channel of y (n, n_sets, n_runs, p) pick up a command or another channel, in place.
+
+    Parameters
+    ----------
+    own : mapping of str to (n_sets,) array
+        Parameter values of the pick-up.
+    """
+    assert isinstance(term.effect, PickUp)
+    i, k = term.place.index, term.place.other
+    if term.place.tag != "command":
+        other = y[..., k]
+    else:
+        other = np.zeros((len(y), 1, len(runs)))
+        for j, run in enumerate(runs):  # a sample is read while the command before it still stands
+            other[1 : len(run), 0, j] = run.u[:-1, k]
+            other[0, 0, j] = 0.0 if run.led is None or not len(run.led) else run.led[-1, k]
+    p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+    with np.errstate(all="ignore"):  # a trial that ran away
+        y[..., i] = term.effect.mix(y[..., i], other, p)

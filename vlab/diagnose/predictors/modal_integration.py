@@ -1,0 +1,188 @@
+"""Linear systems marched along the own directions of their steps, with laws in the loop: a hundred modes cost as much as their number."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, loaded, march_free, march_looped
+from vlab.physics.expression import Tape
+from vlab.signals import Array
+
+MOST_ALIKE = 1e8
+"""Condition of a step's own directions up to which states are marched along them: half of all digits are left."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """A step's own directions, in which it turns and shrinks states: pairs of conjugate ones as one complex number.
+
+    Parameters
+    ----------
+    turn : (2, n_sets, m) array
+        Real and imaginary part of what a step multiplies each by.
+    dense : (n_sets, m, m) array
+        The step itself where its own directions are too nearly the same, as of a mass that nothing holds or brakes; else empty.
+    into, back : (n_sets, width, m) and (n_sets, m, width) array of complex
+        The directions' coordinates x @ into of states x, and states Re(z @ back) of coordinates.
+    """
+
+    turn: Array
+    dense: Array
+    into: Array
+    back: Array
+
+
+def modes_of(step: Array) -> Modes:
+    """Return the own directions of steps (n_sets, width, width) that act on rows of states from the right."""
+    n_sets, width, _ = step.shape
+    can = bool(np.isfinite(step).all())  # a trial may be far beyond what a number holds
+    values, vectors = np.linalg.eig(step) if can else (step[:, 0], step)
+    if not (can and np.linalg.cond(vectors).max() < MOST_ALIKE):
+        one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
+        return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
+    inverse = np.linalg.inv(vectors)
+    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one of a pair stands for both
+    order = np.argsort(weight == 0, axis=1, kind="stable")[:, : int(np.count_nonzero(weight, axis=1).max())]
+    values, weight = (np.take_along_axis(x, order, axis=1) for x in (values, weight))
+    return Modes(
+        turn=np.stack([values.real, values.imag]),
+        dense=np.zeros((0, width, width)),
+        into=np.take_along_axis(vectors, order[:, None, :], axis=2),
+        back=np.take_along_axis(inverse, order[:, :, None], axis=1) * weight[:, :, None],
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopLaw:
+    """A law in the loop.
+
+    Parameters
+    ----------
+    tape : Tape
+        For the length of a substep.
+    values : sequence of (n_sets, 1) array
+        Its parameters, in the order of its class.
+    memory : sequence of array
+        What it remembers at first, each (n_sets, n_runs) or less.
+    push : (n_sets, width) array
+        What a unit force over a substep adds to the states.
+    direct : (n_sets, p) array
+        What it adds to the channels at once.
+    port : int
+        Where it acts.
+    coil : int or None
+        Which of the known inputs is the command there.
+    """
+
+    tape: Tape
+    values: Sequence[Array]
+    memory: Sequence[Any]
+    push: Array
+    direct: Array
+    port: int
+    coil: int | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Marched:
+    """A linear system of states on rows, stepped by `step`.
+
+    Parameters
+    ----------
+    step : (n_sets, width, width) array
+        A substep.
+    into : (n_sets, n_inputs, width) array
+        What unit inputs add to the states in a substep.
+    channels : (n_sets, width, p) array
+    direct : (n_sets, n_inputs, p) array
+        What inputs add to the channels at once.
+    seen : (width, 2 n_ports) array
+        Displacements, then velocities, of the ports.
+    """
+
+    step: Array
+    into: Array
+    channels: Array
+    direct: Array
+    seen: Array
+
+
+def march_modes(
+    system: Marched,
+    laws: Sequence[LoopLaw],
+    part: Array,
+    given: Array,
+    starts: Array,
+    late: Array,
+    h: float,
+) -> Array:
+    """March a linear system with laws in its loop.
+
+    Parameters
+    ----------
+    part : (n, n_sets or 1, n_runs, known) array
+        The first inputs, held over a sample.
+    given : (n, substeps, n_sets, n_runs, n_inputs - known) array
+        The other ones.
+    starts : (n_sets, n_runs, width) array
+    late : (n_runs,) array
+        Times at which the runs begin [s].
+    h : float
+        Length of a substep [s].
+
+    Returns
+    -------
+    (n, n_sets, n_runs, p) array
+        Channels.
+    """
+    (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
+    modes = modes_of(system.step)
+
+    def inward(rows: Array) -> Array:
+        there = rows @ modes.into
+        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
+
+    def outward(columns: Array) -> Array:
+        there = np.swapaxes(modes.back @ columns, 1, 2)
+        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
+
+    inputs = part[:, None]
+    if given.shape[-1]:
+        inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
+    y = np.empty((n_sets, n_runs, n, p))
+    common = (
+        np.ascontiguousarray(modes.turn),
+        modes.dense,  # all in C's order: loops over rows of others take three times as long
+        inward(system.into),
+        outward(system.channels),
+        np.ascontiguousarray(system.direct),
+        np.ascontiguousarray(inputs),
+        inward(starts),
+        given.shape[1],
+    )
+    if not laws:
+        march_free(*common, y)
+        return y.transpose(2, 0, 1, 3)
+    push = np.stack([law.push for law in laws], axis=1)
+    felt = np.ascontiguousarray(push @ system.seen)
+    tapes, registers = loaded(
+        [law.tape for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
+    )
+    for i, law in enumerate(laws):
+        registers[tapes[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
+    acting = (
+        np.array([law.port for law in laws]),
+        np.array([-1 if law.coil is None else law.coil for law in laws]),
+        inward(push),
+        felt,
+        np.stack([law.direct for law in laws], axis=1),
+        np.array([law.tape.force for law in laws]),
+    )
+    seen = np.ascontiguousarray(starts @ system.seen)
+    seen_rows = outward(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
+    last = np.zeros((len(laws), *seen.shape))
+    clock = (h, np.ascontiguousarray(late, dtype=float))
+    march_looped(*common, seen_rows, seen, last, clock, acting, tapes, registers, y)
+    return y.transpose(2, 0, 1, 3)

@@ -1,0 +1,169 @@
+"""From a case to what the search works on: the twin, the runs on one clock, the places."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.data.mains_interference import find_hum, without_hum
+from vlab.diagnose.data.runs import Feedthrough, signals_of, uniform
+from vlab.diagnose.parameters.locations import Place, places_of
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
+from vlab.diagnose.parameters.mode_selection import SEEN, KeptModes, as_stepped, kept_modes
+from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_readings
+from vlab.diagnose.parameters.recorded_runs import Wired, limited, recorded_commands, wired_runs
+from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, Shift, Twin
+from vlab.diagnose.parameters.structure import (
+    carried,
+    damping_of_structure,
+    structure_parameters,
+    structure_parts,
+    structure_shifts,
+)
+from vlab.diagnose.problem import Problem
+from vlab.errors import BadCase
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
+from vlab.plants.base import Plant
+from vlab.signals import Array
+from vlab.structure import Structure
+
+BAND = 1.1
+"""Modes of a structure up to this multiple of the highest frequency recorded have an uncertain frequency of their own."""
+
+
+def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
+    """Prepare a case's recordings in some roles.
+
+    Raises
+    ------
+    BadCase
+        No recording, runs that compare different channels, or channels that see no mode.
+    """
+    wired, plant = wired_runs(case, roles), case.plant
+    rows = channel_rows(plant, wired.channels)
+    rate = min(1 / uniform(run.measured.time) for run in wired.runs)
+    modes = kept_modes(plant.linearise(), rows, wired.highest_hz, rate)
+    if not modes.kept.any():
+        raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {SEEN * rate:.3g} Hz")
+    parameters, parts, shifts = _uncertain(case, wired, modes)
+    pushes = np.hstack([actuator_forces(plant), plant.port_rows(wired.load_ports).T.reshape(plant.model.nv, -1)])
+    twin = replace(_twin(case, wired, modes, pushes, parameters, parts), shifts=shifts)
+    if case.structure is not None:
+        twin = replace(twin, damping=_damping(case.structure, plant, modes, twin, parameters))
+    feedthrough = _feedthrough(case, wired, modes, pushes, twin)
+    hums, found = find_hum(wired.runs), places_of(plant, twin, wired.names, wired.driven)
+    signals = tuple(
+        signals_of(
+            limited(plant, without_hum(run, hums)),
+            plant,
+            wired.channels,
+            rows.rest,
+            wired.load_ports,
+            orders=wired.orders,
+            commands=recorded_commands(plant, run),
+            highest_hz=wired.highest_hz,
+            feedthrough=feedthrough,
+        )
+        for run in wired.runs
+    )
+    return Problem(
+        case=case,
+        plant=plant,
+        twin=twin,
+        parameters=parameters,
+        channels=wired.channels,
+        names=wired.names,
+        runs=wired.runs,
+        orders=wired.orders,
+        about=np.where([c.from_rest for c in wired.channels], 0.0, rows.rest),
+        signals=signals,
+        places=tuple(_with_factors(case, place, parameters) for place in found),
+        hums=hums,
+        highest_hz=wired.highest_hz,
+    )
+
+
+_Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
+"""What is uncertain, what that multiplies in the modes that are followed, and what it moves of the sensors."""
+
+
+def _uncertain(case: Case, wired: Wired, modes: KeptModes) -> _Uncertainty:
+    if case.structure is not None:
+        return _uncertain_of_structure(case, case.structure, wired, modes)
+    parameters = uncertain_parameters(case.plant, case.table.model.uncertain, wired.names, wired.driven)
+    return tuple(parameters), parts_of(case.plant, parameters, modes.basis), ()
+
+
+def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, modes: KeptModes) -> _Uncertainty:
+    plant, basis, kept = case.plant, modes.basis, modes.kept
+    among = np.cumsum(kept) - 1
+    tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
+    # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
+    in_band = modes.omega[kept] <= 2 * np.pi * BAND * wired.highest_hz
+    last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
+    given, sensors = case.table.model.uncertain, [channel.sensor for channel in wired.channels]
+    parameters = structure_parameters(structure, given, wired.names, wired.driven, last, sensors)
+    points = [p.name for p in structure.point if p.name in plant.ports]
+    at_points = plant.port_rows(points) @ basis
+    variant = case.table.model.variant
+    fe = build_fe_model(structure, variant)
+    carry = carried(fe, at_points, modes.omega[kept], points)
+    parts = structure_parts(fe, carry, parameters, modes.omega[kept], tuned)
+    return tuple(parameters), parts, structure_shifts(fe, carry, parameters)
+
+
+def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
+    """Return which of all modes the coils drive."""
+    return driven_modes(plant.port_rows(structure.coil_places) @ modes.shapes)
+
+
+def _damping(
+    structure: Structure, plant: Plant, modes: KeptModes, twin: Twin, parameters: Sequence[Uncertain]
+) -> ModalDamping:
+    places = [i for i, j in enumerate(_driven(structure, plant, modes)) if modes.kept[j]]
+    at_coils = plant.port_rows(structure.coil_places) @ modes.basis
+    return damping_of_structure(structure, parameters, twin.M, twin.K, at_coils, places)
+
+
+def _twin(
+    case: Case,
+    wired: Wired,
+    modes: KeptModes,
+    pushes: Array,
+    parameters: Sequence[Uncertain],
+    parts: tuple[Part, ...],
+) -> Twin:
+    """Return the twin; `pushes` are the generalised forces of unit commands and loads, (nv, n)."""
+    plant, basis, linear = case.plant, modes.basis, modes.linear
+    mass, damping, stiffness = as_stepped(plant, linear, basis, wired.step(plant))
+    count = len(plant.actuators)
+    M, rows = basis.T @ linear.M @ basis + mass, modes.rows.onto(basis)
+    return Twin(
+        omega=modes.omega[modes.kept],
+        shapes=basis,
+        M=M,
+        C=basis.T @ linear.C @ basis + damping,
+        K=basis.T @ linear.K @ basis + stiffness,
+        forces=basis.T @ pushes[:, :count],
+        loads=basis.T @ pushes[:, count:],
+        rows=replace(rows, at_a=rows.at_a @ M),  # accelerations are what MuJoCo says that forces make of its own masses
+        changes=changes_of(parameters),
+        parts=parts,
+    )
+
+
+def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> Place:
+    """Return a place with what multiplies its element's stiffness: a share of that which is lost is one of what is there."""
+    if case.structure is not None or not place.stiffness > 0.0:
+        return place
+    own = set(stiffness_of(case.plant.model, (place.name, *place.aliases)))
+    return replace(place, stiffened_by=tuple(i for i, p in enumerate(parameters) if own & set(p.fields)))
+
+
+def _feedthrough(case: Case, wired: Wired, modes: KeptModes, pushes: Array, twin: Twin) -> Feedthrough:
+    into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
+    still, moving = modes.compliance(pushes)
+    still[:, : len(case.plant.actuators)] += command_readings(case.plant, wired.channels)
+    return Feedthrough(direct=twin.rows.at_a @ into, still=still, moving=moving)

@@ -1,0 +1,209 @@
+"""Which road a case takes, and what none of them can handle: decided from the model and the recordings, before long work."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.predictors.kalman import smoothed_states
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.predictors.own_nonlinearity import with_own_nonlinearity
+from vlab.diagnose.predictors.trajectory_data import Motion
+from vlab.diagnose.problem import Problem
+from vlab.errors import BadCase, BadStructure
+from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.base import Plant
+from vlab.plants.linearise import check_free
+from vlab.signals import Array
+
+FAR = 0.02
+"""Share of the accelerations that the linear model may miss on the recorded motion; beyond it the search goes along the
+motion. A pendulum gets there at 20 degrees."""
+EXACT = 1e-7
+"""A model whose accelerations stay linear to this share under large displacements is linear: no recording is needed."""
+LARGE = 0.3
+"""Those displacements [rad or m], and velocities [per second]."""
+SLOWEST = 1e-3
+"""Accelerations as small as those of a motion this slow [rad/s] count as none: a mass that nothing holds has no others."""
+PART = 1200
+"""Samples of a recording that its states are found on."""
+LOOKS = 60
+"""States of a recording at which the accelerations are compared."""
+MOST_COORDINATES = 30
+"""Degrees of freedom of a model that the search along the motion takes on."""
+GROWN = 6.0
+"""An unstable model whose motion grows by this log-factor over a recording was held by something."""
+
+
+def linear_problem(case: Case) -> Problem | None:
+    """Prepare a case for the linear search; None where its recordings leave the range in which its model is linear.
+
+    Raises
+    ------
+    BadCase
+        No recording to fit, or recordings that do not fit the model; or the model is unstable, and the recordings show it
+        at rest without any input that would hold it.
+    """
+    plant = case.plant
+    if not case.recordings(("fit",)):
+        return prepare(case, ("fit",))
+    if case.structure is not None:  # flexible structures bend little: the search never goes along their motion
+        problem, departure = prepare(case, ("fit",)), _departure(plant, plant.linearise(), *_large(plant))
+        return problem if departure < EXACT else with_own_nonlinearity(problem)
+    if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > MOST_COORDINATES:
+        return prepare(case, ("fit",))
+    if plant.model.na:
+        return None  # actuators with states of their own: no linear twin has them
+    try:
+        linear = plant.linearise()
+    except BadStructure:
+        return None  # no equilibrium to be linear about
+    problem = prepare(case, ("fit",))
+    if _departure(plant, linear, *_large(plant)) < EXACT:
+        _check_stable(case, problem, linear)
+        return problem
+    try:
+        q, v = (part @ problem.twin.shapes.T for part in _states(problem))
+    except np.linalg.LinAlgError:  # no filter follows a linear model that grows this fast
+        return None
+    if _departure(plant, linear, q, v) > FAR:
+        return None
+    _check_stable(case, problem, linear)
+    return with_own_nonlinearity(problem)
+
+
+def _large(plant: Plant) -> tuple[Array, Array]:
+    """Return displacements and velocities that are large, the same ones every time."""
+    rng = np.random.default_rng(0)
+    shape = (8, plant.model.nv)
+    return LARGE * rng.uniform(-1, 1, shape), LARGE * rng.uniform(-1, 1, shape)
+
+
+def _states(problem: Problem) -> tuple[Array, Array]:
+    """Return modal displacements and velocities of the recording that moves most, smoothed on the linear model."""
+    twin = problem.twin
+    size = [float(np.max(np.abs(s.y) / np.max([t.scale for t in problem.signals], axis=0))) for s in problem.signals]
+    run = _loudest(problem.signals[int(np.argmax(size))])
+    (x,), _ = smoothed_states(twin, [run])
+    return x[:, : twin.m], x[:, twin.m :]
+
+
+def _loudest(run: Signals) -> Signals:
+    """Return the part of a run around its largest motion."""
+    peak = int(np.argmax(np.max(np.abs(run.y) / run.scale, axis=1)))
+    part = slice(max(peak - PART // 4, 0), peak + 3 * PART // 4)
+    return replace(run, u=run.u[part], load=run.load[part], y=run.y[part], valid=None)
+
+
+def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> float:
+    """Return by which share of their rms the accelerations at some states differ from the linear model's.
+
+    Accelerations are measured by their inertia forces' work, so coordinates of any unit can be added.
+    """
+    data, rest = mujoco.MjData(plant.model), plant.new_data()
+    off, size = 0.0, 0.0
+    for k in np.unique(np.linspace(0, len(q) - 1, LOOKS).astype(int)):
+        data.qpos[:] = rest.qpos
+        mujoco.mj_integratePos(plant.model, data.qpos, q[k], 1.0)
+        data.qvel[:] = v[k]
+        mujoco.mj_forward(plant.model, data)
+        expected = -np.linalg.solve(linear.M, linear.K @ q[k] + linear.C @ v[k])
+        error = data.qacc - expected
+        off += float(error @ linear.M @ error)
+        size += float(expected @ linear.M @ expected)
+        size += SLOWEST**4 * float(q[k] @ linear.M @ q[k]) + SLOWEST**2 * float(v[k] @ linear.M @ v[k])
+    return float(np.sqrt(off / size)) if size > 0 else (0.0 if off == 0 else np.inf)
+
+
+def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> None:
+    omega = linear.eigen[0]
+    growth = np.where(omega < 0, -omega, -np.nan_to_num(linear.zeta) * omega)  # of buckling, or of negative damping
+    if not np.any(growth > 0):
+        return
+    rate = float(np.max(growth))
+    for run, signals in zip(problem.runs, problem.signals, strict=True):
+        if run.law is None and not run.drives and rate * len(signals) * signals.h > GROWN:
+            raise BadCase(
+                f"{case.path}: {run.name} stays near an equilibrium that is unstable in the model (it grows by e in "
+                f"{1 / rate:.3g} s), and no input of it is recorded; record the commands that hold it, or the law in the loop"
+            )
+
+
+# ---- what cannot be handled ------------------------------------------------------------------------------------------
+
+
+def check_scope(case: Case) -> None:
+    """Refuse models that the search along the motion cannot handle.
+
+    Raises
+    ------
+    BadCase
+        Free flight, muscles, physics that MuJoCo has no element for, too many coordinates.
+    """
+    model, label = case.plant.model, f"{case.path}: the recorded motion is far from linear, and"
+    check_free(model)
+    free = [
+        model.joint(i).name or f"joint {i}"
+        for i in range(model.njnt)
+        if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE
+    ]
+    if free:
+        raise BadCase(
+            f"{label} the free joint {free[0]!r} lets a body fly: free flight cannot be diagnosed; hold it by joints"
+        )
+    muscles = (int(mujoco.mjtDyn.mjDYN_MUSCLE), int(mujoco.mjtGain.mjGAIN_MUSCLE))
+    for i in range(model.nu):
+        if model.actuator_dyntype[i] == muscles[0] or model.actuator_gaintype[i] == muscles[1]:
+            name = model.actuator(i).name or f"actuator {i}"
+            raise BadCase(
+                f"{label} {name!r} is a muscle, whose force depends on its past; give its force as an input instead"
+            )
+    if case.plant.physics:
+        names = ", ".join(sorted({a.effect.name for a in case.plant.physics}))
+        raise BadCase(
+            f"{label} [[model.effect]] {names} has no element of MuJoCo's; put it into the model file or leave it out"
+        )
+    if model.nv > MOST_COORDINATES:
+        raise BadCase(
+            f"{label} the model has {model.nv} degrees of freedom; at most {MOST_COORDINATES} are searched along the motion"
+        )
+
+
+def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
+    """Refuse motion with closed contacts, whose forces jump from sample to sample.
+
+    Raises
+    ------
+    BadCase
+        Contacts are closed along the recorded motion.
+    """
+    model, data = case.plant.model, mujoco.MjData(case.plant.model)
+    pairs: dict[tuple[str, str], int] = {}
+    looks = 0
+    for motion in motions:
+        for k in range(0, len(motion.q), max(1, len(motion.q) // LOOKS)):
+            data.qpos[:] = motion.q[k]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_collision(model, data)
+            looks += 1
+            for c in data.contact[: data.ncon]:
+                if c.dist < 0:
+                    names = tuple(sorted(_geom(model, g) for g in (c.geom1, c.geom2)))
+                    pairs[names] = pairs.get(names, 0) + 1  # type: ignore[index, arg-type]
+    if pairs:
+        (a, b), count = max(pairs.items(), key=lambda item: item[1])
+        raise BadCase(
+            f"{case.path}: {a} and {b} touch in {100 * min(count / looks, 1.0):.0f} % of the recorded motion; contact-rich motion "
+            "cannot be diagnosed: exclude contacts that are not real, or cut the recording before the first one (stop_s)"
+        )
+
+
+def _geom(model: Any, i: int) -> str:
+    return (
+        f"geom {model.geom(i).name!r}" if model.geom(i).name else f"a geom of {model.body(model.geom_bodyid[i]).name!r}"
+    )

@@ -1,0 +1,289 @@
+"""The linear system along a motion, for all runs side by side, and a Kalman filter and smoother of deviations from it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory_data import Course, Motion, sampled
+from vlab.signals import Array
+
+FINE = 4
+"""Steps of a sample interval where dry friction acts: it may stop or reverse anywhere in it."""
+TUNING_SAMPLES = 600
+"""Samples of every run on which the intensity of the unknown forces is tuned."""
+AT_REST = 1e-3
+"""Spread of a first state that is at rest, as a share of the largest motion of its kind."""
+UNKNOWN = 0.3
+"""Spread of a first state otherwise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Along:
+    """One run, linear about its motion; the first axis is time.
+
+    Parameters
+    ----------
+    A : (n, 2 nv, 2 nv) array
+        Deviations from sample to sample.
+    G : (n, 2 nv, nv) array
+        What generalised forces that are held over the interval add.
+    fine_A, fine_G : array
+        The same of one of `FINE` equal parts of the interval.
+    C, D : (n, p, 2 nv), (n, p, nv) array
+        Channels per deviation and force.
+    M : (n, nv, nv) array
+        Inertia.
+    defect : (n, 2 nv) array
+        The motion at the next sample minus where the model goes to; zero at the last one.
+    read : (n, p) array
+        Channels along the motion.
+    drives : (n, nv, n_driven) array
+        Generalised force of a unit command of the actuators that are driven.
+    """
+
+    motion: Motion
+    A: Array
+    G: Array
+    fine_A: Array
+    fine_G: Array
+    C: Array
+    D: Array
+    M: Array
+    defect: Array
+    read: Array
+    drives: Array
+
+
+def linearise_along(course: Course, motion: Motion, stepper: Stepper, driven: Sequence[int]) -> Along:
+    """Linearise a plant along a motion by finite differences of its steps."""
+    n, nv, p = len(course), stepper.nv, course.y.shape[1]
+    L, M = np.zeros((n, 2 * nv, 2 * nv)), np.zeros((n, nv, nv))
+    C, D = np.zeros((n, p, 2 * nv)), np.zeros((n, p, nv))
+    defect, read = np.zeros((n, 2 * nv)), np.zeros((n, p))
+    drives = np.zeros((n, nv, len(driven)))
+    columns = stepper.plant.control_matrix[:, list(driven)]
+    for k in range(n):
+        q, v = motion.q[k], motion.v[k]
+        u, load = course.inputs(k)
+        act = None if course.act is None else course.act[k]
+        L[k], M[k], by_control, sensors = stepper.slopes(q, v, u, load, act)
+        drives[k] = M[k] @ (by_control @ columns)
+        read[k], C[k], D[k] = stepper.reading(q, v, u, load, act, M[k], sensors)
+        q1, v1 = stepper.advance(q, v, u, load, float(course.h[k]), act)
+        if k + 1 < n:
+            defect[k] = np.concatenate([stepper.between(q1, motion.q[k + 1]), motion.v[k + 1] - v1])
+    later = np.minimum(np.arange(1, n + 1), n - 1)
+    fine_A, fine_G = sampled(0.5 * (L + L[later]), 0.5 * (M + M[later]), course.h / FINE)
+    A, G = fine_A, fine_G
+    for _ in range(FINE - 1):
+        A, G = fine_A @ A, fine_A @ G + fine_G
+    return Along(
+        motion=motion, A=A, G=G, fine_A=fine_A, fine_G=fine_G, C=C, D=D, M=M, defect=defect, read=read, drives=drives
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stack:
+    """Runs side by side, padded with zeros; arrays as in `Along` with the runs as second axis.
+
+    Parameters
+    ----------
+    e : (n, n_runs, p) array
+        Recorded channels minus those along the motion.
+    spread : (n_runs, 2 nv) array
+        Standard deviation of the first state's deviation.
+    noise : (p,) array
+    usable : (n, n_runs, p) array
+        Zero where a sample says nothing or is beyond a run's end.
+    """
+
+    A: Array
+    G: Array
+    fine_A: Array
+    fine_G: Array
+    C: Array
+    D: Array
+    M: Array
+    defect: Array
+    e: Array
+    h: Array
+    lengths: Array
+    spread: Array
+    noise: Array
+    usable: Array
+
+    @property
+    def alive(self) -> Array:
+        """Which samples are recorded, (n, n_runs)."""
+        return np.arange(len(self.A))[:, None] < self.lengths[None, :]
+
+
+def stacked(parts: Sequence[Array]) -> Array:
+    """Return series of runs side by side, padded with zeros at the end."""
+    n = max(len(part) for part in parts)
+    out = np.zeros((n, len(parts), *parts[0].shape[1:]))
+    for i, part in enumerate(parts):
+        out[: len(part), i] = part
+    return out
+
+
+def stack(courses: Sequence[Course], alongs: Sequence[Along]) -> Stack:
+    """Put runs side by side."""
+    spread = []
+    for course, along in zip(courses, alongs, strict=True):
+        largest = np.concatenate(
+            [np.ptp(along.motion.q, axis=0).max(keepdims=True), np.abs(along.motion.v).max(axis=0)]
+        )
+        size = np.concatenate([np.full(along.M.shape[1], largest[0]), np.maximum(largest[1:], 1e-6)])
+        spread.append((AT_REST if course.at_rest else UNKNOWN) * np.maximum(size, 1e-9))
+    return Stack(
+        **{
+            name: stacked([getattr(a, name) for a in alongs])
+            for name in ("A", "G", "fine_A", "fine_G", "C", "D", "M", "defect")
+        },
+        e=stacked([c.y - a.read for c, a in zip(courses, alongs, strict=True)]),
+        h=stacked([c.h for c in courses]),
+        lengths=np.array([len(c) for c in courses]),
+        spread=np.array(spread),
+        noise=np.sqrt(np.mean([c.noise**2 for c in courses], axis=0)),
+        usable=stacked([np.ones(c.y.shape) if c.valid is None else c.valid.astype(float) for c in courses]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gains:
+    """The filter of deviations, (n, n_runs, ...): gains, innovations' and predictions' covariances."""
+
+    K: Array
+    S: Array
+    P: Array
+
+
+def gains_of(s: Stack, intensity: Array | float, samples: int | None = None) -> Gains:
+    """Return the filter's gains.
+
+    Parameters
+    ----------
+    intensity : float or (b, 1) array
+        Variance of the unknown forces, in units of the inertia [N^2/kg]; several at once.
+    """
+    n = len(s.A) if samples is None else min(samples, len(s.A))
+    q = np.asarray(intensity, dtype=float)[..., None, None]
+    lead = np.broadcast_shapes(np.shape(intensity), (s.A.shape[1],))
+    P = np.broadcast_to(np.einsum("ra,ab->rab", s.spread**2, np.eye(s.A.shape[2])), (*lead, *s.A.shape[2:])).copy()
+    R = np.diag(s.noise**2)
+    out = [np.zeros((n, *lead, *shape)) for shape in ((s.A.shape[2], len(R)), R.shape, s.A.shape[2:])]
+    GM = s.G[:n] @ s.M[:n]
+    Q, N = GM @ np.swapaxes(s.G[:n], 2, 3), GM @ np.swapaxes(s.D[:n], 2, 3)
+    direct = s.D[:n] @ s.M[:n] @ np.swapaxes(s.D[:n], 2, 3)
+    has_direct = bool(np.any(direct))
+    for k in range(n):
+        A, C = s.A[k], s.C[k]
+        CT, AT = np.swapaxes(C, 1, 2), np.swapaxes(A, 1, 2)
+        PC = P @ CT
+        S = C @ PC + R
+        cross = A @ PC
+        if has_direct:
+            S, cross = S + q * direct[k], cross + q * N[k]
+        K = np.swapaxes(np.linalg.solve(S, np.swapaxes(cross, -1, -2)), -1, -2)
+        out[0][k], out[1][k], out[2][k] = K, S, P
+        P = A @ P @ AT + q * Q[k] - K @ np.swapaxes(cross, -1, -2)
+        P = 0.5 * (P + np.swapaxes(P, -1, -2))
+    return Gains(K=out[0], S=out[1], P=out[2])
+
+
+def innovations(s: Stack, gains: Gains, e: Array | None = None) -> tuple[Array, Array]:
+    """Return innovations (n, ..., n_runs, p) and predicted deviations (n, ..., n_runs, 2 nv); zero beyond a run's end."""
+    n, lead = len(gains.K), gains.K.shape[1:-2]
+    given = s.e if e is None else e
+    x = np.zeros((*lead, s.A.shape[2]))
+    out, predicted = np.zeros((n, *lead, given.shape[2])), np.zeros((n, *x.shape))
+    for k in range(n):
+        predicted[k] = x
+        left = (given[k] - np.einsum("rpa,...ra->...rp", s.C[k], x)) * s.usable[k]
+        out[k] = left
+        x = np.einsum("rab,...rb->...ra", s.A[k], x) - s.defect[k] + np.einsum("...ap,...p->...a", gains.K[k], left)
+    return out, predicted
+
+
+def smoothed(s: Stack, gains: Gains, left: Array, predicted: Array) -> Array:
+    """Return smoothed deviations, (n, n_runs, 2 nv): Bryson and Frazier's adjoint recursion over the innovations."""
+    weighted = np.linalg.solve(gains.S, left[..., None])[..., 0]
+    L = s.A - gains.K @ s.C
+    r, out = np.zeros_like(predicted[0]), np.zeros_like(predicted)
+    for k in range(len(left) - 1, -1, -1):
+        r = np.einsum("rpa,rp->ra", s.C[k], weighted[k]) + np.einsum("rab,ra->rb", L[k], r)
+        out[k] = predicted[k] + np.einsum("rab,rb->ra", gains.P[k], r)
+    return out
+
+
+def filtered(s: Stack, gains: Gains, left: Array, predicted: Array) -> Array:
+    """Return deviations from the samples up to and including their own."""
+    own = np.einsum("krab,krpb->krap", gains.P, s.C)
+    return np.asarray(predicted + np.einsum("krap,krp->kra", own, np.linalg.solve(gains.S, left[..., None])[..., 0]))
+
+
+def tuned(s: Stack, near: float | None = None) -> float:
+    """Return the intensity of the unknown forces that makes the runs most likely.
+
+    Parameters
+    ----------
+    near : float or None
+        What it was before; only its surroundings are searched.
+    """
+    response = np.abs(np.einsum("krpa,krab->krpb", s.C[1:], s.G[:-1])).max(axis=3) + np.abs(s.D[:-1]).max(axis=3)
+    inertia = np.sqrt(np.einsum("krii->kri", s.M).max(axis=2))[:-1, :, None]
+    seen = np.where(s.alive[1:, :, None], response * inertia, np.nan)
+    reference = float(np.median(s.noise / np.maximum(np.nanmedian(seen, axis=(0, 1)), 1e-300)) ** 2)
+    alive = s.alive[:TUNING_SAMPLES]
+
+    def likeliest(grid: Array) -> float:
+        gains = gains_of(s, grid[:, None], TUNING_SAMPLES)
+        left, _ = innovations(s, gains)
+        squared = np.einsum("kbrp,kbrp->kbr", left, np.linalg.solve(gains.S, left[..., None])[..., 0])
+        values = -0.5 * np.sum((squared + np.linalg.slogdet(gains.S)[1]) * alive[:, None, :], axis=(0, 2))
+        return float(grid[int(np.argmax(values))])
+
+    if near is None:
+        near = likeliest(reference * 10.0 ** np.arange(-8.0, 9.0, 1.0))
+        return likeliest(near * 10.0 ** np.array([-0.6, -0.3, 0.0, 0.3, 0.6]))
+    return likeliest(near * 10.0 ** np.array([-3.0, -2.0, -1.2, -0.8, -0.4, 0.0, 0.4]))
+
+
+def smoothed_motions(
+    courses: Sequence[Course],
+    motions: Sequence[Motion],
+    stepper: Stepper,
+    driven: Sequence[int],
+    passes: int,
+    near: float | None = None,
+) -> tuple[list[Along], Stack, Gains, float]:
+    """Return runs linearised along their smoothed motion, found by filtering and smoothing `passes` times about the last one."""
+    current, intensity = list(motions), near
+    for i in range(passes + 1):
+        alongs = side_by_side(
+            lambda pair: linearise_along(pair[0], pair[1], stepper, driven), list(zip(courses, current, strict=True))
+        )
+        s = stack(courses, alongs)
+        intensity = tuned(s, intensity)
+        gains = gains_of(s, intensity)
+        if i == passes:
+            break
+        left, predicted = innovations(s, gains)
+        deviation = smoothed(s, gains, left, predicted)
+        current = [
+            _moved(stepper, m, deviation[: len(c), r]) for r, (c, m) in enumerate(zip(courses, current, strict=True))
+        ]
+    assert intensity is not None
+    return alongs, s, gains, intensity
+
+
+def _moved(stepper: Stepper, motion: Motion, deviation: Array) -> Motion:
+    nv = stepper.nv
+    if stepper.is_flat:
+        return Motion(q=motion.q + deviation[:, :nv], v=motion.v + deviation[:, nv:])
+    q = np.array([stepper.moved(a, d) for a, d in zip(motion.q, deviation[:, :nv], strict=True)])
+    return Motion(q=q, v=motion.v + deviation[:, nv:])

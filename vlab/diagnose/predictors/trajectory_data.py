@@ -1,0 +1,266 @@
+"""The course of one run: its samples at their own times, and the motion that an extended Kalman filter makes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import make_smoothing_spline
+
+from vlab.cases.channel_map import Run
+from vlab.cases.initial_state import begins_at_rest, exponentials, joint_of
+from vlab.diagnose.data.noise import noise_level, uneven_noise
+from vlab.diagnose.data.quality import on_clock, says_something
+from vlab.diagnose.data.runs import liveliest, on_grid, uniform
+from vlab.diagnose.predictors.actuator_states import actuator_states
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.errors import Diverged
+from vlab.signals import Array
+
+MOST_SAMPLES = 2500
+"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
+WIDE = 0.5
+"""Spread of an unknown first state, as a share of the largest motion of its kind."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """One run at its samples.
+
+    Parameters
+    ----------
+    time : (n,) array
+        From the start of the recording; not necessarily even.
+    h : (n,) array
+        Interval from each sample to the next; the last one is repeated.
+    u, load : (n, n_actuators), (n, n_ports) array
+        Means of the inputs over the intervals.
+    act : (n, na) array or None
+        States of actuators with dynamics of their own.
+    y : (n, p) array
+        The channels, in the model's own zeros.
+    noise, scale : (p,) array
+        Standard deviation of the noise, and rms about the mean.
+    valid : (n, p) array of bool or None
+        Which samples say something; all of them by default.
+    """
+
+    name: str
+    role: str
+    time: Array
+    h: Array
+    u: Array
+    load: Array
+    act: Array | None
+    y: Array
+    noise: Array
+    scale: Array
+    at_rest: bool
+    valid: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def inputs(self, k: int) -> tuple[Array, Array]:
+        """Return commands and direct forces of an interval."""
+        return self.u[k], self.load[k]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """States at a course's samples: configurations (n, nq) and velocities (n, nv)."""
+
+    q: Array
+    v: Array
+
+
+def course_of(
+    run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], thin: int,
+    commands: Array | None = None,
+) -> Course:  # fmt: skip
+    """Put one run on its samples: its own time stamps, every n-th of an even record that is sampled very finely.
+
+    Parameters
+    ----------
+    rest : (p,) array
+        What the channels read at rest, for channels that count from there.
+    thin : int
+        One sample in so many is looked at, of an even record.
+    commands : (n_samples, n_actuators) array or None
+        What a law in the loop commanded, added to the inputs.
+    """
+    time = run.measured.time - run.measured.time[0]
+    h = uniform(time)
+    is_even = bool(np.ptp(np.diff(time)) < 1e-3 * h)
+    columns = [
+        run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)
+    ]
+    if thin > 1 and is_even:
+        grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
+        columns = [on_grid(time, column, grid, thin) for column in columns]
+    else:
+        grid = time
+    y = np.column_stack([column[: len(grid)] for column in columns])
+    part = liveliest(y, MOST_SAMPLES) if not stepper.model.na else slice(0, MOST_SAMPLES)  # its states start at zero
+    grid, y = grid[part], y[part]
+    edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
+    u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
+    for drive in run.drives:
+        mean = _means(time, run.measured[drive.channel], drive.is_held, edges)
+        if drive.actuator is not None:
+            u[:, drive.actuator] += mean
+        else:
+            load[:, list(load_ports).index(drive.port)] += mean
+    if commands is not None:
+        u += np.column_stack([_means(time, column, True, edges) for column in commands.T])
+    orders = [_order(stepper, i, run) for i in range(y.shape[1])]
+    slow = np.array([order < 2 for order in orders])
+    is_driven = bool(run.drives) or commands is not None
+    starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
+    valid = says_something(run, stepper.channels)
+    usable = on_clock(run, valid, grid) if is_even else valid[part]
+    scale = np.std(y, axis=0)
+    return Course(
+        name=run.name,
+        role=run.role,
+        time=grid,
+        h=np.diff(edges),
+        u=u,
+        load=load,
+        act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
+        y=y,
+        noise=np.array([_noise(grid, column, is_even, np.column_stack([u, load])) for column in y.T]),
+        scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
+        at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
+        valid=None if usable.all() else usable,
+    )
+
+
+def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
+    """Return the standard deviation of a channel's noise.
+
+    Of even records it is read off the spectrum, whose median is low by up to a fifth where few segments are averaged;
+    what the neighbours do not explain makes up for that, and for no more.
+    """
+    local = uneven_noise(time, column)
+    if not is_even:
+        return local
+    floor = noise_level(column, inputs)
+    return float(np.clip(local, floor, 1.25 * floor))
+
+
+def _order(stepper: Stepper, i: int, run: Run) -> int:
+    kind = run.measured.channels[run.measured.index(stepper.channels[i].channel)].kind
+    return 2 if kind in ("acceleration", "angular-acceleration", "force", "moment") else 0
+
+
+def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
+    """Return the means of an input between edges, from its integral."""
+    stamps = np.append(time, max(edges[-1], time[-1]) + 1.0)
+    if is_held:
+        integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])
+        return np.asarray(np.diff(np.interp(edges, stamps, integral)) / np.diff(edges))
+    fine = np.unique(np.concatenate([time, edges]))
+    at = np.interp(fine, time, values)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(fine))])
+    return np.asarray(np.diff(np.interp(edges, fine, integral)) / np.diff(edges))
+
+
+# ---- the first motion ------------------------------------------------------------------------------------------------
+
+
+def first_motion(course: Course, stepper: Stepper, rest: Array) -> Motion:
+    """Return a motion to linearise about: measured joints smoothed by splines, the others by an extended Kalman filter.
+
+    Parameters
+    ----------
+    rest : (nq,) array
+        The configuration at rest.
+    """
+    joints = [joint_of(stepper.plant, c) for c in stepper.channels]
+    positions = {j[0]: i for i, j in enumerate(joints) if j is not None and j[1] == 0}
+    splines = {}
+    for dof, i in positions.items():
+        splines[dof] = _spline(course, i)
+    q, v = np.repeat(rest[None], len(course), axis=0), np.zeros((len(course), stepper.nv))
+    for dof, (position, rate) in splines.items():
+        q[:, _address(stepper, dof)], v[:, dof] = position, rate
+    if len(splines) == stepper.nv:
+        return Motion(q=q, v=v)
+    return _filtered(course, stepper, q[0], v[0], list(splines))
+
+
+def _address(stepper: Stepper, dof: int) -> int:
+    return int(stepper.model.jnt_qposadr[stepper.model.dof_jntid[dof]])
+
+
+def _spline(course: Course, i: int) -> tuple[Array, Array]:
+    """Return a smoothed position and its rate; the penalty is the one whose remainder is the channel's noise."""
+    y, t = course.y[:, i], course.time
+    noise = float(course.noise[i])
+    low, high = -8.0, 4.0
+    size = float(np.mean(np.diff(t))) ** 3
+    best = make_smoothing_spline(t, y, lam=size * 10.0**low)
+    for _ in range(4):
+        middle = 0.5 * (low + high)
+        tried = make_smoothing_spline(t, y, lam=size * 10.0**middle)
+        if float(np.std(tried(t) - y)) < noise:
+            low, best = middle, tried
+        else:
+            high = middle
+    return best(t), best.derivative()(t)
+
+
+def _filtered(course: Course, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
+    """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
+    nv = stepper.nv
+    spread = np.concatenate([np.full(nv, WIDE), np.full(nv, 5 * WIDE)])
+    for dof in known:
+        spread[dof] *= 0.1
+    P = np.diag(spread**2) if not course.at_rest else 1e-8 * np.eye(2 * nv)
+    R = np.diag((course.noise + 0.01 * course.scale) ** 2)
+    out_q, out_v = np.zeros((len(course), len(q))), np.zeros((len(course), nv))
+    for k in range(len(course)):
+        (u, load), h = course.inputs(k), float(course.h[k])
+        act = None if course.act is None else course.act[k]
+        for _ in range(3 if k == 0 else 1):  # the first sample may be far from where it was thought to be
+            L, M, _, sensors = stepper.slopes(q, v, u, load, act)
+            here, C, _ = stepper.reading(q, v, u, load, act, M, sensors)
+            gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+            change = gain @ (course.y[k] - here)
+            q, v = stepper.moved(q, change[:nv]), v + change[nv:]
+        P = P - gain @ C @ P
+        out_q[k], out_v[k] = q, v
+        A, G = sampled(L, M, h)
+        q, v = stepper.advance(q, v, u, load, h, act)
+        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + 1e-3
+        intensity = (5.0 * rate) ** 2  # unknown accelerations of some rates a second
+        P = A @ P @ A.T + intensity * G @ M @ G.T
+        P = 0.5 * (P + P.T)
+    return Motion(q=out_q, v=out_v)
+
+
+def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
+    """Return what states and held forces become over intervals, A and G, of rates x' = L x + [0, M^-1] f; for many at once.
+
+    Raises
+    ------
+    Diverged
+        The rates are no numbers.
+    """
+    if not np.all(np.isfinite(L)):
+        raise Diverged(
+            "the model runs away where its steps follow the recorded motion: it is too stiff for its integration step; "
+            "shorten <option timestep> or lower what holds its joints (the gains of servos, stiffness, damping)"
+        )
+    n, s = L.shape[:-2], L.shape[-1]
+    nv = s // 2
+    block = np.zeros((*n, s + nv, s + nv))
+    block[..., :s, :s] = L
+    block[..., nv:s, s:] = np.linalg.inv(M)
+    whole = exponentials(block * np.asarray(h)[..., None, None])
+    return whole[..., :s, :s], whole[..., :s, s:]
+
+
+def with_signals(course: Course, y: Array) -> Course:
+    """Return a course with other channels: recordings that a sensor's effect is taken off."""
+    return replace(course, y=y)

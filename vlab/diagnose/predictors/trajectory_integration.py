@@ -1,0 +1,235 @@
+"""The march along a motion, compiled: deviations of many parameter sets in many windows, with the laws at their ports in the loop."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlab.diagnose.kernels.expression_graph import (
+    AT_COMMAND,
+    AT_FREE,
+    AT_MOBILITY,
+    AT_T,
+    AT_V,
+    AT_Z,
+    Tapes,
+    in_any_order,
+    loaded,
+    play,
+)
+from vlab.diagnose.predictors.trajectory_laws import Law
+from vlab.physics.effect import PortEffect
+from vlab.physics.expression import SIGNALS, Tape, tape_of
+from vlab.signals import Array
+
+FAR, CHECK_EVERY = 1e6, 8
+"""Deviations stop growing here: such a trial is worth its large residual, and no more; and steps between two looks for such trials."""
+_SEEN = tuple(name for name in SIGNALS if name != "first_velocity")
+
+
+def tapes_of(laws: Sequence[Law]) -> list[Tape | None] | None:
+    """Return the tapes of laws, of linear ones none; None where one cannot be taken down, or steps are uneven."""
+    out: list[Tape | None] = []
+    for law in laws:
+        if law.is_linear:
+            out.append(None)
+            continue
+        assert isinstance(law.effect, PortEffect)
+        tape = None if law.path.even is None else tape_of(law.effect, law.path.even, _SEEN)
+        if tape is None:
+            return None
+        out.append(tape)
+    return out
+
+
+def march_with(
+    laws: Sequence[Law],
+    tapes: Sequence[Tape | None],
+    A: Array,
+    drive: Array,
+    defect: Array,
+    starts: Array,
+    forces: Array,
+    steps: int,
+) -> Array:
+    """Return the states at all samples, (n, n_sets, n_windows, 2 nv), and add the laws' first forces in every interval to `forces`.
+
+    Parameters
+    ----------
+    laws, tapes : sequence
+        In the order in which they act, and what `tapes_of` gives of them.
+    A : (n, n_windows, 2 nv, 2 nv) array
+        Of a step.
+    drive : (n, n_sets, n_windows, 2 nv) array
+        What drives them in a step.
+    defect : (n, n_windows, 2 nv) array
+        What the motion is ahead of the model at every next sample.
+    starts : (n_sets, n_windows, 2 nv) array
+    forces : (n, n_sets, n_windows, nv) array
+        Generalised forces; empty where no sensor sees them.
+    steps : int
+        In a sample interval.
+    """
+    n, n_sets, n_windows, size = drive.shape
+    taped = [(law, tape) for law, tape in zip(laws, tapes, strict=True) if tape is not None]
+    own = [[law.p[p.name] for p in law.effect.parameters] for law, _ in taped]
+    memories = [law.memory or () for law, _ in taped]
+    held, registers = loaded([tape for _, tape in taped], own, memories, (n_sets, n_windows))
+    results = np.array([tape.force for _, tape in taped], dtype=np.int64)
+    lines = max((law.path.rows.shape[1] for law in laws), default=1)
+
+    def padded(x: Array, axes: tuple[int, ...]) -> Array:
+        return np.pad(x, [(0, lines - x.shape[a] if a in axes else 0) for a in range(x.ndim)])
+
+    def together(parts: list[Array], *shape: int) -> Array:
+        return np.ascontiguousarray(parts) if parts else np.zeros((0, *shape))
+
+    paths = (
+        together([padded(law.path.rows, (1,)) for law in laws], steps + 1, lines, n, n_windows, size // 2),
+        together([padded(law.path.z, (1,)) for law in laws], steps + 1, lines, n, n_windows),
+        together([padded(law.path.v, (1,)) for law in laws], steps + 1, lines, n, n_windows),
+        together([padded(law.path.weight, (0,)) for law in laws], lines),
+    )
+    acting = (
+        together([padded(law.into, (0,)) for law in laws], lines, n, n_windows, size),
+        together([padded(law.middle, (0,)) for law in laws], lines, n, n_windows, size // 2),
+        together([padded(law.gain, (2, 3)) for law in laws], n, n_windows, lines, lines),
+        together([law.reach[..., 0, 0] for law in laws], n, n_windows),
+    )
+    impedance = np.zeros((len(laws), 3, n_sets))
+    for i, law in enumerate(laws):
+        if law.is_linear:
+            impedance[i] = np.array(law.impedance)[..., 0]
+    which = iter(range(len(taped)))
+    kinds = np.array(
+        [
+            (law.path.rows.shape[1], -1 if law.is_linear else next(which), law.memory is None and not law.is_last)
+            for law in laws
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 3)
+    still = np.zeros((n, n_windows))
+    clock = (
+        together([law.path.h for law in laws], n, n_windows),
+        together([law.t for law in laws], n, n_windows),
+        together([still if law.command is None else law.command for law in laws], n, n_windows),
+    )
+    states, x = np.empty_like(drive), np.ascontiguousarray(starts)
+    system = (np.ascontiguousarray(A), np.ascontiguousarray(drive), np.ascontiguousarray(defect))
+    _march(system, steps, paths, acting, impedance, kinds, clock, held, results, registers, x.copy(), states, forces)
+    return states
+
+
+@in_any_order
+def _march(
+    system: tuple[Array, Array, Array],
+    steps: int,
+    paths: tuple[Array, Array, Array, Array],
+    acting: tuple[Array, Array, Array, Array],
+    impedance: Array,
+    kinds: Array,
+    clock: tuple[Array, Array, Array],
+    tapes: Tapes,
+    results: Array,
+    registers: Array,
+    x: Array,
+    states: Array,
+    forces: Array,
+) -> None:  # pragma: no cover - compiled
+    A, drive, defect = system
+    rows, at_z, at_v, weight = paths
+    into, middle, gain, reach = acting
+    lengths, times, commands = clock
+    operations, bounds, firsts, remembers, recalled = tapes
+    n, n_sets, n_windows, size = drive.shape
+    m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
+    free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
+    z0, z1, v0, v1 = np.zeros(lines), np.zeros(lines), np.zeros(lines), np.zeros(lines)
+    matrix = np.zeros((lines, lines))
+    for k in range(n):
+        states[k] = x
+        for j in range(steps):
+            for s in range(n_sets):
+                for w in range(n_windows):
+                    for a in range(size):
+                        total = drive[k, s, w, a]
+                        for b in range(size):
+                            total += A[k, w, a, b] * x[s, w, b]
+                        free[s, w, a] = total
+            for law in range(n_laws):
+                count, tape, twice = kinds[law]
+                own = registers[bounds[tape, 0] : bounds[tape + 1, 0]] if tape >= 0 else registers[:0]
+                for s in range(n_sets):
+                    for w in range(n_windows):
+                        h, e = lengths[law, k, w], s * n_windows + w
+                        for i in range(count):
+                            z0[i], z1[i] = at_z[law, j, i, k, w], at_z[law, j + 1, i, k, w]
+                            v0[i], v1[i] = at_v[law, j, i, k, w], at_v[law, j + 1, i, k, w]
+                            for a in range(m):
+                                before, after = rows[law, j, i, k, w, a], rows[law, j + 1, i, k, w, a]
+                                z0[i] += x[s, w, a] * before
+                                v0[i] += x[s, w, m + a] * before
+                                z1[i] += free[s, w, a] * after
+                                v1[i] += free[s, w, m + a] * after
+                        if tape >= 0:  # means over the step
+                            own[AT_Z, e] = 0.5 * (z0[0] + z1[0]) - h * (v1[0] - v0[0]) / 12.0
+                            own[AT_V, e] = 0.5 * (v0[0] + v1[0])
+                            own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
+                            own[AT_FREE, e], own[AT_COMMAND, e] = v1[0], commands[law, k, w]
+                            own[AT_MOBILITY, e] = gain[law, k, w, 0, 0]
+                            continue
+                        mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
+                        bend = h / 12.0 if count == 1 else 0.0
+                        for i in range(count):
+                            force[s, w, i] = (
+                                -mass * ((v1[i] - v0[i]) / h - weight[law, i])
+                                - 0.5 * damping * (v0[i] + v1[i])
+                                - stiffness * (0.5 * (z0[i] + z1[i]) - bend * (v1[i] - v0[i]))
+                            )
+                            for a in range(count):
+                                matrix[i, a] = (mass / h + 0.5 * damping) * gain[law, k, w, i, a]
+                            matrix[i, i] += 1.0
+                        if count == 1:
+                            matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
+                        for i in range(count):  # Gauss, of a matrix near one
+                            for a in range(i + 1, count):
+                                factor = matrix[a, i] / matrix[i, i]
+                                for b in range(i, count):
+                                    matrix[a, b] -= factor * matrix[i, b]
+                                force[s, w, a] -= factor * force[s, w, i]
+                        for i in range(count - 1, -1, -1):
+                            for b in range(i + 1, count):
+                                force[s, w, i] -= matrix[i, b] * force[s, w, b]
+                            force[s, w, i] /= matrix[i, i]
+                if tape >= 0:
+                    played = operations[bounds[tape, 1] : bounds[tape + 1, 1]]
+                    if twice:  # the force acts on its own motion, that of stiff stops most
+                        play(played, firsts[tape], own)
+                        for s in range(n_sets):
+                            for w in range(n_windows):
+                                e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
+                                first = own[results[tape], e]
+                                own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
+                                own[AT_V, e] += 0.5 * own_gain * first
+                    play(played, firsts[tape], own)
+                    for i in range(bounds[tape, 2], bounds[tape + 1, 2]):
+                        own[recalled[i]] = own[remembers[i]]
+                    for s in range(n_sets):
+                        for w in range(n_windows):
+                            force[s, w, 0] = own[results[tape], s * n_windows + w]
+                for s in range(n_sets):
+                    for w in range(n_windows):
+                        for i in range(count):
+                            for a in range(size):
+                                free[s, w, a] += force[s, w, i] * into[law, i, k, w, a]
+                        if j == 0 and forces.shape[0] > 0:
+                            for i in range(count):
+                                for a in range(m):
+                                    forces[k, s, w, a] += force[s, w, i] * middle[law, i, k, w, a]
+            x[:] = free
+        for s in range(n_sets):
+            for w in range(n_windows):
+                for a in range(size):
+                    x[s, w, a] -= defect[k, w, a]
+                    if k % CHECK_EVERY == 0:
+                        now = x[s, w, a]
+                        x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)

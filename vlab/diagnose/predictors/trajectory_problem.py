@@ -1,0 +1,211 @@
+"""From a case to what the search along the motion works on: runs at their own samples, uncertain parameters, places."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.channel_map import Compared
+from vlab.cases.replay import Bench
+from vlab.diagnose.data.mains_interference import Hum, find_hum, without_hum
+from vlab.diagnose.data.runs import Signals, thinning, uniform
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.locations import FREE, places_of
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
+from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
+from vlab.diagnose.parameters.recorded_runs import Wired, recorded_commands, wired_runs
+from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory_data import MOST_SAMPLES, Course, Motion, course_of, first_motion
+from vlab.diagnose.problem import Problem
+from vlab.errors import BadStructure
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
+"""Relative standard deviations of moments of inertia and of lengths where a case says nothing: drawings are good to that.
+Near rest they act like masses and stiffnesses; far from it they do not."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moving:
+    """What a `Problem` has besides where the motion is large.
+
+    Parameters
+    ----------
+    courses : tuple of Course
+        The runs at their samples.
+    motions : tuple of Motion
+        Their motion, first estimates.
+    load_ports : tuple of str
+        Ports that recordings drive directly.
+    driven : tuple of int
+        Actuators that recordings or laws drive.
+    substeps : int
+        Of a sample interval.
+    """
+
+    courses: tuple[Course, ...]
+    motions: tuple[Motion, ...]
+    load_ports: tuple[str, ...]
+    driven: tuple[int, ...]
+    substeps: int
+
+    def stepper(self, plant: Plant, channels: Sequence[Compared]) -> Stepper:
+        """Return the stepper of a plant on these runs."""
+        out = Stepper(plant, channels, self.load_ports)
+        out.substeps = self.substeps
+        return out
+
+
+def moving_parameters(
+    plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
+) -> list[Uncertain]:
+    """Return what is uncertain: as near rest, and moments of inertia and lengths as well."""
+    out = uncertain_parameters(plant, given, channels, driven)
+    model = plant.model
+    bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
+    for kind in ("inertia", "length"):
+        each = {}
+        for i in bodies:
+            name = f"body:{model.body(i).name or f'body{i}'}"
+            each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
+        out += of_kind(kind, each, given.get(kind, GEOMETRY_SD[kind]), given, kind)
+    return out
+
+
+def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
+    """Return what grows with a body's length: its centre of mass, its sites, and where the next bodies hang on it."""
+    out = [("body_ipos", body)]
+    out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]  # type: ignore[attr-defined]
+    out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]  # type: ignore[attr-defined]
+    return tuple(out)
+
+
+def moving_signals(case: Case) -> tuple[Signals, ...]:
+    """Return a case's fit recordings as the search along their motion has them, without that motion."""
+    wired = wired_runs(case, ("fit",))
+    stepper = Stepper(case.plant, wired.channels, wired.load_ports)
+    return _signals(_courses(case, wired, stepper, _hum(wired)))
+
+
+def prepare_moving(case: Case) -> tuple[Problem, Moving]:
+    """Prepare a case's fit recordings for a search along their motion.
+
+    Raises
+    ------
+    BadCase
+        No recording, or runs that compare different channels.
+    """
+    wired = wired_runs(case, ("fit",))
+    plant, channels, names = case.plant, wired.channels, wired.names
+    load_ports, driven = wired.load_ports, wired.driven
+    stepper, hums = Stepper(plant, channels, load_ports), _hum(wired)
+    courses = _courses(case, wired, stepper, hums)
+    at_rest = plant.new_data().qpos.copy()
+    motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), courses)
+    substeps = stepper.find_substeps(
+        [
+            (m.q[k], m.v[k], c.u[k], c.load[k], float(c.h[k]))
+            for c, m in zip(courses, motions, strict=True)
+            for k in range(0, len(c), max(1, len(c) // 12))
+        ]
+    )
+    parameters = tuple(moving_parameters(plant, case.table.model.uncertain, names, driven))
+    twin = _twin(plant, len(channels), Bench(plant).rest_values(channels), parameters, load_ports)
+    problem = Problem(
+        case=case,
+        plant=plant,
+        twin=twin,
+        parameters=parameters,
+        channels=channels,
+        names=names,
+        runs=wired.runs,
+        orders=wired.orders,
+        about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
+        signals=_signals(courses),
+        places=tuple(places_of(plant, twin, names, driven, _free_motion(plant), is_near_rest=False)),
+        hums=hums,
+        highest_hz=wired.highest_hz,
+    )
+    return problem, Moving(
+        courses=tuple(courses),
+        motions=tuple(motions),
+        load_ports=load_ports,
+        driven=driven,
+        substeps=substeps,
+    )
+
+
+def _free_motion(plant: Plant) -> Array:
+    """Return the directions in which nothing brings the plant back to rest, (nv, k); where it has none to come back to, the
+    coordinates of joints without a spring."""
+    try:
+        omega, shapes = plant.linearise().eigen
+    except BadStructure:
+        stiff = [plant.own_stiffness(name) for name in plant.ports]
+        held = plant.port_rows([name for name, k in zip(plant.ports, stiff, strict=True) if k > 0])
+        return np.eye(plant.model.nv)[:, ~np.any(held.reshape(-1, plant.model.nv), axis=0)]
+    return np.asarray(shapes[:, np.abs(omega) < FREE])
+
+
+def _hum(wired: Wired) -> tuple[Hum, ...]:
+    return find_hum([run for run in wired.runs if run.measured.is_uniform])
+
+
+def _courses(case: Case, wired: Wired, stepper: Stepper, hums: Sequence[Hum]) -> list[Course]:
+    """Return the runs at their samples, hum taken off."""
+    plant, rest = case.plant, Bench(case.plant).rest_values(wired.channels)
+    longest = max(len(run.measured) for run in wired.runs)  # all runs alike: laws have one sample period
+    return [
+        course_of(
+            without_hum(run, hums),
+            stepper,
+            rest,
+            len(plant.actuators),
+            wired.load_ports,
+            thinning(longest, uniform(run.measured.time), wired.highest_hz, MOST_SAMPLES),
+            recorded_commands(plant, run),
+        )
+        for run in wired.runs
+    ]
+
+
+def _signals(courses: Sequence[Course]) -> tuple[Signals, ...]:
+    """Return courses as the search has runs: deviations from their motion start at nothing."""
+    h = float(np.median([np.median(c.h) for c in courses]))
+    return tuple(
+        Signals(
+            name=course.name,
+            role=course.role,
+            h=h,
+            u=course.u,
+            load=course.load,
+            y=course.y,
+            noise=course.noise,
+            scale=course.scale,
+            at_rest=course.at_rest,
+            t0=float(course.time[0]),
+            end=float(course.time[-1]),
+            valid=course.valid,
+        )
+        for course in courses
+    )
+
+
+def _twin(plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain], load_ports: Sequence[str]) -> Twin:
+    """Return the frame of the search in the plant's own coordinates; what varies along the motion is kept elsewhere."""
+    nv = plant.model.nv
+    zero = np.zeros((p, nv))
+    return Twin(
+        omega=np.zeros(nv),
+        shapes=np.eye(nv),
+        M=np.eye(nv),
+        C=np.zeros((nv, nv)),
+        K=np.zeros((nv, nv)),
+        forces=actuator_forces(plant),
+        loads=plant.port_rows(load_ports).T if load_ports else np.zeros((nv, 0)),
+        rows=ChannelRows(at_q=zero, at_v=zero, at_a=zero, rest=rest),
+        changes=changes_of(parameters),
+    )

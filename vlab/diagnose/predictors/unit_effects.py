@@ -1,0 +1,50 @@
+"""What units of an effect's amplitudes do to commands and along a given motion: the signals that a regression sets beside each other."""
+
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.kernels.expression_graph import RUNAWAY, series
+from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
+from vlab.physics.expression import tape_of
+from vlab.signals import Array
+
+
+def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
+    """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
+    names = [p.name for p in effect.amplitudes]
+    return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
+
+
+def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float) -> Array:
+    """Return by how much units of an effect's amplitudes change commands (n, n_runs), (n, n_runs, k)."""
+    return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
+
+
+def port_series(
+    effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0, starts: Any = 0.0
+) -> Array:
+    """Return an effect's force along given motion, time along the first axis.
+
+    Parameters
+    ----------
+    z, v : (n, ...) array
+        At the middles of the steps.
+    h : float
+        Their length [s].
+    starts : float or array
+        Times at which they begin [s], one for each of the motions.
+    """
+    memory = effect.memory(z.shape[1:])
+    t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
+    if memory is None:
+        return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
+    tape = tape_of(effect, h, ("z", "v", "t"))
+    with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
+        if tape is not None:
+            out = series(tape, z, v, t, [values[p.name] for p in effect.parameters], memory)
+        else:
+            out = np.zeros(z.shape)
+            for k in range(len(z)):
+                out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=t[k]), memory)
+        return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))

@@ -1,0 +1,92 @@
+"""Other readings of a case, where it leaves something open and recordings tell it only beside what was found."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.inference.hypothesis_fits import ENOUGH, WHOLE_ITERATIONS
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.model_choice import choose
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.model_class import AlongMotion, NearRest
+from vlab.diagnose.search.sampling_convention import GAIN, MUCH_LESS, in_words, open_holds, with_hold
+from vlab.diagnose.search.selection import TimeFound
+
+NO_MORE = 1.01
+"""What leaves this multiple of a mean square leaves no more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Another way to read a case, where it leaves something open.
+
+    Parameters
+    ----------
+    words : str
+        What it takes to be so.
+    of : callable
+        Returns a case read so.
+    """
+
+    words: str
+    of: Callable[[Case], Case]
+
+
+def other_readings(problem: Problem) -> list[Reading]:
+    """Return how else a case may be read: its inputs straight or standing, whichever it is not taken to mean, where the recordings could
+    tell and have not; and its recordings begun in motion, where they were taken to begin at rest for beginning in its place."""
+    if problem.case.structure is not None:
+        return []
+    out = [Reading(words=in_words(hold), of=partial(with_hold, hold=hold)) for hold in open_holds(problem)]
+    starts = {table.initial for table in problem.case.table.recording}
+    if "auto" in starts and any(run.at_rest for run in problem.signals):
+        out.append(Reading(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion))
+    return out
+
+
+def _begun_in_motion(case: Case) -> Case:
+    tables = tuple(replace(t, initial="estimated") if t.initial == "auto" else t for t in case.table.recording)
+    return replace(case, table=replace(case.table, recording=tables))
+
+
+def read_otherwise(road: NearRest | AlongMotion, found: TimeFound) -> Reading | None:
+    """Return how a case is to be read where the recordings tell it only beside what was found: a strong effect hides such things, and a
+    delay, a lag or a hold of commands may stand for them."""
+    best = choose(found).best.long_fit
+    left = best.cost / _samples(found.whole)
+    of_clock = any(_is_of_clock(t) for t in best.terms)
+    if left <= ENOUGH**2 and not of_clock:
+        return None
+    chosen, least = None, np.inf
+    for other in other_readings(road.problem):
+        refiner = road.whole_runs_of(other.of(road.problem.case), found.whole.model_error)
+        if refiner is None:
+            continue
+        costs = _costs(refiner, best)
+        now, timeless = min(costs) / _samples(refiner), costs[-1] / _samples(refiner)
+        is_likelier = of_clock and 0.5 * found.whole.worth * np.log(left / now) > GAIN
+        if now < least and (now < MUCH_LESS * left or is_likelier or (of_clock and timeless < NO_MORE * left)):
+            chosen, least = other, now
+    return chosen
+
+
+def _costs(refiner: Refiner, best: Fit) -> list[float]:
+    """Return what a fit's terms leave, fitted on from it, and where some of them say when commands act, what the others do."""
+    timeless = tuple(t for t in best.terms if not _is_of_clock(t))
+    options = [best.terms] if len(timeless) == len(best.terms) else [best.terms, timeless]
+    fits = side_by_side(lambda own: refiner.fit(own, replace(best, terms=own), WHOLE_ITERATIONS), options)
+    return [fit.cost for fit in fits]
+
+
+def _is_of_clock(term: Term) -> bool:
+    """Return whether a term says when commands act: half a sample of a file's convention may be what it stands for."""
+    return term.effect.kind == "actuator" and term.effect.family == "timing"
+
+
+def _samples(refiner: Refiner) -> int:
+    return sum(run.y.size for run in refiner.runs)

@@ -1,0 +1,207 @@
+"""The choice settled: the best hypothesis that MuJoCo confirms, with the last fits of the refitted and the amended model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from vlab.diagnose.data_findings import Seen
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
+from vlab.diagnose.inference.least_squares import EXACT, ITERATIONS, Refiner
+from vlab.diagnose.inference.model_choice import ALIKE, Choice, choose, is_of_priors
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
+from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.validation.gap import NO_WORSE, gap_closed, total
+from vlab.diagnose.validation.simulation import Amended, amended, check
+from vlab.diagnose.verdict import LEAST_TO_NOISE, errors_of
+from vlab.physics.effect import Effect
+
+STEPS_ALONG_MOTION = 6
+"""Steps of the last fit along a motion, before those that MuJoCo's own run corrects."""
+MOST_TRIED = 3
+"""Hypotheses that are tried in MuJoCo until it confirms one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settled:
+    """A choice with the last fits of the refitted and the amended model, and what was dropped on the way, in words."""
+
+    choice: Choice
+    before: Fit
+    after: Fit
+    rejected: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settling:
+    """What a choice is settled with.
+
+    Parameters
+    ----------
+    whole : Refiner
+        Fits over whole runs.
+    start : Fit
+        The search's, with no effect.
+    seen : Seen
+        What the recordings show without a model.
+    effects : sequence of Effect
+        What may be missing.
+    is_linear : bool
+        The search had a linear twin for MuJoCo.
+    """
+
+    problem: Problem
+    whole: Refiner
+    start: Fit
+    seen: Seen
+    effects: Sequence[Effect]
+    is_linear: bool
+
+    def settled(self, found: TimeFound) -> Settled:
+        """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
+
+        A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
+        the next one has its turn.
+        """
+        first: Settled | None = None
+        rejected: list[tuple[str, str]] = []
+        simplified: set[str] = set()
+        unconfirmed = 0
+        while unconfirmed < MOST_TRIED:
+            choice = choose(found)
+            best = choice.best
+            before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
+            if best.terms:
+                on_twin = self._exactly(best)
+                if on_twin.nil:
+                    rejected.append((best.label, f"of {', '.join(on_twin.nil)} the last fit leaves nothing"))
+                    rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
+                    found = self._with(_without(found, best, on_twin.nil), rest, on_twin)
+                    continue
+                simpler = self._simpler(found, best, on_twin) if best.label not in simplified else found
+                simplified.add(best.label)
+                if simpler is not found:
+                    found = simpler
+                    continue
+                after = final_fit(self.problem, self.whole, on_twin, self.seen.limit) if self.is_linear else on_twin
+                if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
+                    before = self._plain_in_mujoco
+            settled = Settled(choice=choice, before=before, after=after, rejected=_dropped(rejected))
+            first = first or settled
+            if not best.terms:
+                break
+            if not self.is_linear or self._is_confirmed(settled):
+                return self._with_fewer(found, settled)
+            rejected.append((best.label, "its law fits on the linear twin, but not in MuJoCo"))
+            found = _without(found, best)
+            unconfirmed += 1
+        assert first is not None
+        # the first one is what is reported where none is confirmed: it was not dropped
+        label = first.choice.best.label
+        return replace(first, rejected=_dropped([(name, why) for name, why in rejected if name != label]))
+
+    @cached_property
+    def _plain(self) -> Fit:
+        return self.whole.fit((), self.start)
+
+    @cached_property
+    def _plain_in_mujoco(self) -> Fit:
+        return final_fit(self.problem, self.whole, self._plain, self.seen.limit)
+
+    def _exactly(self, best: Hypothesis) -> Fit:
+        """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
+        iterations = ITERATIONS if self.is_linear else STEPS_ALONG_MOTION
+        return self.whole.fit(best.terms, best.long_fit, iterations, settled=EXACT)
+
+    def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
+        """Return what was found with the plainer law that a hypothesis' law is at its last fit's values; the same where it is none.
+
+        It takes the place of the hypothesis where the recordings do not tell the two apart. Else, where a part of the law may be nothing,
+        it stands beside the hypothesis: that this scores less for what it has in vain is left to the choice.
+        """
+        lesser = fit.plainer(self.effects)
+        options = [(lesser, ITERATIONS)] if lesser != fit.terms else []
+        was = scored_by(self.whole, fit)
+        for terms, iterations in [*options, *((terms, 0) for terms in fit.nested(self.effects))]:
+            plain = self.whole.fit(terms, fit, iterations)
+            now = scored_by(self.whole, plain)
+            if best.worth * (now.misfit - was.misfit) < ALIKE:
+                own = replace(
+                    best,
+                    fit=plain,
+                    whole=plain,
+                    misfit=best.misfit + now.misfit - was.misfit,
+                    price=now.price,
+                    level=best.level * now.level / was.level,
+                )
+                alike = [h for h in found.hypotheses if h.label == own.label]
+                return _instead(found, by_score([own], alike)[0], [best, *alike])
+        return self._with(found, lesser, fit) if options else found
+
+    def _with(self, found: TimeFound, terms: Sequence[Term], start: Fit) -> TimeFound:
+        """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
+        if not terms:
+            return found
+        fit = self.whole.fit(terms, start, ITERATIONS)
+        own = replace(scored_by(self.whole, fit), whole=fit, worth=found.before.worth)
+        worse = [h for h in found.hypotheses if h.label == own.label]
+        return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
+
+    def _with_fewer(self, found: TimeFound, settled: Settled) -> Settled:
+        """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
+        second one then makes up for what the twin does not do as MuJoCo does."""
+        both = settled.choice.best
+        if len(both.terms) < 2:
+            return settled
+        parts = {t.label for t in both.terms}
+        alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
+        single = choose(alone).best
+        if not single.terms:
+            return settled
+        if self.problem.case.structure is None and is_of_priors(both, single):
+            return settled  # one alone leaves as little, but with uncertain parameters that nobody believes
+        one = self.settled(alone)
+        left = []
+        for which in (settled, one):
+            left.append(total(check(self.problem.runs, *self._models(which)), "after"))
+        if not left[1] <= NO_WORSE * left[0]:
+            return settled
+        why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
+        return replace(one, rejected=(*settled.rejected, *_dropped([(both.label, why)])))
+
+    def _is_confirmed(self, settled: Settled) -> bool:
+        """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
+        checked = check(loudest_and_quietest(self.problem), *self._models(settled), self.seen.benign_hums)
+        errors = errors_of(checked)
+        gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+        return gap is None or gap >= LEAST_TO_NOISE
+
+    def _models(self, settled: Settled) -> tuple[Amended, Amended]:
+        """Return the refitted and the amended model, both with what the recordings show without a model."""
+        return (
+            self.seen.on(amended(self.problem, settled.before)),
+            self.seen.on(amended(self.problem, settled.after)),
+        )
+
+
+def _instead(found: TimeFound, own: Hypothesis, others: Sequence[Hypothesis]) -> TimeFound:
+    """Return what was found with a hypothesis in the place of others."""
+    return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in others])))
+
+
+def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:
+    """Return what was found without a hypothesis; where a part of it is nothing, without any that adds to the rest of it."""
+    rest = {t.label for t in hypothesis.terms} - set(nil)
+
+    def stays(h: Hypothesis) -> bool:
+        labels = {t.label for t in h.terms}
+        return h is not hypothesis and not (nil and rest and rest < labels)
+
+    return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
+
+
+def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Return in words which hypotheses were dropped, and why."""
+    return tuple(f"{label}: {why}; dropped" for label, why in rejected)

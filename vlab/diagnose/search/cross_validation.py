@@ -1,0 +1,87 @@
+"""Parts of the data left out and predicted, where nothing was kept aside."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.diagnose.data.responses import Measured, Response
+from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.predictors.frequency import answer
+from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.validation.frequency import apart, modal_answer, modal_errors, noise_apart
+from vlab.diagnose.validation.gap import gap_closed
+
+LEFT_OUT = 12
+"""Most parts of the data that are left out one after the other."""
+REFITTED = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """How well hypotheses predict what they were not fitted to, part by part of the data.
+
+    Parameters
+    ----------
+    parts : int
+        Responses of one output, or modes, that were left out one after the other.
+    before, after, noise : float
+        Root mean square of the differences there, without and with the physics found.
+    """
+
+    parts: int
+    before: float
+    after: float
+    noise: float
+
+    @property
+    def gap_closed(self) -> float | None:
+        """(before - after)/(before - noise); None where before is within the noise."""
+        return gap_closed(self.before, self.after, self.noise)
+
+
+def leave_out(problem: FrequencyProblem, fitter: Fitter, before: Fit, after: Fit) -> LeftOut | None:
+    """Fit again without one part of the data after the other and predict it; None where only one part is there."""
+    parts: list[tuple[int, int]] = []
+    for i, data in enumerate(problem.measured):
+        count = len(data.outputs) if isinstance(data, Response) else data.n
+        parts += [(i, k) for k in range(count)]
+    if len(parts) < 3:
+        return None
+    chosen = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, LEFT_OUT).astype(int))]
+    squares = []
+    for i, k in chosen:
+        data = problem.measured[i]
+        rest = [d for j, d in enumerate(problem.measured) if j != i]
+        if isinstance(data, Response):
+            rest += [data.of_output(o) for o in range(len(data.outputs)) if o != k]
+        else:
+            rest.append(data.without(k))
+        part = Fitter(problem, rest)
+        row = []
+        for fit in (before, after):
+            again = part.fit(fit.terms, fit.theta, iterations=REFITTED)
+            row.append(_predicted(fitter, again, data, k))
+        squares.append((*row, _noise(data, k)))
+    means = np.sqrt(np.mean(np.array(squares), axis=0))
+    return LeftOut(parts=len(chosen), before=float(means[0]), after=float(means[1]), noise=float(means[2]))
+
+
+def _predicted(fitter: Fitter, fit: Fit, data: Measured, k: int) -> float:
+    """Return the mean squared difference of one part of the data."""
+    problem = fitter.problem
+    point = Point(theta=fit.theta, terms=fit.terms)
+    state = problem.state(point.theta)
+    if isinstance(data, Response):
+        H = answer(problem.view, state, data, problem.wires, point.terms).H
+        return float(np.nanmean(apart(data, H)[:, k]))
+    view = replace(problem.view, fixed=(*problem.view.fixed, *point.terms))
+    errors = modal_errors(data, modal_answer(view, state, data))
+    unit = float(np.sqrt(np.mean(data.freq_sd**2)))
+    return (unit * errors["frequency"][k] / data.freq_sd[k]) ** 2
+
+
+def _noise(data: Measured, k: int) -> float:
+    if isinstance(data, Response):
+        return float(np.nanmean(noise_apart(data)[:, k]))
+    return float(np.mean(data.freq_sd**2))

@@ -1,0 +1,185 @@
+"""The last fit, in MuJoCo itself: where the twin's answer does not carry over, the chosen law is fitted again there.
+
+The search works on a few linear modes. Where a strong local law bends a structure in ways that these modes do not have, or
+a model is not quite linear, MuJoCo with the same numbers leaves more than the twin did; a few steps of Gauss and Newton on
+MuJoCo's own simulation of the recordings to fit then move the law's parameters and what is uncertain in the model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.channel_map import Run
+from vlab.diagnose.data.command_limit import CommandLimit
+from vlab.diagnose.data.mains_interference import without_hum
+from vlab.diagnose.data.noise import noise_levels
+from vlab.diagnose.data.quality import says_something
+from vlab.diagnose.inference.evidence import WORTH
+from vlab.diagnose.inference.jacobian import carried_on
+from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.parameter_vector import inward, outward
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.validation.simulation import amended
+from vlab.errors import VlabError
+from vlab.signals import Array, Recording
+
+WORSE = 1.5
+"""The fit is done again where MuJoCo leaves this multiple of what the twin left."""
+LEAST_EXCESS = 0.02
+"""...and at least this share of a channel's rms."""
+MOST_DIRECTIONS = 5
+STEPS, STEP, WORTHWHILE = 6, 0.02, 0.97
+"""Most steps; the move that slopes are taken with, as a logarithm or share; a step that leaves more than this share of the cost is
+not worth another one, each takes seconds."""
+DAMPINGS = (1e-3, 0.3, 10.0)
+LONGEST, MOST_WORK = 10_000, 300_000
+"""Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
+LEAST_PART = 0.1
+"""Share of a recording that must be simulated: of a large model's first moments, noise is what most is left of."""
+FAR = 1e4
+"""Residual of a trial that MuJoCo cannot follow, in standard deviations."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Target:
+    """A recording to fit: all of it and the part that is simulated, what was measured there, what of it counts, and its weights."""
+
+    whole: Recording
+    run: Run
+    columns: tuple[int, ...]
+    measured: Array
+    counts: Array
+    sigma: Array
+
+    def left(self, difference: Array) -> float:
+        """Return the root mean square of weighted differences, of the samples that count, over the channels' rms."""
+        scale = np.maximum(np.std(self.measured, axis=0), 1e-300)
+        shares = np.broadcast_to(self.sigma / scale, self.measured.shape)[self.counts]
+        return float(np.sqrt(np.mean((difference * shares) ** 2)))
+
+
+def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit | None = None) -> Fit:
+    """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree, or where MuJoCo takes
+    too long for more than the first moments.
+
+    Parameters
+    ----------
+    refiner : Refiner
+        Made the fit, over whole runs; its informed directions of the uncertain parameters are used.
+    limit : CommandLimit or None
+        Of the commands of a law in the loop.
+    """
+    targets = _targets(problem, limit)
+    if any(len(target.measured) < LEAST_PART * len(target.whole) for target in targets):
+        return fit
+    first = _difference(problem, fit, targets[0])
+    agreed = max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS)
+    if targets[0].left(first) <= agreed:
+        return fit
+    moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
+    x = np.zeros(moves.count)
+    prior = np.zeros(moves.count)
+    prior[: moves.r] = refiner.entries(fit.terms).along(fit.theta)[: moves.r]
+    is_prior = np.arange(moves.count) < moves.r
+    base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
+    slopes, age = np.zeros((len(base), moves.count)), -1
+    for _ in range(STEPS):
+        if age < 0:
+            moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
+            slopes, age = np.stack([(m - base) / STEP for m in moved], axis=1), 0
+        scale = min(refiner.worth, WORTH * len(targets)) / max(float(base @ base), base.size)
+        normal = scale * slopes.T @ slopes + np.diag(is_prior.astype(float))
+        gradient = scale * slopes.T @ base + np.where(is_prior, prior + x, 0.0)
+        size = np.diag(np.diag(normal) + 1e-12)
+        trials = [x - np.clip(np.linalg.solve(normal + lam * size, gradient), -1.0, 1.0) for lam in DAMPINGS]
+        tried = _residuals(problem, targets, [moves.at(t) for t in trials])
+        costs = [
+            scale * float(r @ r) + float(np.sum((prior + t)[is_prior] ** 2)) for r, t in zip(tried, trials, strict=True)
+        ]
+        before = scale * float(base @ base) + float(np.sum((prior + x)[is_prior] ** 2))
+        pick = int(np.argmin(costs))
+        is_old, age = age > 0, age + 1
+        if costs[pick] < before:
+            slopes = carried_on(slopes, trials[pick] - x, tried[pick] - base)
+            x, base = trials[pick], tried[pick]
+            if targets[0].left(base[: len(first)]) <= agreed:
+                break
+        if not costs[pick] < WORTHWHILE * before:
+            if not is_old:
+                break
+            age = -1  # the slopes are old: new ones before it is given up
+    return moves.at(x)
+
+
+class _Moves:
+    """A fit moved: first along directions of the uncertain parameters, then in the logarithms or shares of its laws' values."""
+
+    def __init__(self, fit: Fit, directions: Array) -> None:
+        self.fit, self.directions, self.r = fit, directions, directions.shape[1]
+        self.count = self.r + sum(len(t.effect.parameters) for t in fit.terms)
+
+    def at(self, x: Array) -> Fit:
+        entries, terms = iter(x[self.r :]), []
+        for term in self.fit.terms:
+            values = {}
+            for parameter in term.effect.parameters:
+                centre = inward(parameter, term.values[parameter.name])
+                size = max(abs(centre), 1e-12) if parameter.signed else 1.0
+                values[parameter.name] = float(outward(parameter, np.asarray(centre + size * next(entries))))
+            terms.append(replace(term, values=values))
+        return replace(self.fit, theta=self.fit.theta + self.directions @ x[: self.r], terms=tuple(terms))
+
+
+def loudest_and_quietest(problem: Problem) -> list[Run]:
+    """Return the recordings to fit that are largest and smallest in motion; one where there is one."""
+    fit = [run for run in problem.runs if run.role == "fit"]
+    size = [max(float(np.std(run.measured[name])) for name in problem.names) for run in fit]
+    order = np.argsort(size)
+    return [fit[order[-1]], fit[order[0]]][: len(fit)]
+
+
+def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
+    chosen = loudest_and_quietest(problem)
+    most = min(LONGEST, MOST_WORK // problem.plant.model.nv)
+    wholes = [run if limit is None else limit.on(run) for run in chosen]
+    return [_target(problem, whole.measured, _shortened(whole, most)) for whole in wholes]
+
+
+def _shortened(run: Run, most: int) -> Run:
+    measured = run.measured
+    if len(measured) <= most:
+        return run
+    return replace(run, measured=replace(measured, time=measured.time[:most], data=measured.data[:most]))
+
+
+def _target(problem: Problem, whole: Recording, run: Run) -> _Target:
+    clean = without_hum(run, problem.hums)
+    measured = np.column_stack([clean.measured[name] for name in problem.names])
+    noise = noise_levels(clean, problem.names)
+    return _Target(
+        whole=whole,
+        run=run,
+        columns=tuple(run.measured.index(name) for name in problem.names),
+        measured=measured,
+        counts=says_something(run, problem.channels),
+        sigma=np.hypot(noise, problem.model_error * np.std(measured, axis=0)),
+    )
+
+
+def _residuals(problem: Problem, targets: Sequence[_Target], fits: Sequence[Fit]) -> list[Array]:
+    """Return the weighted differences of MuJoCo's simulations with some fits, all targets in one row."""
+    work = [(fit, target) for fit in fits for target in targets]
+    parts = side_by_side(lambda item: _difference(problem, *item), work)
+    return [np.concatenate(parts[i * len(targets) : (i + 1) * len(targets)]) for i in range(len(fits))]
+
+
+def _difference(problem: Problem, fit: Fit, target: _Target) -> Array:
+    try:
+        simulated = amended(problem, fit).simulated(target.run).data[:, list(target.columns)]
+    except VlabError:  # it ran away, or no start was found
+        return np.full(int(target.counts.sum()), FAR)
+    out = ((simulated - target.measured) / target.sigma)[target.counts]
+    return np.asarray(np.clip(np.where(np.isfinite(out), out, FAR), -FAR, FAR))

@@ -1,0 +1,182 @@
+"""The search in frequency: all effects at all places tried, the best fitted, pairs on top of them, and the places compared."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.diagnose.data.responses import Response
+from vlab.diagnose.inference.evidence import Found, Hypothesis, scored
+from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
+from vlab.diagnose.inference.hypothesis_fits import ENOUGH
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.search.frequency_screening import Screen, Tried, screened
+from vlab.diagnose.search.trial_values import candidates
+from vlab.physics.effect import Effect
+from vlab.signals import Array
+
+SHORTLIST = 10
+"""Trials that are fitted because they gained most, in each of the two views."""
+FAR = 6
+"""Best trials of the coarse view that are fitted from the model as given, too."""
+FINISHED = 8
+"""Best of them that are fitted to the end."""
+COARSE = 0.08
+"""Width of the bands of the coarse view, about the model as given."""
+SEEDS, SECONDS = 3, 5
+"""Single effects on which a second one is tried, and how many second ones are fitted on each."""
+PLACES = 10
+"""Places at which the best effect is fitted again."""
+QUICK = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyFound(Found):
+    """What the search in frequency found.
+
+    Parameters
+    ----------
+    tried : int
+        How many effects at how many places were tried.
+    """
+
+    problem: FrequencyProblem
+    fitter: Fitter
+    tried: int = 0
+
+
+def search_frequency(
+    problem: FrequencyProblem, effects: Sequence[Effect], progress: Callable[[float, str], None]
+) -> FrequencyFound:
+    """Search what is missing on a problem's data.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing; those that are not linear are left out.
+    progress : callable
+        Called with the share done and what is being done.
+    """
+    fitter = Fitter(problem)
+    zero = np.zeros(len(fitter.sd))
+    worth, floor = fitter.worth, fitter.floor
+    before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
+    pairs = candidates(problem, effects)
+
+    def priced(fit: Fit, gain: float = 0.0) -> Hypothesis:
+        return scored(fit, worth, worth, gain, tried=len(pairs), floor=floor)
+
+    before = priced(before_fit)
+    progress(0.1, "screening")
+    by_lines = screened(Screen(fitter, Point(theta=before_fit.theta, terms=())), pairs)
+    by_bands: list[Tried] = []
+    if any(isinstance(d, Response) for d in problem.measured):
+        by_bands = screened(Screen(fitter, Point(theta=zero, terms=()), COARSE), pairs)
+    shortlist = _shortlist(by_lines, by_bands)
+    progress(0.35, "fitting single effects")
+    from_afar = {t.label for t in by_bands[:FAR]}
+    fits = side_by_side(lambda item: _quick_fit(fitter, item, before_fit.theta, from_afar), shortlist)
+    singles = sorted((priced(fit, t[0].gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score)
+    fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[:FINISHED])
+    singles = [priced(fit, h.gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
+    singles.sort(key=lambda h: -h.score)
+    hypotheses = list(singles)
+    if singles and singles[0].level > ENOUGH:
+        progress(0.55, "fitting pairs of effects")
+        hypotheses += [priced(fit) for fit in _pairs(fitter, singles, pairs)]
+        hypotheses.sort(key=lambda h: -h.score)
+    progress(0.85, "comparing places")
+    places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, priced)
+    return FrequencyFound(
+        problem=problem,
+        fitter=fitter,
+        before=before,
+        hypotheses=tuple(hypotheses),
+        places=places,
+        tried=len(pairs),
+    )
+
+
+def _shortlist(by_lines: Sequence[Tried], by_bands: Sequence[Tried]) -> list[list[Tried]]:
+    """Return the effects at places that gained most in either view, and the best of every family, with all their trials."""
+    chosen: dict[str, list[Tried]] = {}
+    for ranked in (by_lines, by_bands):
+        families: set[str] = set()
+        for i, tried in enumerate(ranked):
+            family = tried.term.effect.family
+            if tried.gain > 0 and (i < SHORTLIST or family not in families):
+                chosen.setdefault(tried.label, [])
+            families.add(family)
+    for tried in (*by_lines, *by_bands):
+        if tried.label in chosen:
+            chosen[tried.label].append(tried)
+    return list(chosen.values())
+
+
+def _quick_fit(fitter: Fitter, trials: Sequence[Tried], theta: Array, from_afar: Collection[str]) -> Fit:
+    """Fit an effect for a few steps from its trials: about the refitted model, and some about the model as given."""
+    terms = [trials[0].term, *trials[0].others]
+    fits = [fitter.fit([term], theta, iterations=QUICK) for term in terms]
+    if trials[0].label in from_afar:
+        fits.append(fitter.fit([trials[-1].term], None, iterations=QUICK))
+    return min(fits, key=lambda fit: fit.chi2)
+
+
+def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[Effect, Place]]) -> list[Fit]:
+    """Fit a second effect on top of each of the best single ones, effects of several kinds among them."""
+    seeds = list(singles[:1])
+    for h in singles[1:]:  # of other kinds
+        if len(seeds) < SEEDS and all(h.terms[0].effect.family != s.terms[0].effect.family for s in seeds):
+            seeds.append(h)
+    work: dict[frozenset[str], tuple[Hypothesis, Term]] = {}
+    for seed in seeds:
+        rest = screened(Screen(fitter, Point(theta=seed.fit.theta, terms=seed.terms)), pairs)
+        own = seed.terms[0]
+        count = 0
+        for tried in rest:
+            if tried.label == own.label or tried.gain <= 0 or count >= SECONDS:
+                continue
+            key = frozenset((own.label, tried.label))
+            if key not in work:
+                work[key] = (seed, tried.term)
+                count += 1
+    items = list(work.values())
+    fits = side_by_side(lambda item: fitter.fit([*item[0].terms, item[1]], item[0].fit.theta, iterations=QUICK), items)
+    fits.sort(key=lambda fit: fit.chi2)
+    return side_by_side(lambda fit: fitter.fit(fit.terms, fit.theta), fits[:FINISHED])
+
+
+def _places(
+    fitter: Fitter,
+    hypotheses: Sequence[Hypothesis],
+    tried: Sequence[Tried],
+    theta: Array,
+    priced: Callable[[Fit], Hypothesis],
+) -> dict[str, Hypothesis]:
+    """Fit the best hypothesis again with its first effect at the other places."""
+    if not hypotheses:
+        return {}
+    best = hypotheses[0]
+    first, others = best.terms[0], best.terms[1:]
+    known: dict[str, Hypothesis] = {}
+    if not others:
+        same = [h for h in hypotheses if len(h.terms) == 1 and h.terms[0].effect.name == first.effect.name]
+        known = {h.terms[0].place.name: h for h in same}
+    elsewhere: dict[str, list[Tried]] = {}
+    for t in tried:
+        if t.term.effect.name == first.effect.name and t.term.place.name != first.place.name:
+            elsewhere.setdefault(t.term.place.name, []).append(t)
+    order = sorted(elsewhere, key=lambda name: -max(t.gain for t in elsewhere[name]))[:PLACES]
+    todo = [name for name in order if name not in known]
+
+    def fitted(name: str) -> Fit:
+        start = best.fit.theta if others else theta
+        fits = [fitter.fit([t.term, *others], start, iterations=2 * QUICK) for t in elsewhere[name]]
+        return min(fits, key=lambda fit: fit.chi2)
+
+    fits = side_by_side(fitted, todo)
+    out = {first.place.name: best, **{n: h for n, h in known.items() if n != first.place.name}}
+    return {**out, **{name: priced(fit) for name, fit in zip(todo, fits, strict=True)}}

@@ -1,0 +1,281 @@
+"""What is missing besides: a second screening with a fitted effect at work, on a filter that knows of it, and fits of pairs.
+
+A wrong sensor or a strong force makes the first filter see everything in a bent mirror, and what is left of the innovations
+beside its columns still does. So the effect is built in as it was fitted - into the twin's matrices, the commands, the
+recordings, or as a known force along the smoothed motion - and the screening starts over.
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.cases.replay import before
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_of
+from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
+from vlab.diagnose.inference.score_test import SLOW, Screen
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.terms import Candidate, Fit, Term
+from vlab.diagnose.predictors.innovations import Group
+from vlab.diagnose.predictors.unit_effects import port_series
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.shortlist import LEAST_GAIN, completing, plain_form, siblings
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
+from vlab.signals import Array
+
+ZOOMED = 3
+"""Candidates whose shapes are sought between the values of their grids, one a family."""
+ROWS = 0.5
+"""The second screening looks at this share of the first one's samples."""
+SEEDS, SECONDS, MOST_SECONDS = 2, 3, 60
+"""Hypotheses that a second effect is sought beside, besides the best; second effects, of a family each, tried on top of each;
+and the candidates of their screening that count."""
+SLIPS = {"friction", "hysteresis"}
+"""Families of laws that are friction of some kind."""
+SECOND_PLACES, MOST_PAIRS = 10, 14
+"""Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
+CLOSER = 0.98
+"""A hypothesis leaves less than another one where it leaves no more than this share of it."""
+PART, MUCH = 0.2, 3.0
+"""A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
+the noise..."""
+FAR_FETCHED, OUTLYING = 20.0, 4.0
+"""...or where one takes uncertain parameters that are less likely than their priors' means by e to this power, or one of them that is
+this many standard deviations away: a mass or a damper beside what was found hides there."""
+
+
+def are_far_fetched(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
+    """Return whether the best single effect, or the one that leaves least, needs uncertain parameters that nobody believes.
+
+    Parameters
+    ----------
+    usual : int
+        Directions of the uncertain parameters: their squares' sum where they are as likely as can be.
+    prior : (n_changes,) array
+        Standard deviations of the uncertain parameters.
+    """
+    return any(
+        h.calibration > FAR_FETCHED + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > OUTLYING * prior))
+        for h in _of_interest(fitted)
+    )
+
+
+def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
+    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
+    least = min(h.level for h in fitted)
+    explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
+    return least > enough and (explained > PART or before.level > MUCH)
+
+
+def _of_interest(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the best of hypotheses by score, and the one that leaves least where that is another and leaves less."""
+    best, closest = fitted[0], min(fitted, key=lambda h: h.level)
+    return [best, closest] if closest.level < CLOSER * best.level else [best]
+
+
+def pairs(
+    screen: Screen,
+    refiner: Refiner,
+    singles: Sequence[Hypothesis],
+    shortlist: Sequence[Candidate],
+    candidates: Sequence[Candidate],
+    effects: Sequence[Effect],
+    among: set[str],
+    report: Callable[[float, str], None],
+    *,
+    is_clear: bool,
+) -> list[Hypothesis]:
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them.
+
+    Parameters
+    ----------
+    is_clear : bool
+        Whether the best one is part of it without doubt.
+    """
+    report(0.55, "screening for a second effect")
+    seeds = _seeds(screen, singles, shortlist, is_clear=is_clear)
+    tables = side_by_side(
+        lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[:MOST_SECONDS],
+        [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
+    )
+    owners = [seed for seed in seeds for _ in range(2)]
+    found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
+    for seed, table in zip(owners, tables, strict=True):
+        for second in best_of_families(table, seed.terms[0])[:SECONDS]:
+            if second.gain > LEAST_GAIN:
+                found.setdefault(frozenset((seed.label, second.label)), (seed, second))
+    report(0.65, "fitting pairs of effects")
+    tried = list(found.values())[:MOST_PAIRS]
+    fits = pairs_fitted(refiner, tried)
+    if not fits:
+        return []
+    chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
+    rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
+    known = set(list(found)[:MOST_PAIRS])
+    akin = [c for c in siblings(rows, second) if c.effect.name not in chosen.label]
+    return fits + pairs_fitted(refiner, [(seed, c) for c in akin if frozenset((seed.label, c.label)) not in known])
+
+
+def parts_alone(refiner: Refiner, doubles: Sequence[Hypothesis], singles: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return fits of every effect of some pairs alone, from where the pair left the rest, that were not fitted to whole runs: what was
+    found as the second of two may do without the first, for which something uncertain then makes up."""
+    known = {h.label for h in singles if h.whole is not None}
+    alone: dict[str, tuple[Hypothesis, Term]] = {}
+    for pair in doubles:
+        for term in pair.long_fit.terms:
+            if term.label not in known:
+                alone.setdefault(term.label, (pair, term))
+    return side_by_side(
+        lambda item: fitted(refiner, [item[1]], item[0].long_fit, ITERATIONS, item[0].gain), list(alone.values())
+    )
+
+
+def in_other_forms(
+    refiner: Refiner, hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
+) -> list[Hypothesis]:
+    """Return fits of hypotheses with one effect each in another form of its physics: which one it is shows when nothing else is missing.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        What the screening has of the other forms.
+    """
+    found: dict[frozenset[str], tuple[Hypothesis, list[Term]]] = {}
+    for h in hypotheses:
+        for i, term in enumerate(h.terms):
+            for form in candidates:
+                if _is_form_of(form, term):
+                    values = {name: term.values.get(name, value) for name, value in form.values.items()}
+                    other = Term(effect=form.effect, place=form.place, values=values)
+                    terms = [*h.terms[:i], other, *h.terms[i + 1 :]]
+                    found.setdefault(frozenset(t.label for t in terms), (h, terms))
+    for h in hypotheses:
+        found.pop(frozenset(t.label for t in h.terms), None)
+    return side_by_side(lambda item: fitted(refiner, item[1], item[0].fit, gain=item[0].gain), list(found.values()))
+
+
+def _is_form_of(one: Term, other: Term) -> bool:
+    return one.place.name == other.place.name and (
+        one.effect.physics == other.effect.physics and one.effect.name != other.effect.name
+    )
+
+
+def _seeds(
+    screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate], *, is_clear: bool
+) -> list[Hypothesis]:
+    """Return what a second effect is sought beside: the best fit, the one that leaves least, and, where the first one is not clear, as
+    screened the forces that stood out there.
+
+    Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
+    constant force that carries a free mass away.
+    """
+    out = _of_interest(singles)
+    if is_clear:
+        return out
+    known = {h.label: h for h in singles}
+    for candidate in shortlist:
+        alone = known.get(candidate.label)
+        if len(out) > SEEDS or alone is None or alone in out or isinstance(candidate.effect, SensorEffect):
+            continue
+        fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
+        out.append(replace(alone, fit=fit, whole=None))
+    return out
+
+
+def besides(
+    screen: Screen, fit: Fit, effects: list[Effect], trust: float = 1.0, among: Collection[str] | None = None
+) -> list[Candidate]:
+    """Return every effect at every place by what it gains beside a fitted hypothesis, best first.
+
+    Parameters
+    ----------
+    trust : float
+        See `Screen`: a slower observer sees what only adds up over many cycles.
+    among : collection of str or None
+        Labels of the candidates to look at; all by default.
+    """
+    problem = with_effects(screen, fit)
+    most = max(int(ROWS * len(run)) for run in screen.runs)
+    runs = [run.first(most) for run in problem.in_role("fit")]
+    second = Screen(problem, runs, like=screen, theta=fit.theta, trust=trust)
+    table = second.candidates(effects, among=among)
+    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0])[:ZOOMED]}
+    return [sharp.get(c.label, c) for c in table]
+
+
+def best_of_families(table: Sequence[Candidate], first: Term) -> list[Candidate]:
+    """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly, and two
+    laws of what slips at one place are one friction between them."""
+    best: dict[str, Candidate] = {}
+    for candidate in table:
+        if candidate.effect.physics != first.effect.physics and not _are_one_friction(candidate, first):
+            best.setdefault(candidate.effect.family, candidate)
+    return [plain_form(candidate, table) for candidate in best.values()]
+
+
+def _are_one_friction(one: Term, other: Term) -> bool:
+    return one.place.name == other.place.name and {one.effect.family, other.effect.family} <= SLIPS
+
+
+def with_effects(screen: Screen, fit: Fit) -> Problem:
+    """Return a problem with a fitted hypothesis built in; its signals are the screening's runs."""
+    problem, twin, runs = screen.problem, screen.twin, list(screen.runs)
+    for term in fit.terms:
+        if isinstance(term.effect, LinearPortEffect):
+            twin = _stiffened(twin, term)
+        elif isinstance(term.effect, ActuatorEffect):
+            runs = [_actuated(run, term) for run in runs]
+        elif isinstance(term.effect, SensorEffect):
+            runs = [_corrected(run, term) for run in runs]
+        else:
+            twin = replace(twin, loads=np.hstack([twin.loads, term.place.rows[:1].T]))
+            forces = {id(run): f for group in screen.groups for run, f in _forces(screen, group, term)}
+            runs = [
+                replace(now, load=np.hstack([now.load, forces[id(run)][: len(now), None]]))
+                for now, run in zip(runs, screen.runs, strict=True)
+            ]
+    return replace(problem, twin=twin, signals=tuple(runs))
+
+
+def _stiffened(twin: Twin, term: Term) -> Twin:
+    assert isinstance(term.effect, LinearPortEffect)
+    parts = term.effect.impedance({k: np.asarray(v) for k, v in term.values.items()}, term.place.stiffness)
+    M, C, K = twin.M, twin.C, twin.K
+    for row in term.place.rows:
+        M, C, K = (x + float(part) * np.outer(row, row) for x, part in zip((M, C, K), parts, strict=True))
+    return replace(twin, M=M, C=C, K=K)
+
+
+def _actuated(run: Signals, term: Term) -> Signals:
+    assert isinstance(term.effect, ActuatorEffect)
+    u = run.u.copy()
+    for i in term.place.indices:
+        u[:, i] = term.effect.actuate(u[:, i], dict(term.values), run.h)
+    return replace(run, u=u)
+
+
+def _corrected(run: Signals, term: Term) -> Signals:
+    assert isinstance(term.effect, SensorEffect)
+    y, i, k = run.y.copy(), term.place.index, term.place.other
+    noise = run.noise.copy()
+    if isinstance(term.effect, PickUp):
+        other = before(run.u[:, k]) if term.place.tag == "command" else run.y[:, k]
+        y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # small: taken off once
+    else:
+        y[:, i] = term.effect.correct(y[:, i], dict(term.values), run.h, run.t)
+        noise[i] *= term.effect.growth(dict(term.values), run.h)
+    return replace(run, y=y, noise=noise)
+
+
+def _forces(screen: Screen, group: Group, term: Term) -> list[tuple[Signals, Array]]:
+    """Return every run of a group with the force of a law along its smoothed motion, (n,)."""
+    assert isinstance(term.effect, PortEffect)
+    m, h, row = screen.twin.m, group.h, term.place.rows[0]
+    z, v = group.smoothed.x[..., :m] @ row, group.smoothed.x[..., m:] @ row
+    after = np.vstack([v[1:], v[-1:]])
+    command = group.u[..., term.place.coil] if term.place.coil is not None else 0.0
+    force = port_series(term.effect, z + 0.5 * h * v, 0.5 * (v + after), dict(term.values), h, command, group.starts)
+    return [(run, force[:, i]) for i, run in enumerate(group.runs)]

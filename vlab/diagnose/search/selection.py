@@ -1,0 +1,241 @@
+"""The search: hypotheses from the screening, fitted in windows, scored, and the best ones fitted over whole runs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.diagnose.inference.evidence import Found, Hypothesis, weighed
+from vlab.diagnose.inference.hypothesis_fits import (
+    ENOUGH,
+    PLACES,
+    WHOLE_FINISHED,
+    as_meant,
+    by_score,
+    each_fitted,
+    finished,
+    floor_of,
+    hopeful,
+    on_whole_runs,
+    other_places,
+    scored_by,
+)
+from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
+from vlab.diagnose.inference.score_test import SLOW, Screen
+from vlab.diagnose.inference.window_least_squares import WindowRefiner
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.permanent_change import lasting
+from vlab.diagnose.search.second_effect import (
+    MUCH,
+    SECOND_PLACES,
+    are_far_fetched,
+    in_other_forms,
+    pairs,
+    parts_alone,
+    wants_a_second,
+)
+from vlab.diagnose.search.shortlist import akin, best_of_effects, best_places, shortlisted
+from vlab.physics.effect import Effect, SensorEffect
+
+SLOWEST, SLOW_SHORTLIST = 1e-6, 5
+"""The slowest observer, see `vlab.diagnose.inference.score_test.SLOW`, sees stiffness and damping of a ring-down change with its size; and effects
+that are fitted because they gained most with one."""
+WHOLE_SINGLES, WHOLE_PAIRS = 7, 4
+"""Single effects and pairs that are fitted over whole runs."""
+REFORMED = 3
+"""Pairs of which other forms are fitted as well, and every effect alone."""
+EXPLAINS = 1.05
+"""A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
+ENOUGH_OF_MESH = 0.5
+"""Share of the variance of the model's own error that one of the two structures may leave beside the noise before a second effect is
+sought: a grid with nothing hidden left .4."""
+FINER = 0.5
+"""Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeFound(Found):
+    """What the search in recordings found.
+
+    Parameters
+    ----------
+    windows, whole : Refiner
+        Fits in windows and over whole runs.
+    candidates : tuple of Candidate
+        The screening's table, best first.
+    """
+
+    problem: Problem
+    screen: Screen
+    windows: Refiner
+    whole: Refiner
+    candidates: tuple[Candidate, ...] = ()
+
+
+def search(
+    screen: Screen, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+) -> TimeFound:
+    """Search what is missing on the fit runs of a screening.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What may be missing.
+    progress : callable or None
+        Called with the share done and what is being done.
+    """
+    problem = screen.problem
+    report = progress or (lambda share, what: None)
+    effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.05, "screening")
+    candidates = _sharpened(screen, screen.candidates(effects))
+    narrow, before = _refitted(screen)
+    whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
+    rough = WindowRefiner(screen, every=2, model_error=narrow.model_error)
+    in_windows = before
+    starts = [screen.theta, np.zeros_like(screen.theta)]
+    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=ITERATIONS)
+    adds_up = in_windows.level <= ENOUGH < before.level
+    shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
+    screen.forget()
+    report(0.4, "fitting whole recordings")
+    # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
+    plain = [before.long_fit.theta] if before.level < MUCH else []
+    events = lasting(whole, narrow, in_windows.fit, candidates) if adds_up else []
+    told = {h.label for h in events}
+    singles = [h for h in singles if h.label not in told]
+    most = min(WHOLE_SINGLES, hopeful(singles)) + len(events)
+    hypotheses = singles = on_whole_runs(
+        whole,
+        narrow,
+        [*events, *_worth_long_runs(singles, adds_up=adds_up)],
+        most,
+        plain,
+        screened=[*shortlist, *candidates],
+        start=before.long_fit,
+    )
+    enough = EXPLAINS * floor_of(whole)
+    if problem.case.structure is not None:
+        enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
+    is_odd = bool(singles) and are_far_fetched(singles, whole.directions.shape[1], whole.twin.prior)
+    if singles and (is_odd or wants_a_second(before, singles, enough)):
+        among, is_clear = best_places(candidates, SECOND_PLACES), not is_odd and singles[0].level <= ENOUGH
+        found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
+        doubles = finished(narrow, found)
+        doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
+        report(0.85, "fitting whole recordings")
+        doubles = on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain)
+        alone = parts_alone(narrow, doubles[:REFORMED], singles)
+        hypotheses = by_score(
+            [h for h in singles if h.label not in {a.label for a in alone}],
+            on_whole_runs(whole, narrow, alone, len(alone), plain),
+            doubles,
+        )
+    shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)
+    before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
+    hypotheses = by_score(hypotheses)
+    places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
+    places = {name: replace(h, worth=before.worth) for name, h in places.items()}
+    report(0.95, "choosing")
+    return TimeFound(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=whole,
+        before=before,
+        hypotheses=tuple(hypotheses),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
+    """Return the fits in windows, and the first of them: the same physics with its uncertain parameters refitted.
+
+    Where that leaves no more than the error that the simulation is allowed, the allowance is what hides the rest, so a smaller
+    one is tried: the verdict in MuJoCo has the last word on what is found within it.
+    """
+    narrow = WindowRefiner(screen)
+    before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
+    is_mesh = screen.problem.case.structure is not None  # of which it is known that it errs by as much
+    if before.level > ENOUGH or is_mesh:
+        return narrow, before
+    finer = WindowRefiner(screen, model_error=FINER * narrow.model_error)
+    return finer, scored_by(finer, finer.fit((), before.fit))
+
+
+def shows(problem: Problem, effect: Effect) -> bool:
+    """Return whether an effect leaves any trace in a problem's recordings.
+
+    Of a release seen by one sensor, the sensor's own gain, delay or low-pass only changes what the first state seems to be.
+    """
+    loaded = any(drive.port for run in problem.runs for drive in run.drives)
+    driven = loaded or any(np.any(s.u) for s in problem.signals)
+    if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
+        return True
+    return effect.family in ("bias", "disturbance", "saturation", "resolution")
+
+
+def _worth_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
+    """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
+    what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
+    what came before it."""
+    if not order or (order[0].level <= ENOUGH and not adds_up):
+        return list(order)
+    known = {h.label for h in order[:WHOLE_FINISHED]}
+    forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
+    gained = [h for h in sorted(forces, key=lambda h: -h.gain) if h.label not in known]
+    first = [*order[:WHOLE_FINISHED], *gained[: WHOLE_SINGLES - WHOLE_FINISHED]]
+    chosen = {h.label for h in first}
+    return [*first, *(h for h in order if h.label not in chosen)]
+
+
+def _single_effects(
+    screen: Screen,
+    narrow: Refiner,
+    rough: Refiner,
+    before: Hypothesis,
+    candidates: Sequence[Candidate],
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+    *,
+    adds_up: bool,
+) -> tuple[list[Candidate], list[Hypothesis]]:
+    """Return the shortlist and the fits of single effects, best first: what the screening found, where that explains too little what
+    slower observers do, and the laws most like the best one.
+
+    Parameters
+    ----------
+    adds_up : bool
+        Whether whole runs show that something is missing, and windows do not: little damping makes much of little in the long run.
+    """
+    report(0.2, "fitting single effects")
+
+    def singles(some: Sequence[Candidate]) -> list[Hypothesis]:
+        return finished(narrow, each_fitted(rough, some, before.fit))
+
+    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
+    found = singles(shortlist)
+    if before.level <= ENOUGH:
+        return shortlist, found
+    if adds_up or not (found and found[0].level < EXPLAINS * floor_of(narrow)):
+        report(0.25, "screening with slower observers")
+        screen.slower = tuple(Screen(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
+        # what acts all the time is seen at quite other places than by a quick observer, which takes it up
+        among = best_places(candidates, PLACES) | {c.label for c in candidates if not c.effect.shapes}
+        for slow in screen.slower:
+            known = {c.label for c in shortlist}
+            slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
+            slow.forget()
+        found = by_score(found, singles(shortlist[len(found) :]))
+    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, akin(candidates, found))))
+
+
+def _sharpened(screen: Screen, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates by gain, the best of every effect that is all shape (a limit, a step, a delay) between its grid's values."""
+    all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.gain > 0]
+    sharp = {c.label: c for c in side_by_side(screen.zoomed, best_of_effects(all_shape))}
+    return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.gain, c.label))

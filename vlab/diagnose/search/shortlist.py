@@ -1,0 +1,122 @@
+"""Which of a screening's thousands of candidates are worth a fit."""
+
+from collections.abc import Sequence
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.parameters.terms import Candidate, Term
+
+SHORTLIST = 6
+"""Effects that are fitted because they gained most in the screening."""
+FAMILIES = 4
+"""Effects of other families that are fitted besides."""
+LEAST_GAIN = 3.0
+"""Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
+CLEAR = 60.0
+"""Gain in the screening above which an effect stands out."""
+KINDRED = (
+    {"friction", "hysteresis"},
+    {"nonlinear-stiffness", "contact", "clearance"},
+    {"timing", "sensor-dynamics"},
+    {"saturation", "clearance"},
+)
+"""Families whose laws look alike in a linear regression."""
+COMPLETING = {"friction": "viscous-damping", "damping": "coulomb-friction"}
+"""Family of a law, and the effect that a machine's joints and guides usually have beside it: friction is dry and viscous at once.
+
+Source: Armstrong-Helouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
+machines with friction, Automatica 30, 1994, section 2.
+"""
+NEARLY = 0.9
+"""Share of the gain of another form of an effect that the effect itself must have to be tried first."""
+SIBLINGS = 3
+"""Other effects of the family of a second one that are fitted at its place."""
+
+
+def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best place of the effects that gained most, and of the best of other families."""
+    order = _without_embellishments([c for c in best_of_effects(candidates) if c.gain > 0])
+    stands_out = bool(order) and order[0].gain > CLEAR
+    share = 1.0 if stands_out else 0.0
+    most = SHORTLIST + (FAMILIES if stands_out else 2 * FAMILIES)  # where nothing stands out, every family is tried
+    out = order[:SHORTLIST]
+    families = {c.effect.family for c in out}
+    for candidate in order[SHORTLIST:]:
+        if len(out) >= most:
+            break
+        if candidate.effect.family not in families and candidate.gain > LEAST_GAIN * share:
+            families.add(candidate.effect.family)
+            out.append(candidate)
+    return out
+
+
+def best_of_effects(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return every effect at its best place, candidates being sorted."""
+    best: dict[str, Candidate] = {}
+    for candidate in candidates:
+        best.setdefault(candidate.effect.name, candidate)
+    return list(best.values())
+
+
+def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
+    """Return the labels of every effect at the places where it gained most."""
+    count: dict[str, int] = {}
+    out = set()
+    for candidate in candidates:
+        count[candidate.effect.name] = count.get(candidate.effect.name, 0) + 1
+        if count[candidate.effect.name] <= most:
+            out.add(candidate.label)
+    return out
+
+
+def akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
+    if not fitted or len(fitted[0].terms) != 1:
+        return []
+    best, known = fitted[0].terms[0], {h.label for h in fitted}
+    families = next((group for group in KINDRED if best.effect.family in group), {best.effect.family})
+    return [
+        c
+        for c in candidates
+        if c.place.name == best.place.name
+        and c.effect.family in families
+        and c.effect.kind == best.effect.kind
+        and c.label not in known
+        and (c.gain > 0 or not c.effect.amplitudes)
+    ]
+
+
+def siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
+    """Return other effects of a second one's family at its place, which only a fit can tell apart."""
+    own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
+    return best_of_effects([c for c in own if c.gain > LEAST_GAIN])[:SIBLINGS]
+
+
+def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return what usually stands beside an effect at its place: each takes up so much of the other that a regression beside it shows
+    little."""
+    name = COMPLETING.get(first.effect.family)
+    return [c for c in candidates if c.effect.name == name and c.place.name == first.place.name and c.gain > LEAST_GAIN]
+
+
+def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
+    """Return the effect itself in the place of another form of it that gains little more: fits say which form it is."""
+    plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
+    return next((c for c in plain if c.gain > NEARLY * candidate.gain), candidate)
+
+
+def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
+    """Drop candidates that gain no more than a simpler one of their family does, at the same place, or little more than the effect that
+    they are a form of."""
+    out: list[Candidate] = []
+    for c in candidates:
+        simpler = [
+            d
+            for d in candidates
+            if d.effect.family == c.effect.family
+            and d.place.name == c.place.name
+            and len(d.effect.parameters) < len(c.effect.parameters)
+            and d.gain >= c.gain - LEAST_GAIN
+        ]
+        if not simpler and plain_form(c, candidates) is c:
+            out.append(c)
+    return out

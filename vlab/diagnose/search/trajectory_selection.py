@@ -1,0 +1,89 @@
+"""The search far from rest: that of `vlab.diagnose.search.selection`, on the system along the motion."""
+
+from collections.abc import Callable, Sequence
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import (
+    ENOUGH,
+    by_score,
+    each_fitted,
+    finished,
+    on_whole_runs,
+    other_places,
+    pairs_fitted,
+    scored_by,
+)
+from vlab.diagnose.inference.score_test import SLOW
+from vlab.diagnose.inference.simulator_least_squares import SimulatedRefiner
+from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
+from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.search.second_effect import SECONDS, SEEDS
+from vlab.diagnose.search.selection import SLOW_SHORTLIST, TimeFound, shows
+from vlab.diagnose.search.shortlist import LEAST_GAIN, best_of_effects, completing, shortlisted
+from vlab.physics.effect import Effect
+
+
+def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Callable[[float, str], None]) -> TimeFound:
+    """Search what is missing on the fit runs of a screening along their motion; see `vlab.diagnose.search.selection.search`."""
+    problem = screen.problem
+    effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.3, "screening")
+    candidates = screen.candidates(effects)
+    narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+    before = scored_by(narrow, narrow.fit())
+    shortlist = shortlisted(candidates)
+    if before.level > ENOUGH:
+        report(0.45, "screening with a slower observer")
+        known = {c.label for c in shortlist}
+        slow = shortlisted(screen.trusting(SLOW).candidates(effects))[:SLOW_SHORTLIST]
+        shortlist += [c for c in slow if c.label not in known]
+    screen.forget()
+    report(0.5, "fitting single effects")
+    hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
+    if hypotheses and min(h.level for h in hypotheses) > ENOUGH:
+        report(0.65, "fitting pairs of effects")
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
+        hypotheses = by_score(hypotheses, doubles)
+    report(0.85, "fitting whole recordings")
+    if hypotheses:  # once more about the refitted plant of the best one: what is uncertain then changes by little
+        screen = screen.at(hypotheses[0].fit.theta)
+        narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+        hypotheses = finished(narrow, hypotheses)
+        before = scored_by(narrow, narrow.fit((), before.fit))
+    (before,) = on_whole_runs(whole, narrow, [before])
+    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
+    hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
+    places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
+    return TimeFound(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=SimulatedRefiner(screen),
+        before=before,
+        hypotheses=tuple(hypotheses),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _pairs(
+    screen: MovingScreen,
+    refiner: MovingRefiner,
+    shortlist: Sequence[Candidate],
+    candidates: Sequence[Candidate],
+    singles: Sequence[Hypothesis],
+    effects: Sequence[Effect],
+) -> list[Hypothesis]:
+    """Return fits of a second effect on top of the best single ones, by what it gains beside them in the screening."""
+    by_label, seeds = {c.label: c for c in shortlist}, singles[:SEEDS]
+    found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
+    for seed in seeds:
+        table = screen.given([by_label[seed.label]]).candidates(effects)
+        others = [
+            c for c in table if c.effect.name != seed.terms[0].effect.name
+        ]  # at two places: one effect, placed badly
+        for second in best_of_effects(others)[:SECONDS]:
+            if second.gain > LEAST_GAIN:
+                found.setdefault(frozenset((seed.label, second.label)), (seed, second))
+    return pairs_fitted(refiner, list(found.values()))

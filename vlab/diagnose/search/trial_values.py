@@ -1,0 +1,155 @@
+"""The values on which every effect is tried at every place, before any fit: sizes that matter there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from vlab.diagnose.data.responses import Response
+from vlab.diagnose.parameters.locations import Place, admissible
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.physics.effect import Effect, Parameter, PickUp
+from vlab.physics.small_signal import is_linear
+from vlab.signals import Array
+
+GAINS = (-2.0, -0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0)
+SHARES = (0.05, 0.12, 0.25, 0.4, 0.6, 0.8, 0.92)
+PICKED = (-0.4, -0.15, -0.05, 0.05, 0.15, 0.4)
+RATIOS = (0.02, 0.15)
+TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
+"""In radians of the highest frequency."""
+SLOW_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)
+"""In radians of the lowest frequency, of what a channel loses there."""
+MASSES = tuple(np.geomspace(2e-3, 5.0, 9))
+"""In modal masses of the mode that moves most at the place."""
+STIFFNESSES = tuple(np.geomspace(1e-3, 30.0, 11))
+"""In modal stiffnesses at the place of the mode that is easiest to move there."""
+DAMPINGS = tuple(np.geomspace(1e-4, 3.0, 9))
+OSCILLATOR_MASSES = (0.01, 0.1)
+FREQUENCIES = 12
+RESONANCES = 8
+"""Frequencies of an oscillator that are tried beside a table of modes."""
+UNSEEN = 1e-4
+"""A mode moves at a place where it does so by more than this share of the mode that does most."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scales:
+    """What counts as one of each kind of quantity at a port."""
+
+    mass: float
+    stiffness: float
+    damping: float
+
+
+def candidates(problem: FrequencyProblem, effects: Sequence[Effect]) -> list[tuple[Effect, Place]]:
+    """Return every linear effect at every place where it can act and shows."""
+    has_responses = any(isinstance(d, Response) for d in problem.measured)
+    out = []
+    for effect in effects:
+        if not is_linear(effect) or (effect.kind != "port" and not has_responses):
+            continue
+        out += [(effect, place) for place in problem.places if _fits(problem, effect, place)]
+    return out
+
+
+def _fits(problem: FrequencyProblem, effect: Effect, place: Place) -> bool:
+    if not admissible(effect, place):
+        return False
+    if effect.kind == "actuator" or place.tag == "command":
+        used = {d.input for d in problem.measured if isinstance(d, Response)}
+        pairs = zip(problem.wires.inputs, problem.wires.actuators, strict=True)
+        fitted = {actuator for name, actuator in pairs if name in used}
+        return not fitted.isdisjoint(place.indices if effect.kind == "actuator" else (place.other,))
+    if effect.kind == "sensor":
+        name = problem.names[place.index]
+        return any(isinstance(d, Response) and name in d.outputs for d in problem.measured)
+    # where an element has a stiffness of its own, what takes of it is called lost
+    return not (effect.name == "magnetic-negative-stiffness" and place.stiffness > 0)
+
+
+def trials(problem: FrequencyProblem, effect: Effect, place: Place) -> list[Term]:
+    """Return the terms on which an effect is tried at a place."""
+    grids = [_grid(problem, effect, place, p) for p in effect.parameters]
+    out = []
+    for values in product(*grids):
+        named = dict(zip((p.name for p in effect.parameters), (float(v) for v in values), strict=True))
+        out.append(Term(effect=effect, place=place, values=named))
+    return out
+
+
+def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter) -> Array:
+    low, high = problem.measured_hz
+    is_alone = len(effect.parameters) == 1
+    by_lines = any(isinstance(d, Response) for d in problem.measured)
+    if effect.kind != "port":
+        return np.array(_channel_grid(problem, effect, place, p, low, high))
+    scales = _scales(problem, place)
+    if p.unit.startswith("Hz"):
+        if effect.family == "damping":
+            return np.array([np.sqrt(low * high)])
+        return _frequencies(problem, low, high) if by_lines else np.geomspace(0.9 * low, 1.1 * high, RESONANCES)
+    if p.unit == "1":
+        return np.array(SHARES if is_alone else RATIOS[:1])
+    if p.unit.startswith("kg"):
+        grid = scales.mass * np.array(MASSES if is_alone else OSCILLATOR_MASSES)
+    elif p.unit.startswith("N s"):
+        grid = scales.damping * np.array(DAMPINGS)
+    else:
+        grid = scales.stiffness * np.array(STIFFNESSES if is_alone else STIFFNESSES[:7:2])
+    grid = np.clip(grid, p.low, p.high) if not p.reference else grid
+    return np.unique(np.concatenate([-grid, grid]) if p.signed else grid)
+
+
+def _frequencies(problem: FrequencyProblem, low: float, high: float) -> Array:
+    """Return frequencies over the band, and those of the model's modes in it."""
+    own = np.abs(problem.view.omega) / (2 * np.pi)
+    own = own[(own > low) & (own < high)][:8]
+    return np.unique(np.concatenate([np.geomspace(low, high, FREQUENCIES), own]).round(9))
+
+
+def _channel_grid(
+    problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter, low: float, high: float
+) -> Sequence[float]:
+    if p.unit == "s":
+        if effect.family == "sensor-dynamics":
+            return [t / (2 * np.pi * low) for t in SLOW_TIMES] + [t / (2 * np.pi * high) for t in TIMES[2:]]
+        return [t / (2 * np.pi * high) for t in (*TIMES, *((10.0, 50.0) if "lag" in effect.name else ()))]
+    if p.unit == "Hz":
+        return list(np.geomspace(2 * low, 3 * high, 10))
+    if isinstance(effect, PickUp):
+        if "command" not in effect.needs:
+            return PICKED
+        size = np.median(
+            np.concatenate(
+                [
+                    np.abs(d.H[:, d.outputs.index(problem.names[place.index])])
+                    for d in problem.measured
+                    if isinstance(d, Response) and problem.names[place.index] in d.outputs
+                ]
+            )
+        )
+        return [float(size) * s for s in (-3.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3.0)]
+    if p.unit == "1":
+        return GAINS if len(effect.parameters) == 1 else RATIOS
+    if p.grid and not p.reference:
+        return p.grid
+    return list(np.geomspace(p.low, p.high, 9))
+
+
+def _scales(problem: FrequencyProblem, place: Place) -> Scales:
+    """Return the modal mass, stiffness and damping at a place of the modes in the measured band."""
+    high = problem.measured_hz[1]
+    omega = np.abs(problem.view.omega)
+    near = (omega < 2 * np.pi * 1.5 * high) & (omega > 1e-6)
+    near = near if near.any() else omega > 1e-6
+    near = near if near.any() else np.ones(len(omega), dtype=bool)
+    moved = np.sum(place.rows**2, axis=0)[near]
+    w = np.maximum(omega[near], 2 * np.pi * 0.1 * high)
+    seen = moved > UNSEEN * moved.max()
+    moved, w = moved[seen], w[seen]
+    return Scales(
+        mass=float(1 / moved.max()), stiffness=float((w**2 / moved).min()), damping=float((2 * w / moved).min())
+    )

@@ -1,0 +1,315 @@
+"""The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.channel_map import Run
+from vlab.cases.replay import at_timestep
+from vlab.cases.simulate import simulate
+from vlab.diagnose.data.command_limit import CommandLimit
+from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.noise import noise_rms
+from vlab.diagnose.data.quality import SensorLimit
+from vlab.diagnose.data.quantisation import SensorStep
+from vlab.diagnose.data.residual_noise import incoherent_rms
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.validation.gap import Distance, part_of
+from vlab.errors import BadCase, Diverged
+from vlab.physics.attach import Attached, attach
+from vlab.plants.base import Plant
+from vlab.recordings.quality import held_samples
+from vlab.signals import Array, Recording
+
+FINER, COARSE = 4, 0.2
+"""Steps are compared with steps so many times as short; what these change is said where it is this share of what is unexplained."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Amended:
+    """A plant with uncertain parameters refitted and physics added, and what stands between it and the recordings.
+
+    Parameters
+    ----------
+    sensor_gain, offset, about : (n_channels,) array
+        Of the compared channels, in the order of `Problem.names`; gains count from `about`.
+    names : tuple of str
+        The channels.
+    limit : CommandLimit or None
+        On the commands of a law in the loop.
+    stops : tuple of SensorLimit
+        Ends of sensors' ranges.
+    hums : tuple of Hum
+        On sensors, with the amplitude found on the recordings to fit and the phase of each recording.
+    steps : tuple of SensorStep
+        Of coarse readings.
+    """
+
+    plant: Plant
+    names: tuple[str, ...] = ()
+    sensor_gain: Array | None = None
+    offset: Array | None = None
+    about: Array | float = 0.0
+    limit: CommandLimit | None = None
+    stops: tuple[SensorLimit, ...] = ()
+    hums: tuple[Hum, ...] = ()
+    steps: tuple[SensorStep, ...] = ()
+
+    def simulated(self, run: Run) -> Recording:
+        """Return what a run's channels are with this plant; a run need not have all channels that are corrected.
+
+        Raises
+        ------
+        Diverged
+            The model runs away.
+        BadCase
+            No initial state was found.
+        """
+        recording = simulate(self.plant, self._moved(run if self.limit is None else self.limit.on(run))).recording
+        data = recording.data.copy()
+        for column, gain, offset, about in self._calibration(recording):
+            data[:, column] = about + gain * (data[:, column] - about) + offset
+        for hum in self.hums:
+            if hum.channel in recording.names:
+                data[:, recording.index(hum.channel)] += hum.expected(run)
+        for step in self.steps:
+            if step.channel in recording.names:
+                column = recording.index(step.channel)
+                data[:, column] = step.on(data[:, column])
+        for stop in self.stops:
+            if stop.channel in recording.names:
+                column = recording.index(stop.channel)
+                data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
+        return replace(recording, data=data)
+
+    def _moved(self, run: Run) -> Run:
+        """Return a run with its channels as the thing moved: where its first state is read off them, gains and zeros must not be."""
+        data = run.measured.data.copy()
+        for column, gain, offset, about in self._calibration(run.measured):
+            data[:, column] = about + (data[:, column] - about - offset) / gain
+        return replace(run, measured=replace(run.measured, data=data))
+
+    def _calibration(self, recording: Recording) -> Iterator[tuple[int, float, float, float]]:
+        """Yield the column, gain, zero and what the gain counts from of every channel of a recording that is corrected."""
+        if self.sensor_gain is None or self.offset is None:
+            return
+        abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
+        for name, *values in zip(self.names, self.sensor_gain, self.offset, abouts, strict=True):
+            if name in recording.names:
+                gain, offset, about = (float(value) for value in values)
+                yield recording.index(name), gain, offset, about
+
+
+def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amended:
+    """Return a problem's plant as a fit has it, but for the zeros of the channels named."""
+    plant = problem.adjusted(fit.theta)
+    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
+    gains = np.ones(len(problem.names))
+    for parameter, value in zip(problem.parameters, fit.theta, strict=True):
+        if parameter.sensor is not None:
+            gains[parameter.sensor] *= np.exp(value)
+    return Amended(
+        plant=attach(plant, effects, channels=problem.names) if effects else plant,
+        names=problem.names,
+        sensor_gain=gains,
+        about=problem.about,
+        offset=np.where([name in without for name in problem.names], 0.0, fit.offsets),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Removed:
+    """An amended model from which findings are taken away, all else as it is.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The findings.
+    models : tuple
+        The model without every one of them in this order, and where there are several that without any of them at the end.
+    """
+
+    names: tuple[str, ...] = ()
+    models: tuple[Any, ...] = ()
+
+    def changed(self, change: Callable[[Any], Any]) -> "Removed":
+        """Return the same with every model changed."""
+        return replace(self, models=tuple(change(model) for model in self.models))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checked(Distance):
+    """How far the models are from one recording: root mean squares over channels of the error over the recording's rms about
+    its mean; infinite where a model cannot follow at all.
+
+    Parameters
+    ----------
+    simulated : tuple of Recording or None
+        Of the nominal, the refitted and the amended model.
+    """
+
+    measured: Recording
+    simulated: tuple[Recording | None, Recording | None, Recording | None]
+
+    @property
+    def standing(self) -> Recording | None:
+        """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
+        return self.simulated[0] if self.is_spoilt else self.simulated[1]
+
+    @property
+    def amended(self) -> Recording | None:
+        """What the amended model does; None where it cannot follow or nothing was added."""
+        return None if self.simulated[2] is self.standing else self.simulated[2]
+
+    def unamended(self) -> "Checked":
+        """Return the same with nothing added to the model that stands."""
+        channels = {
+            name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
+        }
+        nominal, refitted, _ = self.simulated
+        return replace(self, after=self.before, channels=channels, simulated=(nominal, refitted, self.standing))
+
+
+def check(
+    runs: Sequence[Run],
+    before: Amended,
+    after: Amended | None,
+    hums: Sequence[Hum] = (),
+    *,
+    nominal: Amended | None = None,
+    removed: Removed | None = None,
+) -> list[Checked]:
+    """Simulate runs with the refitted, the amended and perhaps the nominal model and measure what is left.
+
+    Parameters
+    ----------
+    hums : sequence of Hum
+        Counted as noise.
+    nominal : Amended or None
+        The model as given; what it leaves is not a number without it.
+    removed : Removed or None
+        Tells what every finding does.
+    """
+    removed = removed or Removed()
+    models = [nominal, before, after, *removed.models]
+    work = [(model, run) for run in runs for model in models]
+    data = side_by_side(lambda item: _try(*item), work)
+    simulated = [
+        None if part is None else replace(run.measured, data=part, meta={"simulated": run.name})
+        for (_, run), part in zip(work, data, strict=True)
+    ]
+    each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
+    return [_checked(run, models, own, hums, removed.names) for run, own in zip(runs, each, strict=True)]
+
+
+def with_finer_steps(model: Amended) -> Amended:
+    """Return a model whose plant takes steps a fraction as long."""
+    return replace(model, plant=at_timestep(model.plant, model.plant.timestep / FINER))
+
+
+def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
+    """Return what is to be said of a model's own integration where shorter steps change runs by more than their noise; "" else.
+
+    What steps do to a motion no physics makes up for.
+
+    Parameters
+    ----------
+    checked, finer : sequence of Checked
+        Of the same runs with the refitted model as it is, and with finer steps.
+    """
+    worst, where = 0.0, ""
+    for own, other in zip(checked, finer, strict=True):
+        one, two = own.simulated[1], other.simulated[1]
+        if one is None or two is None:
+            continue
+        moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
+        size = float(np.sqrt(np.mean(np.square(moved))))
+        if size >= max(own.noise, COARSE * own.refitted) and size > worst:
+            worst, where = size, own.name
+    if not where:
+        return ""
+    step = model.plant.timestep
+    return (
+        f"steps of {1e3 * step / FINER:.3g} ms instead of {1e3 * step:.3g} ms change what the model does in "
+        f"{where} by {100 * worst:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
+        'integrator "RK4"'
+    )
+
+
+def _checked(
+    run: Run,
+    models: Sequence[Amended | None],
+    simulated: Sequence[Recording | None],
+    hums: Sequence[Hum],
+    findings: Sequence[str],
+) -> Checked:
+    names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    kept = ~held_samples(run.measured)
+    scale = np.array([np.std(run.measured[n]) for n in names])
+    noise = noise_rms(run, names) / scale
+    for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
+        if step.channel in names:
+            i = names.index(step.channel)
+            noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
+    for hum in hums:
+        if hum.channel in names:
+            i = names.index(hum.channel)
+            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
+
+    def apart(one: Recording, other: Recording) -> Array:
+        return np.array([_rms((one[n] - other[n])[kept]) for n in names]) / scale
+
+    errors, recordings = [], list(simulated[:3])
+    for model, recording in zip(models, simulated, strict=True):
+        if recording is None:
+            errors.append(np.full(len(names), np.inf if model is not None else np.nan))
+        else:
+            errors.append(apart(recording, run.measured))
+    left = [_rms(e) for e in errors]
+    stands = errors[0] if left[1] > left[0] else errors[1]
+    standing = recordings[0] if left[1] > left[0] else recordings[1]
+    if models[2] is None:
+        errors[2], recordings[2] = stands, standing
+    parts = []
+    for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
+        moved = np.full(len(names), np.inf)
+        if recordings[2] is not None and without is not None:
+            moved = apart(recordings[2], without)
+        parts.append(part_of(name, own, moved, noise, int(kept.sum())))
+    return Checked(
+        name=run.name,
+        role=run.role,
+        nominal=left[0],
+        before=_rms(stands),
+        after=_rms(errors[2]),
+        noise=_rms(noise),
+        channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing) / scale)),
+        refitted=left[1],
+        bare=left[-1] if findings else float("nan"),
+        parts=tuple(parts),
+        measured=run.measured,
+        simulated=(recordings[0], recordings[1], recordings[2]),
+    )
+
+
+def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
+    """Return the rms (n_names,) of what inputs and motion do not explain of what a model leaves."""
+    if simulated is None:
+        return np.zeros(len(names))
+    return np.array([incoherent_rms(run, name, run.measured[name] - simulated[name]) for name in names])
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _try(model: Amended | None, run: Run) -> Array | None:
+    try:
+        return None if model is None else model.simulated(run).data
+    except (Diverged, BadCase):  # or no start was found: it cannot follow this recording at all
+        return None

@@ -1,0 +1,63 @@
+"""The answer to one concealed case: what the diagnosis says, without the truth."""
+
+import time
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from vlab.cases import load_case
+from vlab.diagnose.diagnosis import RejectedCase
+from vlab.diagnose.pipeline import Diagnosed, FrequencyDiagnosed, diagnose
+from vlab.errors import VlabError
+from vlab.files.output_folder import finite, output_folder
+from vlab.proof.baselines import baselines_of
+
+Report = Callable[[Diagnosed | FrequencyDiagnosed | RejectedCase, Path], None]
+"""Writes the report of a diagnosis into a folder."""
+
+
+def answer_case(
+    item: tuple[str, Path], *, baselines: bool = False, frees_all: Collection[str] = ()
+) -> tuple[str, dict[str, Any]]:
+    """Return a case's name and the answer to it; whatever goes wrong is an answer too, and a wrong one.
+
+    Parameters
+    ----------
+    item : (name, folder)
+    baselines : bool
+        Whether the simple methods answer as well.
+    frees_all : collection of str
+        The cases in which mujoco.sysid, which takes long, is among them.
+    """
+    name, folder = item
+    began = time.monotonic()
+    try:
+        case = load_case(folder)
+        answer = diagnose(case).diagnosis.to_json()
+        if baselines:
+            answer["baselines"] = baselines_of(case, frees_all=name in frees_all)
+    except VlabError as error:
+        answer = {"verdict": "refused", "findings": [], "error": " ".join(str(error).split())}
+    except Exception as error:  # a fault of the program must not stop a campaign; it is counted and listed
+        answer = {
+            "verdict": "crashed",
+            "findings": [],
+            "error": f"{type(error).__name__}: {' '.join(str(error).split())}",
+        }
+    answer["seconds"] = time.monotonic() - began
+    return name, {"case": name, **finite(answer)}
+
+
+def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dict[str, str]:
+    """Diagnose some cases again and write their reports; return the path of each."""
+    paths = {}
+    for name in names:
+        folder = out / name
+        if not (folder / "report.html").exists():
+            try:
+                with output_folder(folder) as fresh:
+                    report(diagnose(load_case(cases / name)), fresh)
+            except VlabError:
+                continue
+        paths[name] = str(folder / "report.html")
+    return paths

@@ -1,0 +1,19 @@
+"""TDMS (LabVIEW): the channels of a file as columns ``group/channel``, waveforms with their ``group/time`` [s].
+
+npTDMS is LGPL and so an optional extra, ``vlab[tdms]``. It believes the counts in the headers of a file, and so reads in
+a process of its own; see `vlab.recordings.isolated`.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from vlab.recordings.files import refuse
+from vlab.recordings.formats.hdf5 import read_variables
+from vlab.recordings.table import Table
+
+
+def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+    """Read the channels of a TDMS file; see `vlab.recordings.open_table`."""
+    if names is not None:
+        raise refuse(path, "a TDMS file names its own channels", fix="leave out names")
+    return read_variables("read_tdms", data, path, columns, library="nptdms", install="'vlab[tdms]' (npTDMS)")

@@ -1,0 +1,54 @@
+"""Bars over time in a Rerun scene: what `rr.BarChart` draws at one time, written as columns for all times."""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import ArrayLike
+from rerun.components import ColorBatch, LengthBatch, TensorDataBatch
+
+from vlab.signals import Array
+from vlab.views.rerun.rrd import plain
+
+_LOOK = rr.BarChart
+"""Where the components of a bar chart are described."""
+
+
+def log_bars(
+    stream: Any, path: str, indexes: list[Any], heights: Array, *, middles: ArrayLike, width: float, colour: Any
+) -> None:
+    """Log bars whose heights change over time.
+
+    `rr.BarChart.columns` takes one row only (rerun-sdk 0.41), so the column of its tensors is put together here.
+
+    Parameters
+    ----------
+    indexes : list of TimeColumn
+        Of the rows.
+    heights : (n_rows, n_bars) array
+        One row a time.
+    middles : (n_bars,) array
+        Where the bars stand.
+    width : float
+        Of each bar, in the unit of `middles`.
+    """
+    left = np.asarray(middles, dtype=float) - width / 2  # the viewer starts a bar at its place
+    look = [
+        rr.DescribedComponentBatch(ColorBatch([colour]), _LOOK.descriptor_color()),
+        rr.DescribedComponentBatch(TensorDataBatch(left), _LOOK.descriptor_abscissa()),
+        rr.DescribedComponentBatch(LengthBatch(np.full(left.size, width)), _LOOK.descriptor_widths()),
+    ]
+    stream.log(path, look, static=True)
+    rows = [
+        TensorDataBatch(np.ascontiguousarray(row)).as_arrow_array() for row in np.asarray(heights, dtype=np.float32)
+    ]
+    if rows:
+        column = rr.ComponentColumn(_LOOK.descriptor_values(), TensorDataBatch(pa.concat_arrays(rows)))
+        stream.send_columns(path, indexes, [column])
+
+
+def bar_view(name: str, origin: str) -> Any:
+    """Return a view of the bars under an entity."""
+    return rrb.BarChartView(name=plain(name), origin=origin, plot_legend=rrb.PlotLegend(visible=False))

@@ -1,0 +1,85 @@
+"""A Rerun file of a diagnosis: what was recorded, the refitted and the amended simulation, and what each leaves over."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from vlab.diagnose.advice import before_heading
+from vlab.diagnose.validation.simulation import Checked
+from vlab.signals import Recording
+from vlab.views.figures import channel_label, pretty_unit
+from vlab.views.rerun.documents import cell, fact_list, log_document
+from vlab.views.rerun.rrd import BLUE, GREY, ORANGE, blueprint, identity_of, plain, rrd_file
+from vlab.views.rerun.traces import log_series, plot_view
+
+ROWS = 4
+"""Channels on one page."""
+_CURVES = (("measured", GREY, 2.5), ("as given", ORANGE, 1.5), ("refitted", ORANGE, 1.5), ("amended", BLUE, 1.5))
+"""Of the model as given and the refitted one only the nearer."""
+
+
+def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, facts: Mapping[str, object]) -> Path:
+    """Write checked recordings beside their simulations: a page for each recording, a row for each channel.
+
+    On the left the curves lie over each other, on the right stands what each model leaves over.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written.
+    """
+    pages, lines = (
+        [],
+        [
+            "",
+            f"| recording | channel | unit | {before_heading(checked)} NRMSE | amended NRMSE | noise |",
+            "|---|---|---|---|---|---|",
+        ],
+    )
+    for i, run in enumerate(checked):
+        rows = []
+        for j, (name, errors) in enumerate(run.channels.items()):
+            channel = run.measured.channels[run.measured.index(name)]
+            unit, origin = pretty_unit(channel.unit), f"/diagnosis/{i}/{j}"
+            over = plot_view(
+                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n, _, _ in _CURVES]
+            )
+            rest = plot_view(f"left over [{unit}]", origin, contents=["$origin/left/**"])
+            rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(name)))
+            numbers = " | ".join(f"{e:.3g}" for e in errors[1:])
+            lines.append(f"| {cell(run.name)} | {cell(name)} | {cell(unit)} | {numbers} |")
+        for first in range(0, len(rows), ROWS):
+            more = f", channels {first + 1} to {min(first + ROWS, len(rows))}" if len(rows) > ROWS else ""
+            pages.append(rrb.Vertical(*rows[first : first + ROWS], name=plain(f"{run.name} ({run.role}){more}")))
+    views = rrb.Tabs(*pages) if len(pages) > 1 else pages[0]
+    layout = blueprint(rrb.Horizontal(views, rrb.TextDocumentView(name="facts", origin="/facts"), column_shares=[3, 1]))
+    with rrd_file(path, title, layout, identity_of(*_recordings(checked))) as stream:
+        for i, run in enumerate(checked):
+            for j, name in enumerate(run.channels):
+                _log_channel(stream, run, name, f"diagnosis/{i}/{j}")
+        log_document(stream, fact_list(title, facts) + "\n" + "\n".join(lines))
+    return Path(path)
+
+
+def _recordings(checked: Sequence[Checked]) -> list[Recording]:
+    return [r for run in checked for r in (run.measured, run.standing, run.amended) if r is not None]
+
+
+def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
+    time, truth = run.measured.time, run.measured[name]
+    shown = {"measured": run.measured, run.stands: run.standing, "amended": run.amended}
+    for label, colour, width in _CURVES:
+        recording = shown.get(label)
+        if recording is None:
+            continue  # this model cannot follow the recording, or no physics was added
+        values = np.asarray(recording[name])
+        log_series(stream, f"{origin}/{_entity(label)}", time, values, label, colour, width=width)
+        if label != "measured":
+            log_series(stream, f"{origin}/left/{_entity(label)}", time, truth - values, f"{label} leaves", colour)
+
+
+def _entity(label: str) -> str:
+    return label.replace(" ", "-")

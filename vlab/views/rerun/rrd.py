@@ -1,0 +1,154 @@
+"""Rerun files: whole or not there at all, opened arranged, in the colours of the figures."""
+
+import hashlib
+import os
+import uuid
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from vlab.errors import OutputRefused
+from vlab.files.leftovers import part_beside
+from vlab.signals import Array, Recording
+from vlab.views.figures import COLOURS
+
+APPLICATION = "vlab"
+BLUE, ORANGE, GREEN, PURPLE = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in COLOURS[:4])
+GREY, LIGHT = (130, 130, 130), (225, 225, 225)
+TOWARDS_EYE = np.array([0.72, -0.66, 0.16])
+EYE_DISTANCE = 1.13
+"""Of the default eye, in extents of what is shown."""
+FIELD_OF_VIEW = np.radians(55.0)
+"""Of the viewer, from bottom to top."""
+WIDTH_TO_HEIGHT = 0.5
+"""Of the moving picture in a common window, see `arranged`."""
+
+
+@contextmanager
+def rrd_file(path: Path | str, name: str, layout: Any, identity: Any) -> Iterator[Any]:
+    """Yield a recording stream whose file appears under its name only when everything is in it."""
+    path = Path(path)
+    try:
+        with part_beside(path) as part:  # a folder that cannot be written shows here, before Rerun warns on its own
+            # The same content gets the same identity, so that a viewer does not merge different runs; no wall clock goes in.
+            stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
+            try:
+                _save(stream, part, layout)
+                stream.send_recording_name(name)
+                yield stream
+            finally:
+                stream.disconnect()
+            _check_whole(part)
+            os.replace(part, path)
+    except OSError as error:
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise OutputRefused(f"{path} cannot be written: {reason}; check the folder and its free space") from error
+
+
+def _save(stream: Any, part: Path, layout: Any) -> None:
+    try:
+        stream.save(part, default_blueprint=layout)
+    except RuntimeError as error:  # what Rerun makes of a file that cannot be written
+        raise OSError(str(error)) from error
+
+
+def _check_whole(part: Path) -> None:
+    """Refuse a file without its end: Rerun goes on in silence when the disk is full."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            RrdReader(part).recordings()
+    except (RuntimeError, Warning) as error:
+        raise OSError("the file came out incomplete") from error
+
+
+def identity_of(*recordings: Recording) -> uuid.UUID:
+    """Return an identity made of the content of recordings."""
+    content = hashlib.sha256()
+    for recording in recordings:
+        content.update(repr((recording.channels, dict(recording.meta))).encode())
+        content.update(recording.time.tobytes() + recording.data.tobytes())
+    return uuid.UUID(bytes=content.digest()[:16], version=4)
+
+
+def time_columns(time: Array, steps: NDArray[np.int64]) -> list[Any]:
+    """Return the two timelines: seconds, and the number of the sample."""
+    return [rr.TimeColumn("sim_time", duration=time), rr.TimeColumn("step", sequence=steps)]
+
+
+def send(stream: Any, path: str, indexes: list[Any], look: Any, columns: Any) -> None:
+    """Log how an entity looks once, and its values over time."""
+    stream.log(path, look, static=True)
+    stream.send_columns(path, indexes, columns)
+
+
+def rgb(index: int) -> tuple[int, ...]:
+    """Return the colour of the figures' curve of that number; their black is a grey that shows on black."""
+    colour = COLOURS[index % len(COLOURS)]
+    return (120, 120, 120) if colour == "#000000" else tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+
+
+def plain(words: object) -> str:
+    """Return text on one line, without control characters."""
+    return "".join(c if c.isprintable() else " " for c in str(words))
+
+
+def eye_view(name: str, origin: str, middle: Array, extent: float) -> Any:
+    """Return a view from the front right, where a deflection along y shows to the side."""
+    position = middle + EYE_DISTANCE * extent * TOWARDS_EYE
+    eye = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=middle, eye_up=[0, 0, 1])
+    return rrb.Spatial3DView(
+        name=plain(name),
+        origin=origin,
+        eye_controls=eye,
+        line_grid=rrb.LineGrid3D(visible=False),
+    )
+
+
+def extent_in_view(points: Array, middle: Array) -> float:
+    """Return the smallest extent for `eye_view` with which all points (n, 3) come to lie in the picture."""
+    towards = TOWARDS_EYE / np.linalg.norm(TOWARDS_EYE)
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    above, at = np.cross(towards, right), points - middle
+    half_height = 0.93 * np.tan(FIELD_OF_VIEW / 2)  # at distance 1, with some room at the edges
+    half_width = WIDTH_TO_HEIGHT * half_height
+    depth = np.maximum(np.abs(at @ right) / half_width, np.abs(at @ above) / half_height)
+    return float(np.max(depth + at @ towards) / (EYE_DISTANCE * np.linalg.norm(TOWARDS_EYE)))
+
+
+def arranged(scene: Any, bars: Any | None, pages: Sequence[tuple[str, Sequence[Any]]], papers: Sequence[Any]) -> Any:
+    """Arrange the moving picture over its bars, the pages of plots, and what is read, from left to right.
+
+    Parameters
+    ----------
+    pages : sequence of (name, views)
+        One above the other on each; pages without a view are left out.
+    """
+    left = scene if bars is None else rrb.Vertical(scene, bars, row_shares=[3, 1])
+    shown = [rrb.Vertical(*views, name=name) for name, views in pages if views]
+    plots = rrb.Tabs(*shown) if len(shown) > 1 else shown[0]
+    return rrb.Horizontal(left, plots, rrb.Vertical(*papers), column_shares=[3, 4, 3])
+
+
+def blueprint(views: Any, *, playing: str = "playing") -> Any:
+    """Return views that open with the panels folded away and the time running; `playing` "following" stays at its end."""
+    return rrb.Blueprint(
+        views,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline="sim_time",
+            loop_mode="all" if playing == "playing" else "off",
+            play_state=playing,
+        ),
+    )
