@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vlab.diagnose.inference.parameter_vector import inward, limits_of, outward
+from vlab.diagnose.inference.parameter_vector import from_unbounded, limits_of, to_unbounded
 from vlab.physics.catalogue import EFFECTS
 
 SIZES = [
@@ -20,7 +20,7 @@ def test_a_size_stays_within_the_catalogues_range_wherever_it_starts(name, param
     start = times * parameter.high
     low, high = limits_of(parameter, start, lambda reference: 1.0)
     assert low <= high
-    reached = outward(parameter, np.array([low, np.clip(inward(parameter, start), low, high), high]))
+    reached = from_unbounded(parameter, np.array([low, np.clip(to_unbounded(parameter, start), low, high), high]))
     assert np.all(np.abs(reached) <= parameter.high * (1 + 1e-9))
 
 

@@ -108,7 +108,7 @@ def test_laws_folded_into_the_twin_move_it_as_they_do_step_by_step(names, subste
 def test_laws_played_from_tapes_move_the_twin_as_those_written(names, substeps, monkeypatch):
     """To rounding, which friction that sticks or slips makes a little more of."""
     played = marched(names, substeps)
-    monkeypatch.setattr(marching, "tape_of", lambda *given: None)
+    monkeypatch.setattr(marching, "trace_expression", lambda *given: None)
     written = marched(names, substeps)
     assert np.abs(written - marched([], substeps)).max() > 1e-3 * np.abs(written).max()
     np.testing.assert_allclose(played, written, atol=1e-8 * np.abs(written).max())

@@ -5,8 +5,8 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.locations import Place, admissible, reported_name
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_problem import prepare
@@ -22,13 +22,13 @@ def screen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rig_oscillator, "SECONDS", 2.0)
         rig = oscillator_case(tmp_path_factory.mktemp("rig"))
-        return Screen(prepare(load_case(rig.folder)))
+        return ScoreTest(prepare(load_case(rig.folder)))
 
 
 @pytest.mark.parametrize("name", sorted(SHARE))
 def test_twin_and_mujoco_pick_up_the_same(screen, name):
     problem, effect = screen.problem, EFFECTS[name]
-    refiner = Refiner(screen)
+    refiner = LeastSquares(screen)
     place = next(p for p in problem.places if p.kind == "pick-up" and admissible(effect, p) and p.index == 1)
     fit = refiner.fit()
     term = Term(effect=effect, place=place, values={"share": SHARE[name]})

@@ -9,7 +9,7 @@ from vlab.physics.catalogue import EFFECTS
 
 
 def candidate(name, gain, place="joint:a"):
-    return Candidate(effect=EFFECTS[name], place=SimpleNamespace(name=place), values={}, gain=gain)
+    return Candidate(effect=EFFECTS[name], place=SimpleNamespace(name=place), values={}, log_likelihood_gain=gain)
 
 
 def names(candidates):

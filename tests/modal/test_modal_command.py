@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from command import run as run_words
+from command import run as run_summary
 from scipy import signal
 
 from vlab.lab.run_folder import RunSettings, perform
@@ -47,7 +47,7 @@ def quick(quick_layout):
 
 
 def run(capsys, *words):
-    return run_words(capsys, *(str(word) for word in words))
+    return run_summary(capsys, *(str(word) for word in words))
 
 
 LABELS = ("--input", "Hammer=force,N", "--output", "Acc1=acceleration,g", "--output", "Acc2=acceleration,g")

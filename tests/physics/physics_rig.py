@@ -13,7 +13,7 @@ from vlab.cases.case import Case, load_case
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
-from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.problem import Problem
@@ -64,9 +64,9 @@ class ChainRig:
         out = simulate(plant, self.run, initial=rest).recording
         return out.select(list(self.problem.names)).data
 
-    def in_twin(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
+    def in_reduced_model(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
         """Return the same from the reduced model, (n_samples, n_channels)."""
-        refiner = object.__new__(Refiner)  # the simulation alone, without what a fit needs
+        refiner = object.__new__(LeastSquares)  # the simulation alone, without what a fit needs
         refiner.twin = self.problem.twin
         refiner.highest = float(np.abs(refiner.twin.omega).max()) / (2 * np.pi)
         places = {name: p for p in self.problem.places for name in (p.name, *p.aliases)}

@@ -9,7 +9,7 @@ import pytest
 from vlab.diagnose.kernels.expression_graph import series
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
-from vlab.physics.expression import tape_of
+from vlab.physics.expression import trace_expression
 
 PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]
@@ -64,10 +64,10 @@ def both(effect: PortEffect) -> tuple[np.ndarray, np.ndarray]:
     values: dict[str, Any] = {
         p.name: float(np.sqrt(p.low * p.high)) if not p.signed else -0.3 for p in effect.parameters
     }
-    tape = tape_of(effect, H, ("z", "v", "t"))
-    assert tape is not None
+    graph = trace_expression(effect, H, ("z", "v", "t"))
+    assert graph is not None
     memory = effect.memory((WIDTH,))
-    played = series(tape, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
+    played = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
     written = np.empty_like(z)
     for k in range(N):
         written[k], memory = effect.force(z[k], v[k], values, Step(h=H, t=t[k]), memory)
@@ -89,9 +89,9 @@ def test_every_operation_plays_as_numpy_has_it():
 
 @pytest.mark.parametrize("effect", PORTS, ids=lambda e: e.name)
 def test_every_law_of_the_catalogue_is_played(effect):
-    assert tape_of(effect, H) is not None
+    assert trace_expression(effect, H) is not None
 
 
 @pytest.mark.parametrize("effect", [Branching(), OfMath(), Forgetful()], ids=lambda e: type(e).__name__)
 def test_a_law_that_no_tape_can_hold_is_known(effect):
-    assert tape_of(effect, H) is None
+    assert trace_expression(effect, H) is None

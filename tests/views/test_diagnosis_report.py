@@ -23,7 +23,7 @@ from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.validation.gap import total
-from vlab.diagnose.validation.simulation import Amended, amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -234,7 +234,7 @@ def test_the_best_attempt_is_shown_without_a_probability(found):
         own,
         verdict="none-of-these",
         findings=(),
-        checked=tuple(c.unamended() for c in own.checked),
+        checked=tuple(c.without_findings() for c in own.checked),
         attempt=attempt,
         alternatives=tuple({**a, "probability": None} for a in own.alternatives),
     )
@@ -370,7 +370,7 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
         terms=(term,), theta=theta, offsets=np.array([1e-4]), starts={}, error=np.zeros((1, 1)), chi2=0.0, cost=0.0
     )
     before, after = amended(problem, dataclasses.replace(fit, terms=())), amended(problem, fit)
-    checked = check(case.runs(("holdout",)), before, after, nominal=Amended(plant=case.plant))
+    checked = check(case.runs(("holdout",)), before, after, nominal=ExtendedModel(plant=case.plant))
     done = SimpleNamespace(
         problem=problem,
         diagnosis=SimpleNamespace(findings=(1,), checked=checked, heldout={"nrmse_after": total(checked, "after")}),
@@ -379,6 +379,6 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
         after=after,
         choice=SimpleNamespace(best=SimpleNamespace(terms=(term,))),
     )
-    files = amended_model.write_amended(done, out)
+    files = amended_model.write_extended_model(done, out)
     assert abs(total(checked, "after") / total(checked, "before") - 1.0) > 0.01  # the friction counts
     assert files.nrmse == pytest.approx(files.reported, rel=1e-6)

@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 from vlab.benchmark.designs import design_timings
 from vlab.cases.case import load_case
 from vlab.controllers import Controller, LinearLaw
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.score_test import Screen
-from vlab.diagnose.inference.window_least_squares import WindowRefiner
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.fe import FeModel, build_fe_model
@@ -89,9 +89,9 @@ def refit_rows() -> list[Row]:
     case = load_case(asset("cases/emps/case.toml"))
 
     def refit() -> None:
-        screen = Screen(prepare(case))
-        windows = WindowRefiner(screen)
-        Refiner(screen).fit((), windows.fit())
+        screen = ScoreTest(prepare(case))
+        windows = WindowLeastSquares(screen)
+        LeastSquares(screen).fit((), windows.fit())
 
     out = []
     for work, ours, peer, theirs in (

@@ -7,7 +7,7 @@ import time
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.demo.story import run_demo
-from vlab.diagnose.advice import probability_in_words
+from vlab.diagnose.advice import format_probability
 from vlab.files.output_folder import output_folder, write_manifest
 
 OUT = "out/demo"
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             + text_table(
                 ["found", "place", "probability"],
                 [
-                    [f.effect, f.place, probability_in_words(f.probability)]
+                    [f.effect, f.place, format_probability(f.probability)]
                     for f in demo.concealed.done.diagnosis.findings
                 ],
             ),

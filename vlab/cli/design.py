@@ -13,7 +13,7 @@ import numpy as np
 from vlab import units
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.cli.law_argument import file_of, is_given, laboratory_for, linear_gains, load_given
+from vlab.cli.law_argument import file_of, is_given, laboratory_for, linear_gains, load_law_argument
 from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
 from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
 from vlab.controllers.law_file import write_law
@@ -221,7 +221,7 @@ def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
     asked = asked_of(structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")})
-    modes, given = _shown(fe, asked), load_given(fe, arguments.law, arguments.rate)
+    modes, given = _shown(fe, asked), load_law_argument(fe, arguments.law, arguments.rate)
     document: dict[str, Any] = {"law": arguments.law, "structure": structure.name, "model": model}
     document |= given.describe(modes, asked)
     document["modes"] = [mode + 1 for mode in modes]

@@ -7,7 +7,7 @@ from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.user_law import code_of
-from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, probability_in_words
+from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
 from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadExperiment
@@ -128,7 +128,7 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
     if all(a["probability"] is None for a in tried):
         rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]
         return [text_table(["tried", "place", "left over / refitted", "left over / noise"], rows)]
-    rows = [[a["effect"], a["place"], probability_in_words(a["probability"]), a["remaining"]] for a in tried]
+    rows = [[a["effect"], a["place"], format_probability(a["probability"]), a["remaining"]] for a in tried]
     table = text_table(["alternative", "place", "probability", "left over / noise"], rows)
     return [table, f"({RESERVED})"]
 

@@ -30,7 +30,7 @@ def file_of(name: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GivenLaw:
+class LawArgument:
     """A law in the laboratory's sampled loop around a model, with its hold, delay and filter.
 
     Parameters
@@ -76,7 +76,7 @@ class GivenLaw:
         return list(performance.rate_feedback_index(model, -D, weights_of(asked, model), x0))
 
 
-def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
+def load_law_argument(fe: FeModel, name: str, rate: float | None) -> LawArgument:
     """Load a law and put it into the sampled loop of the laboratory.
 
     Parameters
@@ -94,7 +94,7 @@ def load_given(fe: FeModel, name: str, rate: float | None) -> GivenLaw:
         raise BadController(
             f"the law {name} has no `matrices`: poles and damping ratios are those of linear laws; run vlab experiment instead"
         )
-    return GivenLaw(law=law, loop=loop_on(fe, law, laboratory_for(law, rate).converter), fe=fe)
+    return LawArgument(law=law, loop=loop_on(fe, law, laboratory_for(law, rate).converter), fe=fe)
 
 
 def laboratory_for(law: LinearController | None, rate: float | None) -> Hardware:

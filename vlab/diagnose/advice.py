@@ -75,13 +75,13 @@ _CONFIRMS = {
 
 
 RESERVED = f"{100 * LAPSE:.2g} % of every probability is reserved for physics outside the catalogue"
-LEAST_TOLD = 0.001
+LEAST_PROBABILITY = 0.001
 """Probabilities below this one are not told apart."""
 
 
-def probability_in_words(probability: float) -> str:
+def format_probability(probability: float) -> str:
     """Return a probability as it is printed."""
-    return f"{probability:.3f}" if probability >= LEAST_TOLD else f"< {LEAST_TOLD:g}"
+    return f"{probability:.3f}" if probability >= LEAST_PROBABILITY else f"< {LEAST_PROBABILITY:g}"
 
 
 def before_heading(checked: Sequence[Distance]) -> str:
@@ -89,7 +89,7 @@ def before_heading(checked: Sequence[Distance]) -> str:
     return "as given or refitted" if any(c.is_spoilt for c in checked) else "refitted"
 
 
-def spoilt(checked: Sequence[Distance]) -> tuple[str, ...]:
+def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
     worse = [c for c in checked if c.refitted > NO_WORSE * c.nominal]
     if not worse:
@@ -104,7 +104,7 @@ def _error(error: float) -> str:
     return f"{error:.3g}" if np.isfinite(error) else "beyond all bounds"
 
 
-def idle(checked: Sequence[Distance]) -> tuple[str, ...]:
+def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     """Return in a sentence each which findings no recording kept aside, or not every one, can verify."""
     held = [c for c in checked if c.role == "holdout" and c.parts]
     out = []
@@ -151,12 +151,12 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
         out.append("effects whose trace is smaller than the noise and the model's own uncertainty")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
-        out += [f"{h.label} was tried and leaves {h.level:.3g} times the noise" for h in tried[:3]]
+        out += [f"{h.label} was tried and leaves {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
         out.append("physics that is not in the catalogue")
     return tuple(out)
 
 
-def far_off(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
+def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
     """Return which uncertain parameters a refit took further than chance would, at log-factors (n_parameters,).
 
     Physics that only changes a number hides there: a refit that may change the number takes it up.

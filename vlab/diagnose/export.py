@@ -33,7 +33,7 @@ LEAST = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class AmendedFiles:
+class ExtendedModelFiles:
     """What was written.
 
     Parameters
@@ -57,7 +57,7 @@ class AmendedFiles:
     note: str = ""
 
 
-def write_amended(done: Done, folder: Path) -> AmendedFiles:
+def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
     """Write the amended model (the refitted one where nothing was found), its case and the recordings; run them again.
 
     Raises
@@ -102,7 +102,7 @@ def write_amended(done: Done, folder: Path) -> AmendedFiles:
         raise OutputRefused(f"the amended model cannot be written into {folder}: {error.strerror or error}") from error
     nrmse, note = _run_again(done, folder)
     reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
-    return AmendedFiles(
+    return ExtendedModelFiles(
         files=(*files, CASE),
         tables=tuple(e.label for e in tables),
         nrmse=nrmse,

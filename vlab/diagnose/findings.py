@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.data.command_limit import CommandLimit
-from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import Finding, Verdict
-from vlab.diagnose.inference.evidence import WORTH, Hypothesis
+from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES, Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.inference.sensor_offset import Zero
+from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.parameters.locations import reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
@@ -30,7 +30,7 @@ MOST_ALTERNATIVES = 8
 """Hypotheses that are listed beside what is reported."""
 
 
-def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
+def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     """Return the finding of a limit on a law's commands."""
     law = next(run.law for run in problem.runs if run.law is not None)
     effect = EFFECTS["actuator-clipping"]
@@ -40,7 +40,7 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
     told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
     # the odds of the replays' errors, of as many independent samples as any score counts
-    odds = (limit.after / limit.before) ** WORTH
+    odds = (limit.after / limit.before) ** MODEL_ERROR_SAMPLES
     return Finding(
         effect=effect.name,
         form=effect.name,
@@ -56,7 +56,7 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     )
 
 
-def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
+def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     """Return the findings of the chosen hypothesis."""
     out = []
     for i, term in enumerate(fit.terms):
@@ -90,11 +90,11 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     return out
 
 
-def of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
+def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
     """Return the effects of a hypothesis that is not chosen, as findings that nothing is said of but their values."""
     places = {t.place.name: 1.0 for t in fit.terms[:1]}
     alone = Choice(best=hypothesis, alike=(), probability=float("nan"), ranking=(), places=places)
-    return of_terms(alone, fit, problem)
+    return findings_of_terms(alone, fit, problem)
 
 
 def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance]) -> tuple[Finding, ...]:
@@ -129,8 +129,8 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
             "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
             "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
             "probability": p if is_told else None,
-            "remaining": h.level,
-            "remaining_share": h.level / max(before, 1e-300),
+            "remaining": h.normalised_residual,
+            "remaining_share": h.normalised_residual / max(before, 1e-300),
         }
         for h, p in tried[:MOST_ALTERNATIVES]
     )
@@ -222,7 +222,7 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def of_hum(hum: Hum, unit: str) -> Finding:
+def finding_of_interference(hum: MainsInterference, unit: str) -> Finding:
     """Return the finding of hum on a sensor's leads."""
     lines = " and ".join(f"{k * hum.frequency:.2f} Hz" for k in hum.harmonics)
     words = (
@@ -235,13 +235,13 @@ def of_hum(hum: Hum, unit: str) -> Finding:
     return _seen("mains-hum", hum.channel, parameters, words)
 
 
-def of_stop(stop: SensorLimit, unit: str) -> Finding:
+def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
     """Return the finding of a sensor that stops at the end of its range."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
     return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
 
 
-def of_step(step: SensorStep, unit: str) -> Finding:
+def finding_of_step(step: SensorStep, unit: str) -> Finding:
     """Return the finding of a sensor with coarse readings."""
     spread = 1.645 * step.sd
     interval = [step.step - spread, step.step + spread]
@@ -250,7 +250,7 @@ def of_step(step: SensorStep, unit: str) -> Finding:
     return _seen("sensor-quantisation", step.channel, parameters, words)
 
 
-def of_zero(zero: Zero, unit: str) -> Finding:
+def finding_of_offset(zero: SensorOffset, unit: str) -> Finding:
     """Return the finding of a sensor's zero that is off."""
     spread = 1.645 * zero.sd
     interval = [zero.offset - spread, zero.offset + spread]

@@ -10,30 +10,30 @@ from typing import Any, cast
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.advice import far_off, idle, next_measurement, not_excluded, spoilt
+from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
 from vlab.diagnose.data.amplitude_dependence import level_notes
 from vlab.diagnose.data.responses import MODEL_ERROR, Measured, Modes, Response
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
-from vlab.diagnose.findings import alternatives, by_what_they_explain, of_attempt, of_terms
-from vlab.diagnose.inference.model_choice import Choice, choose
+from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_attempt, findings_of_terms
+from vlab.diagnose.inference.model_choice import Choice, choose_model
 from vlab.diagnose.parameters.mjcf import unused
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem, prepare_frequency
 from vlab.diagnose.search.attempt import best_attempt
-from vlab.diagnose.search.cross_validation import LeftOut, leave_out
+from vlab.diagnose.search.cross_validation import LeftOut, cross_validate
 from vlab.diagnose.search.frequency_selection import FrequencyFound, search_frequency
 from vlab.diagnose.validation.frequency import (
     CheckedFrequency,
-    FrequencyAmended,
-    amended_by,
+    ExtendedFrequencyModel,
     apart,
-    as_given,
     check_frequency,
+    extended_by,
     modal_errors,
+    nominal_model,
 )
 from vlab.diagnose.validation.gap import gap_closed, total, verifying
 from vlab.diagnose.validation.response_checks import check_responses
-from vlab.diagnose.validation.simulation import Removed
+from vlab.diagnose.validation.simulation import Ablations
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
@@ -59,7 +59,7 @@ class FrequencyDiagnosed:
 
     Parameters
     ----------
-    before, after : FrequencyAmended
+    before, after : ExtendedFrequencyModel
         The refitted and the amended model; the same where nothing was found.
     left_out : LeftOut or None
         The prediction of parts that were left out, where nothing was held out.
@@ -69,8 +69,8 @@ class FrequencyDiagnosed:
     problem: FrequencyProblem
     found: FrequencyFound
     choice: Choice
-    before: FrequencyAmended
-    after: FrequencyAmended
+    before: ExtendedFrequencyModel
+    after: ExtendedFrequencyModel
     fit: Fit
     left_out: LeftOut | None = None
 
@@ -108,23 +108,25 @@ def diagnose_frequency(
     fit_before = found.before.fit
     fit = choice.best.fit
     report(0.85, "checking in MuJoCo")
-    before = amended_by(problem, fit_before)
-    after = amended_by(problem, fit) if choice.best.terms else before
+    before = extended_by(problem, fit_before)
+    after = extended_by(problem, fit) if choice.best.terms else before
     trials = partial(_tried, problem, before)
-    terms = of_terms(choice, fit, cast(Any, problem))
+    terms = findings_of_terms(choice, fit, cast(Any, problem))
     tried = trials(fit, terms)
     left_out = None
-    if not problem.held_out:
+    if not problem.read_holdout:
         report(0.9, "predicting parts left out")
-        left_out = leave_out(problem, found.fitter, fit_before, fit)
+        left_out = cross_validate(problem, found.fitter, fit_before, fit)
     fitted = partial(trials, fit, terms, problem.measured)
     verdict, attempt = _verdict(choice, tried.checked, left_out, lambda: fitted().checked), None
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
-        attempt = best_attempt(tried, (trials(h.fit, of_attempt(h, h.fit, cast(Any, problem))) for h in others))
+        attempt = best_attempt(
+            tried, (trials(h.fit, findings_of_attempt(h, h.fit, cast(Any, problem))) for h in others)
+        )
     if verdict == "none-of-these" and file.of("warning"):
         verdict = "bad-recording"
-    said = _say(problem, found, choice, verdict, tried, attempt, left_out)
+    said = _report(problem, found, choice, verdict, tried, attempt, left_out)
     diagnosis = replace(said, quality=file.lines, seconds=time.monotonic() - began)
     report(1.0, "done")
     return FrequencyDiagnosed(
@@ -141,7 +143,7 @@ def diagnose_frequency(
 
 def _tried(
     problem: FrequencyProblem,
-    before: FrequencyAmended,
+    before: ExtendedFrequencyModel,
     fit: Fit,
     terms: Sequence[Finding],
     data: Sequence[Measured] = (),
@@ -150,26 +152,26 @@ def _tried(
 
     Parameters
     ----------
-    before : FrequencyAmended
+    before : ExtendedFrequencyModel
         The refitted model.
     terms : sequence of Finding
         The fit's effects as they are reported.
     """
-    data = data or problem.held_out or problem.measured
+    data = data or problem.read_holdout or problem.measured
     rests = [replace(fit, terms=tuple(t for t in fit.terms if t is not term)) for term in fit.terms]
     rests += [replace(fit, terms=())] if len(rests) > 1 else []
-    removed = Removed(
-        names=tuple(f"{f.name} at {f.place}" for f in terms), models=tuple(amended_by(problem, rest) for rest in rests)
+    ablate = Ablations(
+        names=tuple(f"{f.name} at {f.place}" for f in terms), models=tuple(extended_by(problem, rest) for rest in rests)
     )
-    after = amended_by(problem, fit) if terms else before
-    models = [as_given(problem.plant, problem.wires), before, after]
-    checked = check_frequency(models, data, problem.unfitted, removed)
+    after = extended_by(problem, fit) if terms else before
+    models = [nominal_model(problem.plant, problem.wires), before, after]
+    checked = check_frequency(models, data, problem.unfitted, ablate)
     return Attempt(findings=tuple(_in_form(problem, f) for f in terms), fit=fit, checked=tuple(checked))
 
 
 def _chosen(found: FrequencyFound) -> Choice:
     """Choose, and take back what did not gain enough for the number of effects and places that were tried."""
-    choice = choose(found)
+    choice = choose_model(found)
     if not choice.best.terms or choice.best.score - found.before.score >= LEAST_SCORE:
         return choice
     best = found.before
@@ -224,7 +226,7 @@ def _gap(checked: Sequence[CheckedFrequency]) -> float | None:
     return None if gap is None else min(gap, gap_closed(start, after, noise) or 0.0)
 
 
-def _say(
+def _report(
     problem: FrequencyProblem,
     found: FrequencyFound,
     choice: Choice,
@@ -236,18 +238,22 @@ def _say(
     fit = choice.best.fit
     is_found = verdict == "missing-physics"
     shown = tried if is_found else attempt
-    checked = tried.checked if is_found else tuple(c.unamended() for c in tried.checked)
+    checked = tried.checked if is_found else tuple(c.without_findings() for c in tried.checked)
     return Diagnosis(
         title=problem.case.table.title,
         verdict=verdict,
         findings=by_what_they_explain(tried.findings, checked) if is_found else (),
-        alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.level),
+        alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.normalised_residual),
         checked=checked,
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),
         next_measurement=_next(choice, verdict, problem, attempt),
         quality=(),
-        notes=(*spoilt(checked), *idle(shown.checked if shown else ()), *_notes(problem, found, choice, left_out)),
+        notes=(
+            *spoilt_note(checked),
+            *idle_note(shown.checked if shown else ()),
+            *_notes(problem, found, choice, left_out),
+        ),
         attempt=attempt,
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
     )
@@ -286,7 +292,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
         f"{name} drives held-out data alone: its gain, known to {100 * sd:.2g} %, has its likeliest value there"
         for name, sd in problem.unfitted.items()
     ]
-    if not problem.held_out:
+    if not problem.read_holdout:
         out.append("no hold-out data: nothing can be verified on data that the search did not use")
     if left_out is not None:
         text = (
@@ -302,7 +308,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
         if choice.best.terms
         else f"{found.tried} effects at places were tried"
     )
-    far = far_off(problem.parameters, choice.best.fit.theta)
+    far = implausible_parameters(problem.parameters, choice.best.fit.theta)
     out += far
     best = found.hypotheses[0] if found.hypotheses else None
     if not choice.best.terms and far and best is not None and best.score > found.before.score:

@@ -11,28 +11,28 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.checks import FileCheck, check_recordings
 from vlab.cases.misfit import misfit
-from vlab.diagnose.advice import far_off, idle, next_measurement, not_excluded, spoilt
-from vlab.diagnose.data.mains_interference import Hum
-from vlab.diagnose.data.quality import assess
-from vlab.diagnose.data_findings import Seen, look
+from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
+from vlab.diagnose.data.mains_interference import MainsInterference
+from vlab.diagnose.data.quality import assess_quality
+from vlab.diagnose.data_findings import DataFindings, look_at_data
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
-from vlab.diagnose.findings import alternatives, by_what_they_explain, of_terms
+from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.inference.sensor_offset import said_zeros, shifted_zeros
-from vlab.diagnose.parameters.holdout import held_out, moves
+from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
+from vlab.diagnose.parameters.holdout import moves, read_holdout
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
-from vlab.diagnose.parameters.static_offset import without_standoffs
+from vlab.diagnose.parameters.static_offset import remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.alternative_conventions import read_otherwise
+from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt
-from vlab.diagnose.search.confirmation import Settling
-from vlab.diagnose.search.model_class import road_of
+from vlab.diagnose.search.confirmation import Confirmation
+from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
-from vlab.diagnose.validation.simulation import Amended, Checked, amended, check, coarse_steps, with_finer_steps
-from vlab.diagnose.verdict import closes, coloured_noise, is_needed, left_over, verdict_on
+from vlab.diagnose.validation.simulation import Checked, ExtendedModel, amended, check, coarse_steps, with_finer_steps
+from vlab.diagnose.verdict import closes_gap, coloured_noise_note, decide_verdict, is_needed, residual_note
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -51,8 +51,8 @@ class Diagnosed:
     problem: Problem
     found: TimeFound
     choice: Choice
-    before: Amended
-    after: Amended
+    before: ExtendedModel
+    after: ExtendedModel
     fit: Fit
 
 
@@ -100,49 +100,49 @@ def _diagnosed(
     """
     report(0.0, "reading")
     given = whole_case.plant
-    case, standoffs = without_standoffs(with_modes_of_fe(whole_case))
+    case, standoffs = remove_static_offsets(with_modes_of_fe(whole_case))
     file = check_recordings(case) if checked_file is None else checked_file
     if file.of("fatal"):
         return reject_case(whole_case, file, time.monotonic() - began)
-    road = road_of(case, effects)
-    problem, case = road.problem, road.problem.case
-    unseen = held_out(case, problem.names, problem.runs)
-    seen = look(problem, assess([*problem.runs, *unseen.runs], problem.runs, file))
-    found = road.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
+    model_class = choose_model_class(case, effects)
+    problem, case = model_class.problem, model_class.problem.case
+    holdout = read_holdout(case, problem.names, problem.runs)
+    seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
+    found = model_class.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
     report(0.8, "fitting whole recordings")
-    other = read_otherwise(road, found) if not (told or seen.damage.fatal) else None
+    other = choose_convention(model_class, found) if not (told or seen.damage.fatal) else None
     if other is not None:
         return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]), file)
-    settling = Settling(
+    settling = Confirmation(
         problem=problem,
         whole=found.whole,
         start=found.before.long_fit,
         seen=seen,
         effects=effects,
-        is_linear=road.is_linear,
+        is_linear=model_class.is_linear,
     )
     settled = settling.settled(found)
     choice, fit_before, fit_after = settled.choice, settled.before, settled.after
-    seen = replace(seen, zeros=shifted_zeros(problem, fit_after, [s.channel for s in standoffs]))
-    wrong_zeros = {*(zero.channel for zero in seen.zeros), *said_zeros(problem, fit_after)}
+    seen = replace(seen, zeros=find_sensor_offsets(problem, fit_after, [s.channel for s in standoffs]))
+    wrong_zeros = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit_after)}
     before, after = amended(problem, fit_before, wrong_zeros), seen.on(amended(problem, fit_after))
     without = seen.on(amended(problem, fit_before))
     is_structure = case.structure is not None
     if seen.is_missing and fit_after.terms:
         on_fitted = check(problem.runs, without, after)
         if not (
-            closes(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
+            closes_gap(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
         ):
             fit_after, after = fit_before, without  # what the recordings show without a model explains them
     report(0.9, "checking in MuJoCo")
-    runs = list(unseen.runs) or [run for run in problem.runs if moves(run)]
-    trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=Amended(plant=given))
-    terms = of_terms(choice, fit_after, problem)
+    runs = list(holdout.runs) or [run for run in problem.runs if moves(run)]
+    trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=ExtendedModel(plant=given))
+    terms = findings_of_terms(choice, fit_after, problem)
     tried = trials.of(fit_after, terms)
 
     def verdict_of(trials: Trials, tried: Attempt) -> Verdict:
-        fitted = partial(_on_fitted, trials, fit_after, terms)
-        return verdict_on(choice, tried.checked, seen, is_structure=is_structure, fitted=fitted)
+        fitted = partial(_on_fit_runs, trials, fit_after, terms)
+        return decide_verdict(choice, tried.checked, seen, is_structure=is_structure, fitted=fitted)
 
     verdict = verdict_of(trials, tried)
     coarse = ""
@@ -166,24 +166,24 @@ def _diagnosed(
         attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
     if verdict != "missing-physics":
         after, fit_after = before, fit_before  # what is not reported is not in the amended model
-        checked = [c.unamended() for c in checked]
+        checked = [c.without_findings() for c in checked]
     notes = (
-        *left_over(verdict, checked, is_structure=is_structure),
-        *coloured_noise(verdict, checked, is_structure=is_structure),
-        *spoilt(checked),
-        *idle(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
+        *residual_note(verdict, checked, is_structure=is_structure),
+        *coloured_noise_note(verdict, checked, is_structure=is_structure),
+        *spoilt_note(checked),
+        *idle_note(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
         *([coarse] if coarse else []),
         *([told] if told else []),
         *(s.line for s in standoffs),
-        *unseen.notes,
+        *holdout.notes,
         *problem.notes,
         *settled.rejected,
-        *road.notes,
+        *model_class.notes,
     )
     findings = by_what_they_explain(tried.findings, checked) if verdict == "missing-physics" else ()
     diagnosis = replace(
-        _say(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
-        alternatives=alternatives(choice, problem, verdict, found.before.level),
+        _report(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
+        alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
         seconds=time.monotonic() - began,
     )
     report(1.0, "done")
@@ -192,13 +192,13 @@ def _diagnosed(
     )
 
 
-def _say(
+def _report(
     verdict: Verdict,
     problem: Problem,
     choice: Choice,
     fit: Fit,
     checked: Sequence[Checked],
-    seen: Seen,
+    seen: DataFindings,
     findings: Sequence[Finding],
     notes: Sequence[str],
     attempt: Attempt | None,
@@ -210,21 +210,21 @@ def _say(
         alternatives=(),
         checked=tuple(checked),
         mismatch=_mismatch(checked),
-        not_excluded=(*not_excluded(choice, verdict), *far_off(problem.parameters, fit.theta)),
+        not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
         next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
         attempt=attempt,
-        quality=(*seen.damage.lines, *(_hum_line(hum) for hum in seen.benign_hums)),
+        quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
         notes=tuple(notes),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
     )
 
 
-def _on_fitted(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
+def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
     """Return how far the models are from the recordings to fit."""
     return replace(trials, runs=trials.problem.runs).of(fit, terms).checked
 
 
-def _hum_line(hum: Hum) -> str:
+def _interference_note(hum: MainsInterference) -> str:
     lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
     return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
 

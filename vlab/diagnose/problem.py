@@ -8,12 +8,16 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared, Run
-from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
-from vlab.diagnose.parameters.reduced_model import Twin
-from vlab.diagnose.parameters.structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
+from vlab.diagnose.parameters.reduced_model import ReducedModel
+from vlab.diagnose.parameters.structure import (
+    adjusted_structure,
+    common_scale_of_structure,
+    frequencies_of_reduced_model,
+)
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -56,12 +60,12 @@ class Problem:
     bare : Problem or None
         The same without the loads of the model's own nonlinearity, where there are any.
     timing : str
-        When the inputs act, where the recordings had to tell; see `timing.timed`.
+        When the inputs act, where the recordings had to tell; see `timing.score_by_timing`.
     """
 
     case: Case
     plant: Plant
-    twin: Twin
+    reduced_model: ReducedModel
     parameters: tuple[Uncertain, ...]
     channels: tuple[Compared, ...]
     names: tuple[str, ...]
@@ -70,7 +74,7 @@ class Problem:
     about: Array
     signals: tuple[Signals, ...]
     places: tuple[Place, ...]
-    hums: tuple[Hum, ...] = ()
+    interferences: tuple[MainsInterference, ...] = ()
     highest_hz: float = np.inf
     intensity: Mapping[float, float] = field(default_factory=dict)
     bare: "Problem | None" = None
@@ -128,7 +132,9 @@ class Problem:
         """
         if self.case.structure is None or not any(p.kind == "frequency" for p in self.parameters):
             return theta
-        return frequencies_of_twin(self.twin, self._rebuilt(theta), self.case.structure, self.parameters, theta)
+        return frequencies_of_reduced_model(
+            self.reduced_model, self._rebuilt(theta), self.case.structure, self.parameters, theta
+        )
 
     def _rebuilt(self, theta: Array) -> Plant:
         assert self.case.structure is not None

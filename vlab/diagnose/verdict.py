@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vlab.diagnose.data_findings import Seen
+from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR
@@ -37,7 +37,7 @@ def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
     return {key: total(checked, key) for key in ("before", "after", "noise")}
 
 
-def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
     much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
 
@@ -67,12 +67,12 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     lets it, is better than that."""
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
-    least = NO_WORSE if choice.is_of_priors else BETTER
+    least = NO_WORSE if choice.is_prior_driven else BETTER
     before, after = errors["before"], errors["after"]
     if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
         no_gap, least = no_gap or not _shows("before", errors, is_structure=True), BETTER_OF_MESH
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
-    return choice.gained > 0 and (choice.is_of_priors or no_gap) and after <= least * before
+    return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
 def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
@@ -82,7 +82,7 @@ def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
     return errors[which] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
 
 
-def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
     """Return in a sentence that an amended model leaves more than noise, where it does: two effects are sought at most."""
     errors = errors_of(checked)
     if verdict != "missing-physics" or not _shows("after", errors, is_structure=is_structure):
@@ -98,7 +98,7 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
     return total(checked, "before") <= ABOVE_NOISE * total(checked, "incoherent")
 
 
-def coloured_noise(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
     """Return in a sentence that more than the noise of the spectra's upper ends is left and counts as noise, where that is so."""
     errors = errors_of(checked)
     if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
@@ -119,13 +119,13 @@ def is_of_the_fit_alone(
     fitted : callable
         Gives how far the models are from the recordings to fit.
     """
-    return bool(checked) and all(run.is_idle for run in checked) and closes(fitted(), is_structure=is_structure)
+    return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), is_structure=is_structure)
 
 
-def verdict_on(
+def decide_verdict(
     choice: Choice,
     checked: Sequence[Checked],
-    seen: Seen,
+    seen: DataFindings,
     *,
     is_structure: bool,
     fitted: Callable[[], Sequence[Checked]] = list,
@@ -143,7 +143,7 @@ def verdict_on(
     unexplained = _shows("before", errors, is_structure=is_structure)
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
-    if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
+    if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
     # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit

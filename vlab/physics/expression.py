@@ -38,7 +38,7 @@ class Untraceable(TypeError):
 
 
 @dataclass(frozen=True, eq=False)
-class Tape:
+class ExpressionGraph:
     """A law's operations in their order, each from at most three registers into the next free one.
 
     Parameters
@@ -91,7 +91,9 @@ class _Writer:
         self.lines.append((code, *at, *([at[0]] * (3 - len(at)))))  # type: ignore[arg-type]
         return _Symbol(self, self.inputs + len(self.lines) - 1)
 
-    def tape(self, parameters: Sequence["_Symbol"], memory: Sequence["_Symbol"], force: Any, remembered: Any) -> Tape:
+    def graph(
+        self, parameters: Sequence["_Symbol"], memory: Sequence["_Symbol"], force: Any, remembered: Any
+    ) -> ExpressionGraph:
         """Return the tape; results stand in registers of their own, so that what is remembered overwrites nothing still read."""
         results = [self.take(CODE[np.positive], (x,)).at for x in (force, *remembered)]
         count = len(self.numbers)
@@ -100,7 +102,7 @@ class _Writer:
             return self.inputs - 1 - at if at < 0 else at if at < self.inputs else at + count
 
         lines = [(code, *(moved(x) for x in at)) for code, *at in self.lines]
-        return Tape(
+        return ExpressionGraph(
             operations=np.array(lines, dtype=np.int64),
             constants=tuple((moved(at), number) for number, at in self.numbers.items()),
             parameters=tuple(s.at for s in parameters),
@@ -139,7 +141,7 @@ class _Symbol(NDArrayOperatorsMixin):
 
 
 @lru_cache(maxsize=512)
-def tape_of(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> Tape | None:
+def trace_expression(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> ExpressionGraph | None:
     """Return a law's tape for steps of one length; None where it cannot be taken down.
 
     Parameters
@@ -161,6 +163,6 @@ def tape_of(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> Ta
             signals["z"], signals["v"], dict(zip(names, own, strict=True)), step, list(memory) if count else None
         )
         after = list(after) if count else []
-        return writer.tape(own, memory, result, after) if len(after) == count else None
+        return writer.graph(own, memory, result, after) if len(after) == count else None
     except (TypeError, AttributeError):  # what python and numpy say of a symbol where they want a number
         return None

@@ -17,7 +17,7 @@ from scipy import signal
 from vlab.cases import Case
 from vlab.cases.channel_map import Run
 from vlab.diagnose.validation.gap import total
-from vlab.diagnose.validation.simulation import Amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, check
 from vlab.plants.mjcf import MjcfPlant
 from vlab.proof.sparse_regression import TERMS, Named, sparse_terms
 from vlab.signals import Array
@@ -115,7 +115,7 @@ def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
     with contextlib.redirect_stdout(io.StringIO()):  # its optimiser prints whatever it is told
         _, found = sysid.optimize(parameters, residual, max_iters=MOST_ITERATIONS, verbose=False)
     fitted = replace(plant, model=_changed(plant.model, free, found.x))
-    checked = check(case.runs(("holdout",)), Amended(plant=plant), Amended(plant=fitted))
+    checked = check(case.runs(("holdout",)), ExtendedModel(plant=plant), ExtendedModel(plant=fitted))
     return {"nrmse": total(checked, "after"), "parameters": len(free), "note": ""}
 
 

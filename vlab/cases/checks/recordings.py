@@ -69,7 +69,7 @@ def check_recordings(
         check_clock(case, runs)
     runs = [first_seconds(case.plant, run) for run in runs]
     look = _Look(case, beside(case.plant, runs, simulated))
-    found = look.slips() or look.swaps() or look.read_otherwise() or look.unrelated() or look.without_sign()
+    found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
     return FileCheck(found=(*found, *look.shifts({name for f in found for name in f.channels})))
 
 
@@ -187,7 +187,7 @@ class _Look:
 
     # ---- columns read otherwise -----------------------------------------------------------------------------------
 
-    def read_otherwise(self) -> list[Found]:
+    def choose_convention(self) -> list[Found]:
         """Return what is wrong with inputs, or with outputs that spoil the first state: a model is not linear enough to show it directly."""
         unexplained = self._unexplained(self.now)
         if not unexplained:

@@ -41,7 +41,7 @@ it spans: motion a hundred times as large as the hum must not fold onto its line
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hum:
+class MainsInterference:
     """The hum on one channel.
 
     Parameters
@@ -122,7 +122,7 @@ class _Band:
         return bool(abs(self.amplitude(frequency)) ** 2 > STANDS_OUT * np.median(around))
 
 
-def find_hum(runs: Sequence[Run]) -> tuple[Hum, ...]:
+def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...]:
     """Return the hum on the compared channels of some runs: lines that stand out in more than half of them."""
     out = []
     for channel in compared_names(runs):
@@ -132,24 +132,26 @@ def find_hum(runs: Sequence[Run]) -> tuple[Hum, ...]:
             found = {k: at for k, at in lines.items() if len(at) > 0.5 * len(runs)}
             if found:
                 frequency = float(np.median(np.concatenate([np.array(at) / k for k, at in found.items()])))
-                options.append(_sized(Hum(channel=channel, frequency=frequency, harmonics=tuple(found)), runs))
+                options.append(
+                    _sized(MainsInterference(channel=channel, frequency=frequency, harmonics=tuple(found)), runs)
+                )
         if options:
             out.append(max(options, key=lambda hum: hum.rms))
     return tuple(out)
 
 
-def without_hum(run: Run, hums: Sequence[Hum]) -> Run:
+def remove_mains_interference(run: Run, interferences: Sequence[MainsInterference]) -> Run:
     """Return a run with the hum taken off its channels; a limit that samples stand at is none without it, so these are marked before."""
-    if not hums:
+    if not interferences:
         return run
     run = marked(run)
     data = run.measured.data.copy()
-    for hum in hums:
+    for hum in interferences:
         data[:, run.measured.index(hum.channel)] -= hum.on(run)
     return replace(run, measured=replace(run.measured, data=data))
 
 
-def _sized(hum: Hum, runs: Sequence[Run]) -> Hum:
+def _sized(hum: MainsInterference, runs: Sequence[Run]) -> MainsInterference:
     rms = float(np.sqrt(np.mean([np.mean(hum.on(run) ** 2) for run in runs])))
     whole = float(np.sqrt(np.mean([np.var(run.measured[hum.channel]) for run in runs])))
     return replace(hum, rms=rms, share=rms / whole if whole > 0 else 0.0)

@@ -26,7 +26,7 @@ MOST_AT_LIMIT = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damage:
+class DataQuality:
     """What is wrong with the recordings of a case.
 
     Parameters
@@ -74,7 +74,7 @@ class SensorLimit:
     beyond: float
 
 
-def assess(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCheck | None = None) -> Damage:
+def assess_quality(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCheck | None = None) -> DataQuality:
     """Say what is wrong with some runs.
 
     Parameters
@@ -92,7 +92,9 @@ def assess(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCheck | No
             (warnings if is_damage else notes).append(f"{run.name}: {finding.text}")
     lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
     fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > MOST_LOST else []
-    return Damage(fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes))
+    return DataQuality(
+        fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes)
+    )
 
 
 def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
@@ -116,7 +118,7 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
     return tuple(out)
 
 
-def says_something(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
+def is_informative(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
     """Return which samples of which compared channels say something of the structure, (n_samples, n_channels)."""
     if run.valid is not None:
         return run.valid[:, [run.measured.index(c.channel) for c in compared]]
@@ -130,7 +132,7 @@ def says_something(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
 def marked(run: Run) -> Run:
     """Return a run that knows which of its samples say something, whatever is done to their values."""
     valid = np.ones(run.measured.data.shape, dtype=bool)
-    valid[:, [run.measured.index(c.channel) for c in run.compared]] = says_something(run, run.compared)
+    valid[:, [run.measured.index(c.channel) for c in run.compared]] = is_informative(run, run.compared)
     return replace(run, valid=valid)
 
 

@@ -11,7 +11,7 @@ from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
 from vlab.cases.replay import before
 from vlab.diagnose.data.noise import NOISE_BAND, noise_level
-from vlab.diagnose.data.quality import on_clock, says_something
+from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -326,7 +326,7 @@ def signals_of(
         for j in range(n_actuators):
             add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
     u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
-    usable = on_clock(run, says_something(run, compared), grid)
+    usable = on_clock(run, is_informative(run, compared), grid)
     part = liveliest(recorded, MOST_SAMPLES)
     recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
     scale = np.std(recorded, axis=0)

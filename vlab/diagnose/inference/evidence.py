@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.physics.effect import Effect
 
-WORTH = 40.0
+MODEL_ERROR_SAMPLES = 40.0
 """Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
 is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
 
@@ -44,22 +44,22 @@ class Hypothesis:
     """
 
     fit: Fit
-    level: float
-    misfit: float
-    price: float
-    worth: float = WORTH
-    gain: float = 0.0
+    normalised_residual: float
+    log_rms_residual: float
+    negative_log_prior: float
+    effective_samples: float = MODEL_ERROR_SAMPLES
+    log_likelihood_gain: float = 0.0
     whole: Fit | None = None
 
     @property
     def score(self) -> float:
         """Log evidence by Schwarz's approximation; larger is better."""
-        return float(-self.worth * self.misfit - self.price - self.complexity)
+        return float(-self.effective_samples * self.log_rms_residual - self.negative_log_prior - self.complexity)
 
     @property
     def complexity(self) -> float:
         """What its effects' parameters cost: each the logarithm of how many values of it the data tell apart, or that there are."""
-        told = 0.5 * float(np.log(self.worth))
+        told = 0.5 * float(np.log(self.effective_samples))
         parameters = [p for t in self.terms for p in t.effect.parameters]
         return sum(min(told, float(np.log(len(p.grid)))) if p.grain else told for p in parameters)
 
@@ -69,7 +69,7 @@ class Hypothesis:
         return self.fit if self.whole is None else self.whole
 
     @property
-    def calibration(self) -> float:
+    def prior_departure(self) -> float:
         """How much less likely its uncertain parameters are than their priors' means, as a logarithm."""
         return 0.5 * (self.fit.chi2 - self.fit.cost)
 
@@ -84,7 +84,14 @@ class Hypothesis:
         return " + ".join(t.label for t in self.terms) or "nothing"
 
 
-def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int = 1, floor: float = 1.0) -> Hypothesis:
+def scored(
+    fit: Fit,
+    samples: float,
+    effective_samples: float,
+    log_likelihood_gain: float = 0.0,
+    tried: int = 1,
+    floor: float = 1.0,
+) -> Hypothesis:
     """Return a fit as a hypothesis with its score, all that it leaves taken for the model's own error.
 
     Parameters
@@ -98,14 +105,16 @@ def scored(fit: Fit, samples: float, worth: float, gain: float = 0.0, tried: int
     floor : float
         Level that noise alone leaves.
     """
-    level = float(np.sqrt(fit.cost / samples))
+    normalised_residual = float(np.sqrt(fit.cost / samples))
     return Hypothesis(
         fit=fit,
-        level=level,
-        misfit=float(np.log(max(level, floor))),
-        price=0.5 * (fit.chi2 - fit.cost) + len(fit.terms) * float(np.log(max(tried, 1))) + _implausible(fit),
-        worth=min(worth, WORTH),
-        gain=gain,
+        normalised_residual=normalised_residual,
+        log_rms_residual=float(np.log(max(normalised_residual, floor))),
+        negative_log_prior=0.5 * (fit.chi2 - fit.cost)
+        + len(fit.terms) * float(np.log(max(tried, 1)))
+        + _implausible(fit),
+        effective_samples=min(effective_samples, MODEL_ERROR_SAMPLES),
+        log_likelihood_gain=log_likelihood_gain,
     )
 
 
@@ -113,20 +122,20 @@ def _implausible(fit: Fit) -> float:
     """Return the logarithm of the odds against the effects of a fit before anything was recorded: a spring that is nonlinear about
     no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion; and where one drive alone
     comes to its limit, all of them may have the same."""
-    loose = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
+    free_starts = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
     alike = sum(bool(t.place.also) and t.effect.family in OF_ONE for t in fit.terms)
-    return UNHELD * loose + ALL_ALIKE * alike
+    return UNHELD * free_starts + ALL_ALIKE * alike
 
 
 def _needs_rest(effect: Effect) -> bool:
     return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
 
 
-def independent_values(noise: float, error: float, samples: float) -> float:
+def effective_sample_size(noise: float, error: float, samples: float) -> float:
     """Return as how many independent values recordings count whose noise averages out and whose model's own error does not.
 
-    With noise of variance f and an error of the model of variance m spread over `WORTH` directions, the log-likelihood that a
-    smaller difference gains is its decrease over twice f/n + m/`WORTH`, n the samples.
+    With noise of variance f and an error of the model of variance m spread over `MODEL_ERROR_SAMPLES` directions, the log-likelihood that a
+    smaller difference gains is its decrease over twice f/n + m/`MODEL_ERROR_SAMPLES`, n the samples.
 
     Parameters
     ----------
@@ -135,7 +144,7 @@ def independent_values(noise: float, error: float, samples: float) -> float:
     samples : float
         Independent values that the recordings hold.
     """
-    return float((noise + error) / (noise / samples + error / WORTH))
+    return float((noise + error) / (noise / samples + error / MODEL_ERROR_SAMPLES))
 
 
 def weighed(
@@ -143,8 +152,8 @@ def weighed(
 ) -> list[Hypothesis]:
     """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
 
-    So all samples count where noise is all that the best hypothesis leaves, and no more than `WORTH` where the model's error is;
-    see `independent_values`.
+    So all samples count where noise is all that the best hypothesis leaves, and no more than `MODEL_ERROR_SAMPLES` where the model's error is;
+    see `effective_sample_size`.
 
     Parameters
     ----------
@@ -157,13 +166,16 @@ def weighed(
     least_error : float
         Variance of what integration alone leaves: to leave less than noise and that is no merit.
     """
-    if not hypotheses or samples <= WORTH:
+    if not hypotheses or samples <= MODEL_ERROR_SAMPLES:
         return list(hypotheses)
-    least = min(h.level for h in hypotheses)
+    least = min(h.normalised_residual for h in hypotheses)
     error = max(error, least**2 - (1.0 + NOISE_KNOWN) * noise)
-    worth = independent_values(noise, error, samples)
+    effective_samples = effective_sample_size(noise, error, samples)
     floor = 0.5 * float(np.log(max(noise + least_error, 1e-300))) if least_error else -np.inf
-    return [replace(h, worth=float(worth), misfit=max(h.misfit, floor)) for h in hypotheses]
+    return [
+        replace(h, effective_samples=float(effective_samples), log_rms_residual=max(h.log_rms_residual, floor))
+        for h in hypotheses
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

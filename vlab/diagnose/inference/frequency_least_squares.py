@@ -168,12 +168,12 @@ class Fitter:
         parts = self.differences(point, with_derivatives=True)
         whole = float(sum(r.e @ r.e for r in parts))
         cost = whole - sum(r.penalty for r in parts)
-        worth = sum(r.worth for r in parts)
+        effective_samples = sum(r.effective_samples for r in parts)
         _, jacobian = self._stacked(point, 0.0)
         n = len(self.sd)
         normal = jacobian.T @ jacobian
         normal[n:, n:] += np.eye(len(normal) - n) / LOOSE**2
-        level = max(float(np.sqrt(cost / worth)), 1.0)
+        level = max(float(np.sqrt(cost / effective_samples)), 1.0)
         spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(normal)), 0.0))[n:] * level * self._sizes(point)
         labels = [f"{t.label}:{p.name}" for t in point.terms for p in t.effect.parameters]
         return Fit(
@@ -181,17 +181,17 @@ class Fitter:
             theta=point.theta,
             offsets=np.zeros(len(self.problem.names)),
             starts={},
-            error=np.array([[np.sqrt(r.e @ r.e / r.worth)] for r in parts]),
+            error=np.array([[np.sqrt(r.e @ r.e / r.effective_samples)] for r in parts]),
             chi2=whole + float(np.sum((point.theta / self.sd) ** 2)),
             cost=cost,
             sd=dict(zip(labels, spread.tolist(), strict=True)),
         )
 
     @property
-    def worth(self) -> float:
+    def effective_samples(self) -> float:
         """How many numbers of the data count."""
         point = Point(theta=np.zeros(len(self.sd)), terms=())
-        return float(sum(r.worth for r in self.differences(point)))
+        return float(sum(r.effective_samples for r in self.differences(point)))
 
 
 def bounded(term: Term, name: str, value: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis, scored
-from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
+from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
 from vlab.physics.effect import Effect, PortEffect
@@ -33,33 +33,39 @@ def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
     return [Term(effect=c.effect, place=c.place, values=c.values) for c in candidates]
 
 
-def floor_of(refiner: Refiner) -> float:
+def floor_of(refiner: LeastSquares) -> float:
     """Return the level that noise alone leaves."""
     return float(np.sqrt(refiner.noise_share))
 
 
-def scored_by(refiner: Refiner, fit: Fit, gain: float = 0.0) -> Hypothesis:
+def scored_by(refiner: LeastSquares, fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
     """Return a refiner's fit as a hypothesis with its score."""
-    return scored(fit, sum(run.y.size for run in refiner.runs), refiner.worth, gain, floor=floor_of(refiner))
+    return scored(
+        fit,
+        sum(run.y.size for run in refiner.runs),
+        refiner.effective_samples,
+        log_likelihood_gain,
+        floor=floor_of(refiner),
+    )
 
 
-def remembers(effect: Effect) -> bool:
+def is_hysteretic(effect: Effect) -> bool:
     """Return whether a law has a memory of the motion."""
     return isinstance(effect, PortEffect) and effect.memory((1,)) is not None
 
 
 def fitted(
-    refiner: Refiner, terms: Sequence[Term], start: Fit, iterations: int = QUICK, gain: float = 0.0
+    refiner: LeastSquares, terms: Sequence[Term], start: Fit, iterations: int = QUICK, log_likelihood_gain: float = 0.0
 ) -> Hypothesis:
     """Return a hypothesis fitted from another fit on, with its score."""
     own = refiner.beside(terms)
-    return scored_by(own, own.fit(terms, start, iterations), gain)
+    return scored_by(own, own.fit(terms, start, iterations), log_likelihood_gain)
 
 
-def each_fitted(refiner: Refiner, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
+def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
     """Return quick fits of candidates, each alone."""
     told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
-    first = side_by_side(lambda c: fitted(refiner, terms_of([c]), start, FIRST, c.gain), told)
+    first = side_by_side(lambda c: fitted(refiner, terms_of([c]), start, FIRST, c.log_likelihood_gain), told)
     best: dict[str, Hypothesis] = {}
     for h in by_score(first):
         best.setdefault(h.label, h)
@@ -67,13 +73,13 @@ def each_fitted(refiner: Refiner, candidates: Sequence[Candidate], start: Fit) -
     def fit(c: Candidate) -> Hypothesis:
         coarse = best.get(c.label)
         if coarse is None:
-            return fitted(refiner, terms_of([c]), start, gain=c.gain)
-        return fitted(refiner, coarse.terms, coarse.fit, gain=c.gain)
+            return fitted(refiner, terms_of([c]), start, log_likelihood_gain=c.log_likelihood_gain)
+        return fitted(refiner, coarse.terms, coarse.fit, log_likelihood_gain=c.log_likelihood_gain)
 
     return side_by_side(fit, candidates)
 
 
-def _of_few_values(refiner: Refiner, candidate: Candidate) -> list[Candidate]:
+def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidate]:
     """Return a candidate with every value that a parameter of few values can have; none of one that has no such parameter.
 
     Slopes tell nothing there, and in the screening a period that is far from the right one may gain more than it.
@@ -87,13 +93,15 @@ def _of_few_values(refiner: Refiner, candidate: Candidate) -> list[Candidate]:
     ]
 
 
-def pairs_fitted(refiner: Refiner, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:
+def pairs_fitted(refiner: LeastSquares, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:
     """Return quick fits of a second effect each beside a fitted hypothesis."""
 
     def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
         first, second = pair
         terms = [*first.terms, *terms_of([second])]
-        return fitted(refiner, terms, first.long_fit, gain=first.gain + second.gain)
+        return fitted(
+            refiner, terms, first.long_fit, log_likelihood_gain=first.log_likelihood_gain + second.log_likelihood_gain
+        )
 
     return side_by_side(fit, pairs)
 
@@ -105,26 +113,26 @@ def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def hopeful(order: Sequence[Hypothesis]) -> int:
     """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
-    if not order or min(h.level for h in order) > ENOUGH:
+    if not order or min(h.normalised_residual for h in order) > ENOUGH:
         return len(order)
     return sum(h.score > order[0].score - HOPELESS for h in order)
 
 
-def finished(refiner: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def finished(refiner: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return hypotheses by score, the best of them fitted to the end."""
     order = by_score(hypotheses)
     most = min(FINISHED, hopeful(order))
 
     def fit(item: tuple[int, Hypothesis]) -> Hypothesis:
         place, h = item
-        return fitted(refiner, h.terms, h.fit, ITERATIONS if place < most else 0, h.gain)
+        return fitted(refiner, h.terms, h.fit, ITERATIONS if place < most else 0, h.log_likelihood_gain)
 
     return by_score(side_by_side(fit, list(enumerate(order))))
 
 
 def on_whole_runs(
-    whole: Refiner,
-    narrow: Refiner,
+    whole: LeastSquares,
+    narrow: LeastSquares,
     hypotheses: Sequence[Hypothesis],
     most: int = WHOLE_FINISHED,
     thetas: Sequence[Array] = (),
@@ -150,34 +158,53 @@ def on_whole_runs(
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    told = {c.label: c for c in reversed(screened) if remembers(c.effect)}
+    told = {c.label: c for c in reversed(screened) if is_hysteretic(c.effect)}
 
     def fitted_on(h: Hypothesis) -> Fit:
         own = whole.fit(h.terms, h.fit, iterations, thetas)
         fresh = told.get(h.label)
-        if fresh is None or scored_by(whole, own).level <= ENOUGH:
+        if fresh is None or scored_by(whole, own).normalised_residual <= ENOUGH:
             return own
-        return min(own, whole.fit(terms_of([fresh]), start), key=whole.unlikeliness)
+        return min(own, whole.fit(terms_of([fresh]), start), key=whole.negative_log_posterior)
 
     fits = side_by_side(fitted_on, chosen)
     fits = _on_from_the_best(whole, fits)
     both = []
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)
-        level = float(np.sqrt(0.5 * (h.level**2 + other.level**2)))
+        normalised_residual = float(np.sqrt(0.5 * (h.normalised_residual**2 + other.normalised_residual**2)))
         # windows start from states smoothed without the law, for which the uncertain parameters make up
-        both.append(replace(h, misfit=0.5 * (h.misfit + other.misfit), price=other.price, level=level, whole=fit))
-    misfit = max((b.misfit - h.misfit for b, h in zip(both, chosen, strict=True)), default=0.0)
-    price = max((b.price - h.price for b, h in zip(both, chosen, strict=True)), default=0.0)
-    more = max((b.level**2 - h.level**2 for b, h in zip(both, chosen, strict=True)), default=0.0)
+        both.append(
+            replace(
+                h,
+                log_rms_residual=0.5 * (h.log_rms_residual + other.log_rms_residual),
+                negative_log_prior=other.negative_log_prior,
+                normalised_residual=normalised_residual,
+                whole=fit,
+            )
+        )
+    log_rms_residual = max(
+        (b.log_rms_residual - h.log_rms_residual for b, h in zip(both, chosen, strict=True)), default=0.0
+    )
+    negative_log_prior = max(
+        (b.negative_log_prior - h.negative_log_prior for b, h in zip(both, chosen, strict=True)), default=0.0
+    )
+    more = max(
+        (b.normalised_residual**2 - h.normalised_residual**2 for b, h in zip(both, chosen, strict=True)), default=0.0
+    )
     rest = [
-        replace(h, misfit=h.misfit + misfit, price=h.price + price, level=float(np.sqrt(max(h.level**2 + more, 0.0))))
+        replace(
+            h,
+            log_rms_residual=h.log_rms_residual + log_rms_residual,
+            negative_log_prior=h.negative_log_prior + negative_log_prior,
+            normalised_residual=float(np.sqrt(max(h.normalised_residual**2 + more, 0.0))),
+        )
         for h in list(hypotheses)[most:]
     ]
     return by_score(both, rest)
 
 
-def _on_from_the_best(whole: Refiner, fits: Sequence[Fit]) -> list[Fit]:
+def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:
     """Return fits that leave nearly as little as the best one, fitted on from where it ended as far as that is theirs, too.
 
     A law that holds another one as a special case may get there where the simpler one, after as many steps, is still on its way.
@@ -191,13 +218,13 @@ def _on_from_the_best(whole: Refiner, fits: Sequence[Fit]) -> list[Fit]:
 
     def on(i: int) -> Fit:
         again = whole.fit(fits[i].terms, _as_in(best, fits[i]), WHOLE_ITERATIONS)
-        return min(fits[i], again, key=whole.unlikeliness)
+        return min(fits[i], again, key=whole.negative_log_posterior)
 
     better = dict(zip(near, side_by_side(on, near), strict=True))
     return [better.get(i, fit) for i, fit in enumerate(fits)]
 
 
-def as_meant(whole: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def as_meant(whole: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return the hypotheses whose laws have values that their words fit; those that do not are fitted on from values that the
     elastic elements at their places suggest, where these have any.
 
@@ -208,7 +235,7 @@ def as_meant(whole: Refiner, hypotheses: Sequence[Hypothesis]) -> list[Hypothesi
     return [h for h in found if is_meant(h.long_fit.terms)]
 
 
-def _from_elements(whole: Refiner, hypothesis: Hypothesis) -> Hypothesis:
+def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:
     """Return a hypothesis fitted to whole runs from what the elements at its places suggest."""
     old = hypothesis.long_fit
     terms = tuple(of_element(t) for t in old.terms)
@@ -219,9 +246,9 @@ def _from_elements(whole: Refiner, hypothesis: Hypothesis) -> Hypothesis:
     return replace(
         hypothesis,
         whole=fit,
-        misfit=hypothesis.misfit + now.misfit - was.misfit,
-        price=now.price,
-        level=hypothesis.level * now.level / was.level,
+        log_rms_residual=hypothesis.log_rms_residual + now.log_rms_residual - was.log_rms_residual,
+        negative_log_prior=now.negative_log_prior,
+        normalised_residual=hypothesis.normalised_residual * now.normalised_residual / was.normalised_residual,
     )
 
 
@@ -235,12 +262,14 @@ def _as_in(best: Fit, fit: Fit) -> Fit:
 
 
 def other_places(
-    refiner: Refiner, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
+    refiner: LeastSquares, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
 ) -> dict[str, Hypothesis]:
     """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
     first, others = best.terms[0], best.terms[1:]
     elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
     chosen = elsewhere[: PLACES - 1]
-    found = side_by_side(lambda c: fitted(refiner, [*terms_of([c]), *others], start, QUICK + 2, c.gain), chosen)
-    here = fitted(refiner, best.terms, best.fit, QUICK + 2, best.gain)  # as the others: in windows only
+    found = side_by_side(
+        lambda c: fitted(refiner, [*terms_of([c]), *others], start, QUICK + 2, c.log_likelihood_gain), chosen
+    )
+    here = fitted(refiner, best.terms, best.fit, QUICK + 2, best.log_likelihood_gain)  # as the others: in windows only
     return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

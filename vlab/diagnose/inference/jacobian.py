@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.parameter_vector import Entries
-from vlab.diagnose.predictors.modal import EDGED
+from vlab.diagnose.inference.parameter_vector import ParameterVector
+from vlab.diagnose.predictors.modal import NONSMOOTH
 from vlab.signals import Array
 
 SMOOTH_STEP = 1e-4
@@ -18,22 +18,22 @@ parameters up to a standard deviation, of a law's to a twentieth."""
 
 
 class Simulated(Protocol):
-    """What leaves a residual; see `vlab.diagnose.inference.least_squares.Refiner`."""
+    """What leaves a residual; see `vlab.diagnose.inference.least_squares.LeastSquares`."""
 
     runs: list[Signals]
     sigma: Array
-    loose: dict[int, tuple[Array, Array, Array]]
+    free_starts: dict[int, tuple[Array, Array, Array]]
 
-    def residual(self, entries: Entries, X: Array) -> Array:
+    def residual(self, vector: ParameterVector, X: Array) -> Array:
         """Return the residuals of vectors, (n_sets, rows)."""
 
 
-def is_edged(entries: Entries) -> bool:
+def is_nonsmooth(vector: ParameterVector) -> bool:
     """Return whether a law among the terms has edges, so that small steps of slopes are noise."""
-    return any(t.effect.family in EDGED for t in entries.terms)
+    return any(t.effect.family in NONSMOOTH for t in vector.terms)
 
 
-def slopes_at(of: Simulated, entries: Entries, x: Array, raw: Array) -> Array:
+def forward_differences(of: Simulated, vector: ParameterVector, x: Array, raw: Array) -> Array:
     """Return the derivatives of the residual by forward differences, (rows, n); those by channel offsets are known.
 
     In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
@@ -44,12 +44,12 @@ def slopes_at(of: Simulated, entries: Entries, x: Array, raw: Array) -> Array:
     raw : (rows,) array
         The residual at `x`.
     """
-    steps = entries.steps(x)
-    if not is_edged(entries):
-        steps[: entries.priors] = SMOOTH_STEP
-    offsets = np.arange(entries.r, entries.priors) if not of.loose else np.zeros(0, dtype=int)
+    steps = vector.steps(x)
+    if not is_nonsmooth(vector):
+        steps[: vector.priors] = SMOOTH_STEP
+    offsets = np.arange(vector.r, vector.priors) if not of.free_starts else np.zeros(0, dtype=int)
     others = np.setdiff1d(np.arange(x.size), offsets)
-    moved = of.residual(entries, x + np.diag(steps)[others])
+    moved = of.residual(vector, x + np.diag(steps)[others])
     moved -= raw
     moved /= steps[others, None]
     if not offsets.size:
@@ -57,17 +57,17 @@ def slopes_at(of: Simulated, entries: Entries, x: Array, raw: Array) -> Array:
     out = np.zeros((x.size, raw.size)).T
     out[:, others] = moved.T
     out[offsets, offsets] = 1.0
-    at = entries.priors
+    at = vector.priors
     for i in by_period(of.runs):
         run = of.runs[i]
         block = out[at : at + run.y.size].reshape(len(run), run.y.shape[1], -1)
         for c, column in enumerate(offsets):
-            block[:, c, column] = entries.offset_sd[c] / of.sigma[i][c] * run.usable[:, c]
+            block[:, c, column] = vector.offset_sd[c] / of.sigma[i][c] * run.usable[:, c]
         at += run.y.size
     return out
 
 
-def slopes_by_strength(of: Simulated, entries: Entries, x: Array, raw: Array, slopes: Array) -> Array:
+def differences_by_strength(of: Simulated, vector: ParameterVector, x: Array, raw: Array, slopes: Array) -> Array:
     """Return the derivatives of the residual by differences along the directions that move it as much as each other, (rows, n).
 
     Dry friction and stops chatter by more than small steps do. What is strong in every single parameter and cancels in a sum of
@@ -79,18 +79,18 @@ def slopes_by_strength(of: Simulated, entries: Entries, x: Array, raw: Array, sl
     slopes : (rows, n) array
         Derivatives to begin with.
     """
-    steps = entries.steps(x)
+    steps = vector.steps(x)
     _, _, across = np.linalg.svd(np.linalg.qr(slopes * steps, mode="r"))
-    data = (slopes * steps)[entries.priors :] @ across.T
+    data = (slopes * steps)[vector.priors :] @ across.T
     widest = np.full(x.size, WIDEST[1])
-    widest[: entries.r] = WIDEST[0]
+    widest[: vector.r] = WIDEST[0]
     most = np.min(widest / np.maximum(np.abs(across), 1e-300), axis=1)
     size = np.clip(MOVED / np.maximum(np.sqrt(np.mean(data**2, axis=0)), 1e-300), 1.0, most)
-    moved = of.residual(entries, x + size[:, None] * across * steps)
+    moved = of.residual(vector, x + size[:, None] * across * steps)
     return np.asarray(((moved - raw) / size[:, None]).T @ across / steps)
 
 
-def with_scale(entries: Entries, x: Array, slopes: Array, scale: Array) -> Array:
+def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -> Array:
     """Return derivatives whose part along the common scale of impedances and gains is exact: what changes with it is only how large
     the laws' forces, masses and stiffnesses are beside all others.
 
@@ -101,16 +101,16 @@ def with_scale(entries: Entries, x: Array, slopes: Array, scale: Array) -> Array
     """
     size = float(np.linalg.norm(scale))
     along = np.zeros(x.size)
-    along[: entries.r] = (entries.directions / entries.prior[:, None]).T @ scale / size
+    along[: vector.r] = (vector.directions / vector.prior[:, None]).T @ scale / size
     exact = np.zeros(len(slopes))
-    for k, (i, parameter) in enumerate(entries.parameters, start=entries.first_effect):
-        if entries.terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
+    for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
+        if vector.terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
             exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
-    exact[: entries.priors] = along[: entries.priors]
+    exact[: vector.priors] = along[: vector.priors]
     return np.asarray(slopes + np.outer(exact - slopes @ along, along))
 
 
-def carried_on(slopes: Array, step: Array, change: Array) -> Array:
+def update_broyden(slopes: Array, step: Array, change: Array) -> Array:
     """Return slopes that agree with the change that a step made, by Broyden's update.
 
     Source: A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation 19, 1965, eq. 4.5.

@@ -13,11 +13,18 @@ import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.data.runs import POINTS_PER_CYCLE, Signals
-from vlab.diagnose.inference.evidence import WORTH, independent_values
+from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES, effective_sample_size
 from vlab.diagnose.inference.impedance_scale import exponent, motion_scale
-from vlab.diagnose.inference.jacobian import by_period, carried_on, is_edged, slopes_at, slopes_by_strength, with_scale
-from vlab.diagnose.inference.parameter_vector import Entries, limits_of
-from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.jacobian import (
+    by_period,
+    differences_by_strength,
+    forward_differences,
+    is_nonsmooth,
+    update_broyden,
+    with_scale,
+)
+from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, of_element
 from vlab.diagnose.predictors.modal import channels, mix
 from vlab.diagnose.problem import INTEGRATION_ERROR
@@ -60,7 +67,7 @@ LARGEST = 1e8
 """What residuals that ran away are cut off at."""
 
 
-class Refiner:
+class LeastSquares:
     """Fits hypotheses to a problem's runs.
 
     Parameters
@@ -76,57 +83,59 @@ class Refiner:
     is_rough = False
     directions: Array
     """Of the uncertain parameters, that the runs inform, (n_changes, r), in their prior's standard deviations."""
-    silent: Array
+    unidentifiable: Array
     """The other ones, (n_changes, n_changes - r)."""
 
     def __init__(
         self,
-        screen: Screen,
+        screen: ScoreTest,
         runs: Sequence[Signals] | None = None,
         model_error: float | None = None,
         *,
         is_rough: bool = False,
     ) -> None:
         self.is_rough = is_rough
-        self.screen, self.problem, self.twin = screen, screen.problem, screen.twin
+        self.screen, self.problem, self.reduced_model = screen, screen.problem, screen.reduced_model
         self.runs = list(runs if runs is not None else screen.runs)
         self._weigh(model_error)
-        self.highest = max(min(float(np.abs(self.twin.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4)
+        self.highest = max(
+            min(float(np.abs(self.reduced_model.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4
+        )
         self.active = self._active()
-        self.loose: dict[int, tuple[Array, Array, Array]] = {}
-        self.directions = self._informed()
-        self.loose = self._loose_starts()
+        self.free_starts: dict[int, tuple[Array, Array, Array]] = {}
+        self.directions = self._identifiable()
+        self.free_starts = self._initial_condition_nuisance()
 
     def _weigh(self, model_error: float | None = None) -> None:
-        """Set what the weights of the runs' samples are and what their differences are worth, see `Refiner`."""
+        """Set what the weights of the runs' samples are and what their differences are worth, see `LeastSquares`."""
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
-        self.worth = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        self.effective_samples = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
         noise = np.array([run.noise for run in self.runs])
         scale = np.array([run.scale for run in self.runs])
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((INTEGRATION_ERROR * scale / self.sigma) ** 2))
-        self.believed = self.worth
-        if self.problem.case.structure is not None and self.worth > WORTH:
+        self.effective_share = self.effective_samples
+        if self.problem.case.structure is not None and self.effective_samples > MODEL_ERROR_SAMPLES:
             # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
-            self.believed = independent_values(self.noise_share, self.error_share, self.worth)
+            self.effective_share = effective_sample_size(self.noise_share, self.error_share, self.effective_samples)
 
     @cached_property
     def weights(self) -> list[Array]:
         """Of every run's samples, (n, n_channels) each: one over the standard deviation of noise and model error, zero where lost."""
         return [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
 
-    def _informed(self) -> Array:
+    def _identifiable(self) -> Array:
         """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
 
         Every parameter is moved by a part of its standard deviation in a simulation; directions in which all of them
         together move the channels by little beside noise and model error stay at the prior's mean.
         """
-        sd, n = self.twin.prior, len(self.twin.prior)
+        sd, n = self.reduced_model.prior, len(self.reduced_model.prior)
         theta = np.vstack([self.screen.theta, self.screen.theta + PROBE * np.diag(sd)])
-        starts = np.zeros((n + 1, len(self.runs), 2 * self.twin.m))
+        starts = np.zeros((n + 1, len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):
             if not run.at_rest:
                 starts[:, i] = self.first_state(run)
@@ -148,22 +157,22 @@ class Refiner:
         size, vectors = np.linalg.eigh(gram / samples)
         order = np.argsort(-size)[:MOST_DIRECTIONS]
         keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
-        self.silent = sd[:, None] * np.delete(vectors, keep, axis=1)
+        self.unidentifiable = sd[:, None] * np.delete(vectors, keep, axis=1)
         return np.asarray(sd[:, None] * vectors[:, keep])
 
     def _common_scale(self) -> Array | None:
         """Return the common scale of impedances and gains in standard deviations of its priors, (n_changes,); None without one."""
         scale = self.problem.common_scale
-        return None if scale is None else np.asarray(scale / self.twin.prior)
+        return None if scale is None else np.asarray(scale / self.reduced_model.prior)
 
-    def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
+    def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
         """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
 
         The states that windows start from are smoothed with a model that lacks the physics sought, so they are off by a
         little; every residual is freed of what a start within that spread makes up for, by linear least squares.
         """
         out: dict[int, tuple[Array, Array, Array]] = {}
-        m2 = 2 * self.twin.m
+        m2 = 2 * self.reduced_model.m
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h and run.start is not None and not run.at_rest]
             if not index:
@@ -187,11 +196,11 @@ class Refiner:
         """Return the modes whose first state is fitted: those that carry the first motion."""
         if not self._free:
             return np.zeros(0, dtype=int)
-        size = np.zeros(self.twin.m)
+        size = np.zeros(self.reduced_model.m)
         for run in self._free:
             x = self.first_state(self.runs[run])
-            m = self.twin.m
-            energy = x[m:] ** 2 + (self.twin.omega * x[:m]) ** 2
+            m = self.reduced_model.m
+            energy = x[m:] ** 2 + (self.reduced_model.omega * x[:m]) ** 2
             size = np.maximum(size, energy / max(energy.max(), 1e-300))
         largest = np.argsort(-size, kind="stable")[:MOST_STARTED]
         return np.sort(largest[size[largest] > 1e-6])
@@ -204,9 +213,9 @@ class Refiner:
             for i, other in enumerate(group.runs):
                 if other.name == run.name:  # the screening may have looked at its first part only
                     return np.asarray(group.smoothed.x[0, i])
-        return np.zeros(2 * self.twin.m)
+        return np.zeros(2 * self.reduced_model.m)
 
-    def beside(self, terms: Sequence[Term]) -> "Refiner":
+    def beside(self, terms: Sequence[Term]) -> "LeastSquares":
         """Return the refiner of a hypothesis: this one, or another where its runs start from states that the hypothesis denies."""
         return self
 
@@ -234,7 +243,7 @@ class Refiner:
         (n, n_sets, n_runs, n_channels) array
             Channels, zero beyond a run's end.
         """
-        y = channels(self.twin, self.highest, runs, terms, theta, values, starts, self.is_rough)
+        y = channels(self.reduced_model, self.highest, runs, terms, theta, values, starts, self.is_rough)
         return self._read(y, runs, terms, theta, values)
 
     def _read(
@@ -246,7 +255,7 @@ class Refiner:
         values: Sequence[Mapping[str, Array]],
     ) -> Array:
         """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
-        gains = self.twin.gains(theta)[1]
+        gains = self.reduced_model.gains(theta)[1]
         with np.errstate(over="ignore"):  # of a trial that ran away
             y *= gains[:, None, :]
         for term, own in zip(terms, values, strict=True):
@@ -304,16 +313,16 @@ class Refiner:
         settled : float
             The descent ends where two steps in a row lower the cost by less.
         """
-        entries = self.entries(terms)
-        first, *others = self._starts(entries, start, thetas)
-        best = self._descend(entries, first, iterations, settled)
+        vector = self.vector(terms)
+        first, *others = self._starts(vector, start, thetas)
+        best = self._descend(vector, first, iterations, settled)
         samples = sum(run.y.size for run in self.runs)
         for x in (
             others
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
-            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * entries.r:
+            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * vector.r:
                 break
-            best = min(best, self._descend(entries, x, iterations, settled), key=self.unlikeliness)
+            best = min(best, self._descend(vector, x, iterations, settled), key=self.negative_log_posterior)
         return best
 
     def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
@@ -322,40 +331,40 @@ class Refiner:
         All else is as `start` has it; nothing is fitted.
         """
         terms = [replace(term, values=dict(own)) for own in values]
-        entries = self.entries(terms[:1])
-        costs = self._costs(entries, np.array([self._initial(entries, [own], start.theta, start) for own in values]))
+        vector = self.vector(terms[:1])
+        costs = self._costs(vector, np.array([self._initial(vector, [own], start.theta, start) for own in values]))
         best = int(np.argmin(costs))
         return float(costs[best]), terms[best]
 
-    def unlikeliness(self, fit: Fit) -> float:
+    def negative_log_posterior(self, fit: Fit) -> float:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
-        return self.believed * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
+        return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
-    def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
-        damping, raw = 1e-3, self.residual(entries, x[None])[0]
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+        damping, raw = 1e-3, self.residual(vector, x[None])[0]
         if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
-            return self._result(entries, x, raw, np.zeros((0, 0)))
+            return self._result(vector, x, raw, np.zeros((0, 0)))
         slopes, age = np.zeros((raw.size, x.size)), REUSED
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
             shapes_too = done >= FROZEN or iterations <= FROZEN
-            weight = self._weight(entries, raw)
+            weight = self._weight(vector, raw)
             best = raw * weight
             cost = float(best @ best)
             if age >= REUSED:
-                slopes, age = slopes_at(self, entries, x, raw), 0
-            normal, gradient = self._normal(entries, slopes, weight), slopes.T @ (weight * best)
+                slopes, age = forward_differences(self, vector, x, raw), 0
+            normal, gradient = self._normal(vector, slopes, weight), slopes.T @ (weight * best)
             if not shapes_too:
-                still = entries.shapes
+                still = vector.shapes
                 normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
             steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
             trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
-            if is_edged(entries):
-                trials = np.vstack([trials, self._rescaled(entries, x)])
-            trials = entries.bounded(trials)
-            residuals = self.residual(entries, trials)
+            if is_nonsmooth(vector):
+                trials = np.vstack([trials, self._rescaled(vector, x)])
+            trials = vector.bounded(trials)
+            residuals = self.residual(vector, trials)
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
             pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
             if not costs[pick] < cost:
@@ -369,7 +378,7 @@ class Refiner:
             small = small + 1 if costs[pick] > cost - settled else 0
             step, change = trials[pick] - x, residuals[pick] - raw
             promised = -float(step @ (2.0 * gradient + normal @ step))
-            slopes = carried_on(slopes, step, change)
+            slopes = update_broyden(slopes, step, change)
             age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
             x, raw = trials[pick], residuals[pick]
             is_damped = len(PARTS) <= pick < len(PARTS) + len(lams)
@@ -379,83 +388,87 @@ class Refiner:
                 break
             if settled <= EXACT:
                 continue
-            if is_cheap and self._is_noise(entries, raw):
+            if is_cheap and self._is_noise(vector, raw):
                 break
-            if not is_cheap and not self.is_rough and np.mean(raw[entries.priors :] ** 2) < EXPLAINED:
+            if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < EXPLAINED:
                 last = min(max(last, done + 2), iterations + MORE)
         if settled <= EXACT:  # what is carried on is good for steps, not for intervals
-            entries, x, raw = self._with_silent(entries, x, raw)
-            slopes = slopes_at(self, entries, x, raw)
+            vector, x, raw = self._with_unidentifiable(vector, x, raw)
+            slopes = forward_differences(self, vector, x, raw)
             for _ in range(PASSES):
-                slopes = slopes_by_strength(self, entries, x, raw, slopes)
+                slopes = differences_by_strength(self, vector, x, raw, slopes)
             common = self._common_scale()
             if common is not None:
-                slopes = with_scale(entries, x, slopes, common)
-        return self._result(entries, x, raw, self._normal(entries, slopes, self._weight(entries, raw)))
+                slopes = with_scale(vector, x, slopes, common)
+        return self._result(vector, x, raw, self._normal(vector, slopes, self._weight(vector, raw)))
 
-    def _rescaled(self, entries: Entries, x: Array) -> Array:
+    def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
         """Return an entry with all motions on the scale that the priors like best; see `scales`."""
-        along, ours = entries.along(motion_scale(self.problem)), slice(0, entries.r)
+        along, ours = vector.along(motion_scale(self.problem)), slice(0, vector.r)
         grown = -float(along @ x[ours]) / max(float(along @ along), 1e-12)
         out = x.copy()
         out[ours] += grown * along
-        out[entries.priors : entries.first_effect] *= np.exp(grown)
-        for k, (i, parameter) in enumerate(entries.parameters, start=entries.first_effect):
-            power = grown * exponent(entries.terms[i].effect, parameter)
+        out[vector.priors : vector.first_effect] *= np.exp(grown)
+        for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
+            power = grown * exponent(vector.terms[i].effect, parameter)
             out[k] = out[k] * np.exp(power) if parameter.signed else out[k] + power
         return out
 
-    def _normal(self, entries: Entries, slopes: Array, weight: Array) -> Array:
+    def _normal(self, vector: ParameterVector, slopes: Array, weight: Array) -> Array:
         """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
-        ours, data = slopes[: entries.priors], slopes[entries.priors :]
+        ours, data = slopes[: vector.priors], slopes[vector.priors :]
         return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
 
-    def _with_silent(self, entries: Entries, x: Array, raw: Array) -> tuple[Entries, Array, Array]:
+    def _with_unidentifiable(
+        self, vector: ParameterVector, x: Array, raw: Array
+    ) -> tuple[ParameterVector, Array, Array]:
         """Return entries, a vector of them and its residual with the directions that the runs say nothing of beside the informed ones.
 
         All gains and impedances a hundredth larger change no channel, but every force that a law is found to have.
         """
-        wide = replace(entries, directions=np.hstack([entries.directions, self.silent]))
-        none = np.zeros(wide.r - entries.r)
-        return wide, np.insert(x, entries.r, none), np.insert(raw, entries.r, none)
+        wide = replace(vector, directions=np.hstack([vector.directions, self.unidentifiable]))
+        none = np.zeros(wide.r - vector.r)
+        return wide, np.insert(x, vector.r, none), np.insert(raw, vector.r, none)
 
-    def _is_noise(self, entries: Entries, raw: Array) -> bool:
+    def _is_noise(self, vector: ParameterVector, raw: Array) -> bool:
         """Return whether what remains of every run is as small as the noise: a better fit means nothing.
 
         All together may be while the loudest run still asks for another value: most samples of a blow are of its fading out.
         """
-        at = entries.priors
+        at = vector.priors
         for size in (self.runs[i].y.size for i in by_period(self.runs)):
             if np.mean(raw[at : at + size] ** 2) > NOISE + 4.0 * np.sqrt(2.0 / size):  # four standard deviations of it
                 return False
             at += size
         return True
 
-    def _weight(self, entries: Entries, raw: Array) -> Array:
+    def _weight(self, vector: ParameterVector, raw: Array) -> Array:
         """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
 
         The scale of what no parameter explains is unknown; taking it as found keeps the priors in force however wrong a
         hypothesis is.
         """
-        priors = entries.priors
-        worth = self.believed / max(raw.size - priors, 1)
+        priors = vector.priors
+        effective_samples = self.effective_share / max(raw.size - priors, 1)
         spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
-        out = np.full(raw.size, np.sqrt(worth / spread))
+        out = np.full(raw.size, np.sqrt(effective_samples / spread))
         out[:priors] = 1.0
         return out
 
-    def _starts(self, entries: Entries, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
+    def _starts(self, vector: ParameterVector, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
         """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
-        terms = entries.terms
+        terms = vector.terms
         known = {} if start is None else {t.label: t for t in start.terms}
         theta = self.screen.theta if start is None else start.theta
         if all(t.label in known for t in terms):
             own = [known[t.label].values for t in terms]
-            return self._ordered(entries, [self._initial(entries, own, x, start) for x in (theta, *thetas)])
-        candidates = [Candidate(effect=t.effect, place=t.place, values=dict(t.values), gain=0.0) for t in terms]
+            return self._ordered(vector, [self._initial(vector, own, x, start) for x in (theta, *thetas)])
+        candidates = [
+            Candidate(effect=t.effect, place=t.place, values=dict(t.values), log_likelihood_gain=0.0) for t in terms
+        ]
         given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
         out = [
-            self._initial(entries, values, joint, start)
+            self._initial(vector, values, joint, start)
             for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
         ]
         options = []
@@ -465,35 +478,35 @@ class Refiner:
                 known[t.label].values if t.label in known else {**t.values, **less}
                 for t, less in zip(terms, small, strict=True)
             ]
-            options.append(self._initial(entries, own, theta, start))
+            options.append(self._initial(vector, own, theta, start))
         natural = [known.get(term.label, of_element(term)) for term in terms]
         if any(there is not here for there, here in zip(natural, terms, strict=True)):
-            options.append(self._initial(entries, [t.values for t in natural], theta, start))
+            options.append(self._initial(vector, [t.values for t in natural], theta, start))
         X = np.array([*out, *options])
-        costs = self._costs(entries, X)
+        costs = self._costs(vector, X)
         together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
         first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
-        if start is None or start.chi2 - start.cost < DISTANT * entries.r:
+        if start is None or start.chi2 - start.cost < DISTANT * vector.r:
             return first
         # far from its priors the other fit has made up for what is missing
         own = [known.get(term.label, term).values for term in terms]
-        return [*first, self._initial(entries, own, np.zeros_like(theta), start)]
+        return [*first, self._initial(vector, own, np.zeros_like(theta), start)]
 
-    def _ordered(self, entries: Entries, starts: list[Array]) -> list[Array]:
+    def _ordered(self, vector: ParameterVector, starts: list[Array]) -> list[Array]:
         """Return starts by what they leave, the least first; with a law that alone."""
         if len(starts) == 1:
             return starts
-        costs = self._costs(entries, np.array(starts))
-        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if entries.terms else None]
+        costs = self._costs(vector, np.array(starts))
+        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if vector.terms else None]
 
-    def _costs(self, entries: Entries, X: Array) -> Array:
-        residuals = self.residual(entries, X)
+    def _costs(self, vector: ParameterVector, X: Array) -> Array:
+        residuals = self.residual(vector, X)
         return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
 
-    def entries(self, terms: Sequence[Term]) -> Entries:
+    def vector(self, terms: Sequence[Term]) -> ParameterVector:
         """Return what a fit of terms moves."""
         firsts = [self.first_state(self.runs[i]) for i in self._free]
-        return Entries(
+        return ParameterVector(
             terms=terms,
             limits=[
                 limits_of(p, t.values[p.name], partial(self.screen.reference, place=t.place))
@@ -501,11 +514,11 @@ class Refiner:
                 for p in t.effect.parameters
             ],
             directions=self.directions,
-            prior=self.twin.prior,
+            prior=self.reduced_model.prior,
             offset_sd=self.screen.offset_sd,
-            omega=self.twin.omega,
+            omega=self.reduced_model.omega,
             active=self.active,
-            firsts=np.array(firsts).reshape(len(firsts), 2 * self.twin.m),
+            firsts=np.array(firsts).reshape(len(firsts), 2 * self.reduced_model.m),
         )
 
     @property
@@ -514,39 +527,39 @@ class Refiner:
         return [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
 
     def _initial(
-        self, entries: Entries, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
+        self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
         """Return the vector of terms' values and log-factors, with the offsets and first states of a fit where one is given."""
         known = {} if start is None else start.starts
         names = [self.runs[i].name for i in self._free]
-        states = [known.get(name, first) for name, first in zip(names, entries.firsts, strict=True)]
-        offsets = np.zeros(len(entries.offset_sd)) if start is None else start.offsets
-        return entries.packed(theta, offsets, states, values)
+        states = [known.get(name, first) for name, first in zip(names, vector.firsts, strict=True)]
+        offsets = np.zeros(len(vector.offset_sd)) if start is None else start.offsets
+        return vector.packed(theta, offsets, states, values)
 
-    def _unpacked(self, entries: Entries, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
+    def _unpacked(self, vector: ParameterVector, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
         """Return log-factors, offsets, the first states of all runs (n_sets, n_runs, 2m) and terms' values of vectors."""
-        theta, offsets, states, values = entries.unpacked(X)
-        starts = np.zeros((len(X), len(self.runs), 2 * self.twin.m))
+        theta, offsets, states, values = vector.unpacked(X)
+        starts = np.zeros((len(X), len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):
             if run.start is not None and not run.at_rest:
                 starts[:, i] = run.start
         starts[:, self._free] = states
         return theta, offsets, starts, values
 
-    def residual(self, entries: Entries, X: Array) -> Array:
+    def residual(self, vector: ParameterVector, X: Array) -> Array:
         """Return what vectors leave of the recordings, (n_sets, rows): deviations from priors, weighted differences of every run's samples
         in the order of `by_period`, what windows' starts were moved by; of unit variance each."""
-        theta, offsets, starts, values = self._unpacked(entries, X)
-        priors = entries.priors
+        theta, offsets, starts, values = self._unpacked(vector, X)
+        priors = vector.priors
         samples = sum(run.y.size for run in self.runs)
-        out = np.empty((len(X), priors + samples + 2 * self.twin.m * len(self.loose)))
+        out = np.empty((len(X), priors + samples + 2 * self.reduced_model.m * len(self.free_starts)))
         out[:, :priors] = X[:, :priors]  # of unit variance
         if not len(X):
             return out
         at, moved_at = priors, priors + samples
         for h in sorted({run.h for run in self.runs}):
             index = [i for i, run in enumerate(self.runs) if run.h == h]
-            y = self.simulate([self.runs[i] for i in index], entries.terms, theta, values, starts[:, index])
+            y = self.simulate([self.runs[i] for i in index], vector.terms, theta, values, starts[:, index])
             for j, i in enumerate(index):
                 run = self.runs[i]
                 block = out[:, at : at + run.y.size]
@@ -556,8 +569,8 @@ class Refiner:
                     np.subtract(y[: len(run), :, j].transpose(1, 0, 2), run.y, out=difference)
                     difference += offsets[:, None]
                     difference *= self.weights[i]
-                if i in self.loose:
-                    response, solve, _ = self.loose[i]
+                if i in self.free_starts:
+                    response, solve, _ = self.free_starts[i]
                     _cut_off(block)
                     moved = block @ solve.T
                     block -= moved @ response.T
@@ -566,15 +579,15 @@ class Refiner:
         _cut_off(out)
         return out
 
-    def _result(self, entries: Entries, x: Array, residual: Array, normal: Array) -> Fit:
-        theta, offsets, starts, values = self._unpacked(entries, x[None])
-        terms = entries.terms
+    def _result(self, vector: ParameterVector, x: Array, residual: Array, normal: Array) -> Fit:
+        theta, offsets, starts, values = self._unpacked(vector, x[None])
+        terms = vector.terms
         h = max(run.h for run in self.runs)
         fitted = tuple(
             replace(term, values=term.effect.taken({k: float(v[0]) for k, v in own.items()}, h))
             for term, own in zip(terms, values, strict=True)
         )
-        priors = entries.priors
+        priors = vector.priors
         at, error = priors, [np.zeros(0)] * len(self.runs)
         for i in by_period(self.runs):
             run = self.runs[i]
@@ -588,7 +601,7 @@ class Refiner:
         covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
         sd = {
             f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[k, k], 0.0)))
-            for k, (i, p) in enumerate(entries.parameters, start=entries.first_effect)
+            for k, (i, p) in enumerate(vector.parameters, start=vector.first_effect)
         }
         return Fit(
             terms=fitted,

@@ -54,7 +54,7 @@ class Choice:
         Probability of every place of the first effect.
     gained : float
         Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
-    is_of_priors : bool
+    is_prior_driven : bool
         Most of that is what the refitted model's uncertain parameters are less likely.
     """
 
@@ -65,7 +65,7 @@ class Choice:
     places: dict[str, float]
     shares: Mapping[str, float] = field(default_factory=dict)
     gained: float = 0.0
-    is_of_priors: bool = False
+    is_prior_driven: bool = False
 
     @property
     def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
@@ -73,19 +73,23 @@ class Choice:
         return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
 
 
-def is_of_priors(more: Hypothesis, less: Hypothesis) -> bool:
+def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
     """Return whether most of what a hypothesis gains over another is what the other's uncertain parameters are less likely."""
-    return less.price - more.price > more.worth * (less.misfit - more.misfit)
+    return less.negative_log_prior - more.negative_log_prior > more.effective_samples * (
+        less.log_rms_residual - more.log_rms_residual
+    )
 
 
 def _excess(hypothesis: Hypothesis) -> float:
-    return max(hypothesis.level**2 - 1.0, 0.0)
+    return max(hypothesis.normalised_residual**2 - 1.0, 0.0)
 
 
 def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     """Return by how much the log-likelihood that one more effect gains exceeds what is enough to believe in it."""
     if any(
-        _is_of_mains(t.values["frequency"]) for t in more.terms if t.effect.name in ("sinusoidal-force", "mains-hum")
+        _is_mains_frequency(t.values["frequency"])
+        for t in more.terms
+        if t.effect.name in ("sinusoidal-force", "mains-hum")
     ):
         return -np.inf
     known = {t.label for t in less.terms}
@@ -97,28 +101,30 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     return more.score - less.score + more.complexity - less.complexity - enough
 
 
-def _is_of_mains(frequency: float) -> bool:
+def _is_mains_frequency(frequency: float) -> bool:
     return any(abs(frequency - k * mains) < NEAR_MAINS for mains in MAINS_HZ for k in HARMONICS)
 
 
-def choose(found: Found) -> Choice:
+def choose_model(found: Found) -> Choice:
     """Choose the hypothesis that explains the fit recordings with the fewest effects."""
     before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
     doubles = [h for h in found.hypotheses if len(h.terms) == 2]
     best = before
     if singles:
         one = singles[0]
-        explains = before.level > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(before)
+        explains = before.normalised_residual > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(
+            before
+        )
         if explains or _beyond(one, before) > 0:
             best = one
     if best is not before and doubles:
         two = doubles[0]
         gained = _excess(one) - _excess(two)
-        first_is_enough = one.level <= ABOVE_NOISE
+        first_is_enough = one.normalised_residual <= ABOVE_NOISE
         explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
         if (explains and not first_is_enough) or _beyond(two, one) > 0:
             best = two
-    elif doubles and before.level > ABOVE_NOISE:  # of two effects one alone may explain nothing
+    elif doubles and before.normalised_residual > ABOVE_NOISE:  # of two effects one alone may explain nothing
         two = doubles[0]
         if _excess(before) - _excess(two) >= TOGETHER * _excess(before) and _beyond(two, before) > 0:
             best = two
@@ -136,7 +142,7 @@ def choose(found: Found) -> Choice:
         places=_places(found, best),
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
         gained=_beyond(best, before),
-        is_of_priors=is_of_priors(best, before),
+        is_prior_driven=is_prior_driven(best, before),
     )
 
 

@@ -22,7 +22,7 @@ START_SIZE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Entries:
+class ParameterVector:
     """Which entry of a fitted vector is what: uncertain parameters along directions, offsets of channels, first states of runs,
     parameters of effects, in this order.
 
@@ -106,7 +106,7 @@ class Entries:
         m = len(self.omega)
         parts = [self.along(theta), offsets / self.offset_sd]
         parts += [np.concatenate([x[self.active], x[m + self.active]]) / self.start_scale for x in states]
-        parts.append(np.array([inward(p, values[i][p.name]) for i, p in self.parameters]))
+        parts.append(np.array([to_unbounded(p, values[i][p.name]) for i, p in self.parameters]))
         return np.asarray(self.bounded(np.concatenate(parts)[None])[0])
 
     def unpacked(self, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
@@ -119,7 +119,7 @@ class Entries:
         states[:, :, self.active], states[:, :, m + self.active] = fitted[..., :half], fitted[..., half:]
         values: list[dict[str, Array]] = [{} for _ in self.terms]
         for k, (i, parameter) in enumerate(self.parameters, start=self.first_effect):
-            values[i][parameter.name] = outward(parameter, X[:, k])
+            values[i][parameter.name] = from_unbounded(parameter, X[:, k])
         return theta, offsets, states, values
 
     def steps(self, x: Array) -> Array:
@@ -152,7 +152,7 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
     if parameter.signed:
         most = np.inf if parameter.reference else parameter.high
         return -most, most
-    centre = inward(parameter, value)
+    centre = to_unbounded(parameter, value)
     low, high = centre - FURTHEST, centre + FURTHEST
     if parameter.reference in ("displacement", "velocity"):
         of = reference(parameter.reference)
@@ -165,11 +165,11 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
     return min(low, centre), max(high, centre)
 
 
-def inward(parameter: Parameter, value: float) -> float:
+def to_unbounded(parameter: Parameter, value: float) -> float:
     """Return the entry that is fitted for a parameter's value: itself where it has a sign, else its logarithm."""
     return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
 
 
-def outward(parameter: Parameter, x: Array) -> Array:
+def from_unbounded(parameter: Parameter, x: Array) -> Array:
     """Return the values of fitted entries."""
     return x if parameter.signed else np.exp(np.clip(x, -80, 80))

@@ -24,7 +24,7 @@ from vlab.diagnose.parameters.locations import Place, admissible
 from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impulses_of, middles
-from vlab.diagnose.predictors.kalman import Gains, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.physics.effect import (
@@ -55,7 +55,7 @@ HIGHEST_TONE = 0.3
 TONE_STANDS_OUT, TONE_NEIGHBOURS = 8.0, 30.0
 """A tone has more power than this multiple of the median of so many lines to both sides; noise alone has it once in 3000 lines. What
 is left of a contact or a coarse step has none that stand out."""
-WORTH = 500.0
+MODEL_ERROR_SAMPLES = 500.0
 """Independent values that the innovations count as in the estimate of the uncertain parameters."""
 SHARES = 2
 """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
@@ -85,7 +85,7 @@ class _Plan:
     rows: Array
 
 
-class Screen:
+class ScoreTest:
     """The screening of a problem's fit runs.
 
     Parameters
@@ -102,7 +102,7 @@ class Screen:
 
     keeps_plans: ClassVar[bool] = False
     """Whether the columns of all places are kept for screenings beside some candidates; they are made in this process then."""
-    slower: "tuple[Screen, ...]" = ()
+    slower: "tuple[ScoreTest, ...]" = ()
     """Screenings of the same runs by observers that forget more slowly, where there are any."""
     theta: Array
     """The uncertain parameters as the filters have them."""
@@ -117,10 +117,10 @@ class Screen:
         signals: Sequence[Signals] | None = None,
         *,
         trust: float = 1.0,
-        like: "Screen | None" = None,
+        like: "ScoreTest | None" = None,
         theta: Array | None = None,
     ) -> None:
-        self.problem, self.twin, self.trust = problem, problem.twin, trust
+        self.problem, self.reduced_model, self.trust = problem, problem.reduced_model, trust
         self._intensity: dict[float, float] = dict(problem.intensity if like is None else like._intensity)
         self.runs = list(signals if signals is not None else problem.in_role("fit"))
         self.runs = self._shortened(self.runs)
@@ -128,12 +128,12 @@ class Screen:
         self._marched: dict[tuple[Any, ...], Array] = {}
         self._spectra: tuple[Group, Array, Any] | None = None
         self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
-        start = np.zeros(len(self.twin.changes)) if like is None else like.theta
+        start = np.zeros(len(self.reduced_model.changes)) if like is None else like.theta
         self.theta = start if theta is None else theta
         for _ in range(REFITS if like is None else 1):
             self._linearise()
             step = self._step
-            if np.all(np.abs(step) <= 0.02 * self.twin.prior + 1e-4):
+            if np.all(np.abs(step) <= 0.02 * self.reduced_model.prior + 1e-4):
                 break
             self.theta = np.clip(self.theta + step, -2.0, 2.0)
         else:
@@ -141,19 +141,21 @@ class Screen:
 
     def _shortened(self, runs: list[Signals]) -> list[Signals]:
         """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
-        most = MOST_ROWS // (len(runs) * len(self.twin.rows.at_q))
+        most = MOST_ROWS // (len(runs) * len(self.reduced_model.rows.at_q))
         return [run if len(run) <= most else run.first(most) for run in runs]
 
     def _linearise(self) -> None:
         """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
         periods = sorted({run.h for run in self.runs})
-        M, C, K, self.actuator_gain, self.sensor_gain = (part[0] for part in self.twin.matrices(self.theta[None]))
-        forces, rows = self.twin.forces * self.actuator_gain, self.twin.rows_at(self.theta)
-        self.now = replace(self.twin, M=M, C=C, K=K, forces=forces, rows=rows)
+        M, C, K, self.actuator_gain, self.sensor_gain = (
+            part[0] for part in self.reduced_model.matrices(self.theta[None])
+        )
+        forces, rows = self.reduced_model.forces * self.actuator_gain, self.reduced_model.rows_at(self.theta)
+        self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         self.e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
         self.nuisance = np.hstack([self._nuisance(), self._offsets()])
-        precision = np.concatenate([1.0 / np.maximum(self.twin.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
+        precision = np.concatenate([1.0 / np.maximum(self.reduced_model.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
         self._gram = np.linalg.inv(self.nuisance.T @ self.nuisance + np.diag(precision))
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
@@ -168,11 +170,11 @@ class Screen:
         What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
         taken at their number, directions that scale nearly everything drift many standard deviations away.
         """
-        share = WORTH / len(self.e) / max(self.variance, 1.0)
+        share = MODEL_ERROR_SAMPLES / len(self.e) / max(self.variance, 1.0)
         normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
         return np.asarray(_inverse(normal) @ (share * (self.nuisance.T @ self.e) - pull))
 
-    def given(self, candidates: Sequence[Candidate]) -> "Screen":
+    def given(self, candidates: Sequence[Candidate]) -> "ScoreTest":
         """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
         other = copy.copy(self)
         other._spectra, other._tones = None, {}
@@ -256,16 +258,23 @@ class Screen:
         columns[..., place.index, 0] -= effect.mix(group.e[..., place.index], other, unit) - group.e[..., place.index]
 
     def _group(self, runs: list[Signals]) -> Group:
-        twin = self.now
-        m = twin.m
-        system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(m), twin.rows, runs[0].h)
+        reduced_model = self.now
+        m = reduced_model.m
+        system = discretise(
+            reduced_model.M[None],
+            reduced_model.C[None],
+            reduced_model.K[None],
+            np.eye(m),
+            reduced_model.rows,
+            runs[0].h,
+        )
         u, lengths = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
         y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
         usable = None
         if any(run.valid is not None for run in runs):
             usable, _ = stack_runs(runs, [run.usable for run in runs])
-        forces = u @ twin.forces.T + load @ twin.loads.T
+        forces = u @ reduced_model.forces.T + load @ reduced_model.loads.T
         noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0)) / self.sensor_gain
         near = self._intensity.get(runs[0].h, 0.0)
         if self.trust == 1.0:
@@ -274,12 +283,12 @@ class Screen:
             intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
             gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y))
         if usable is None and all(run.at_rest for run in runs):  # how it starts is known: every sample counts
-            gains = Gains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
+            gains = FilterGains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
         settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
         group = Group(runs, system, gains, smoothed, u, forces, y, lengths, usable, e=smoothed.e)
-        group.motion = middles(twin, group)
+        group.motion = middles(reduced_model, group)
         group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
         group.impulses = impulses_of(system, gains.K[-1], len(y))
@@ -291,20 +300,22 @@ class Screen:
         """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
         parts = []
         if modal is not None:
-            parts.append(convolved(group.impulses[:, :, : self.twin.m], modal.astype(np.float32)))
+            parts.append(convolved(group.impulses[:, :, : self.reduced_model.m], modal.astype(np.float32)))
         if reading is not None:
-            parts.append(convolved(group.impulses[:, :, self.twin.m :], reading.astype(np.float32)))
+            parts.append(convolved(group.impulses[:, :, self.reduced_model.m :], reading.astype(np.float32)))
         return np.asarray(sum(parts))
 
     def _nuisance(self) -> Array:
         """Return the whitened columns of the uncertain parameters, (rows, n_changes)."""
         blocks = []
-        sensors = [(i, change.sensor) for i, change in enumerate(self.twin.changes) if change.sensor is not None]
+        sensors = [
+            (i, change.sensor) for i, change in enumerate(self.reduced_model.changes) if change.sensor is not None
+        ]
         for group in self.groups:
-            reading = np.zeros((*group.y.shape, len(self.twin.changes)))
+            reading = np.zeros((*group.y.shape, len(self.reduced_model.changes)))
             for i, sensor in sensors:
                 reading[..., sensor, i] = group.y[..., sensor]
-            for shift in self.twin.shifts:
+            for shift in self.reduced_model.shifts:
                 p, v = np.split(group.smoothed.x, 2, axis=-1)
                 reading[..., shift.sensor, shift.by] = p @ shift.at_q + v @ shift.at_v
             left = self.through(group, self._changed_forces(group), reading)
@@ -316,9 +327,9 @@ class Screen:
     def _changed_forces(self, group: Group) -> Array:
         """Return the modal forces that a unit of every uncertain parameter adds, (n, n_runs, m, n_changes)."""
         p, v, a = group.motion
-        modal = np.zeros((*p.shape, len(self.twin.changes)))
-        slopes = self.twin.slopes(self.theta)
-        for i, change in enumerate(self.twin.changes):
+        modal = np.zeros((*p.shape, len(self.reduced_model.changes)))
+        slopes = self.reduced_model.slopes(self.theta)
+        for i, change in enumerate(self.reduced_model.changes):
             for matrix, motion in zip(slopes[i], (a, v, p), strict=True):
                 if matrix is not None:
                     modal[..., i] -= motion @ matrix.T
@@ -429,7 +440,7 @@ class Screen:
             found = [at([place]) for place in places]
         else:
             found = side_by_side(at, [places[i::SHARES] for i in range(SHARES)])
-        return sorted((c for part in found for c in part), key=lambda c: (-c.gain, c.label))
+        return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
 
     def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
         """Return the columns of some effects at a place, one block for every effect and shape."""
@@ -480,7 +491,7 @@ class Screen:
 
     def _impulse(self, group: Group, cause: Cause) -> Array:
         """Return what a unit impulse in a cause's way leaves in the innovations, (n, p, 1)."""
-        m = self.twin.m
+        m = self.reduced_model.m
         if cause.force is None:
             return group.impulses[:, :, m + cause.channel, None]
         return np.asarray(group.impulses[:, :, :m] @ cause.force[:, None])
@@ -491,7 +502,7 @@ class Screen:
         best: dict[str, Candidate] = {}
         for candidate in self._regressed(place, self._cache[place.name]):
             name = candidate.effect.name
-            if name not in best or candidate.gain > best[name].gain:
+            if name not in best or candidate.log_likelihood_gain > best[name].log_likelihood_gain:
                 best[name] = candidate
         return list(best.values())
 
@@ -503,16 +514,16 @@ class Screen:
         """
         best = candidate
         shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
-        remembers = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
-        widths = ZOOM[:COARSE_ZOOM] if remembers else ZOOM  # such laws are smooth in their shapes, and slow
+        is_hysteretic = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
+        widths = ZOOM[:COARSE_ZOOM] if is_hysteretic else ZOOM  # such laws are smooth in their shapes, and slow
         for width in widths if shapes else ():
             values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
             tried = [
                 (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)
             ]
             found = self._regressed(candidate.place, self._columns(candidate.place, tried))
-            other = max(found, key=lambda c: c.gain)
-            best = other if other.gain > best.gain + NO_GAIN else best
+            other = max(found, key=lambda c: c.log_likelihood_gain)
+            best = other if other.log_likelihood_gain > best.log_likelihood_gain + NO_GAIN else best
         return best
 
     def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:
@@ -530,7 +541,7 @@ class Screen:
             start += width
             names = [p.name for p in effect.amplitudes]
             found = {**values, **dict(zip(names, amplitudes.tolist(), strict=False))} if names else dict(values)
-            out.append(Candidate(effect=effect, place=place, values=found, gain=gain))
+            out.append(Candidate(effect=effect, place=place, values=found, log_likelihood_gain=gain))
         return out
 
     def _gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
@@ -564,7 +575,7 @@ class Screen:
         after = before - 2 * float(column @ self.base) + float(column @ left)
         if not after > 0:
             return 0.0
-        samples = len(self.e) / len(self.twin.rows.at_q)
+        samples = len(self.e) / len(self.reduced_model.rows.at_q)
         return 0.5 * len(self.e) * float(np.log(before / after)) + samples * effect.stretch(values, self.groups[0].h)
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:

@@ -9,14 +9,14 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.signals import Array
 
-BENIGN_ZERO = 0.01
+BENIGN_OFFSET = 0.01
 """A zero that is off by less than this share of its channel's rms is what every laboratory has..."""
 OVER_ERROR = 1.0
 """...and one that is off by less than this multiple of what the fit leaves of the channel may be made up by what is wrong there."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Zero:
+class SensorOffset:
     """A channel whose zero is off.
 
     Parameters
@@ -30,7 +30,7 @@ class Zero:
     sd: float
 
 
-def shifted_zeros(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> tuple[Zero, ...]:
+def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> tuple[SensorOffset, ...]:
     """Return the channels whose zeros a fit puts far off, where no effect of the fit says so already.
 
     Parameters
@@ -45,11 +45,11 @@ def shifted_zeros(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> 
         if i not in said and name not in unknown and abs(offset) > benign[i]:
             samples = sum(len(run) for run in problem.signals)
             spread = float(error[i] / np.sqrt(max(samples, 1)))
-            out.append(Zero(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))
+            out.append(SensorOffset(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))
     return tuple(out)
 
 
-def said_zeros(problem: Problem, fit: Fit) -> tuple[str, ...]:
+def explained_sensor_offsets(problem: Problem, fit: Fit) -> tuple[str, ...]:
     """Return the channels whose zeros an effect of a fit puts as far off: a refit without it must not have them among its own."""
     benign, _ = _benign(problem, fit)
     offsets = {t.place.index: t.values["offset"] for t in fit.terms if t.effect.name == "sensor-offset"}
@@ -60,4 +60,4 @@ def _benign(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     """Return how far off every channel's zero may be, and what a fit leaves of it, (n_channels,) each."""
     scale = np.max([run.scale for run in problem.signals], axis=0)
     error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
-    return np.maximum(BENIGN_ZERO * scale, OVER_ERROR * error), error
+    return np.maximum(BENIGN_OFFSET * scale, OVER_ERROR * error), error

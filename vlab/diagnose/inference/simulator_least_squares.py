@@ -8,8 +8,8 @@ import numpy as np
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.diagnose.inference.least_squares import ITERATIONS, NEAR_ENOUGH
-from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
-from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.errors import VlabError
@@ -26,14 +26,14 @@ FOLLOWS = 0.5
 """Share of a recording's rms by which MuJoCo's run may miss it for the correction to mean anything."""
 
 
-class SimulatedRefiner(MovingRefiner):
+class SimulatorLeastSquares(TrajectoryLeastSquares):
     """Fits hypotheses to whole runs, so that MuJoCo's own run of the amended plant comes nearest.
 
     The system along the motion is fitted to the recordings minus the difference between MuJoCo's run and itself (a
     defect correction): its derivatives are good where its values are off by a little.
     """
 
-    def __init__(self, screen: MovingScreen) -> None:
+    def __init__(self, screen: TrajectoryScoreTest) -> None:
         super().__init__(screen, whole=True)
         self.recorded = [run.y for run in self.runs]
 
@@ -45,7 +45,7 @@ class SimulatedRefiner(MovingRefiner):
         thetas: Sequence[Array] = (),
         settled: float = NEAR_ENOUGH,
     ) -> Fit:
-        """See `Refiner`."""
+        """See `LeastSquares`."""
         self._compare_with(self.recorded)
         best = super().fit(terms, start, iterations, thetas, settled)
         left, bias = self._missed(best)
@@ -89,11 +89,11 @@ class SimulatedRefiner(MovingRefiner):
 
     def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
         """Return what MuJoCo's run of a plant gives at a course's samples."""
-        course, whole = self.moving.moving.courses[run], self.problem.runs[run]
+        course, whole = self.moving.moving.trajectories[run], self.problem.runs[run]
         first = whole.measured.time[0] + course.time[0] - 1e-9  # the search may have looked at a later part alone
         part = whole.measured.between(first, np.inf)
         recording = simulate(plant, replace(whole, measured=part), initial=start).recording
-        rest = self.twin.rows.rest
+        rest = self.reduced_model.rows.rest
         time, at = recording.time - recording.time[0], course.time - course.time[0]
         columns = [
             np.interp(at, time, recording[c.channel] + (rest[j] if c.from_rest else 0.0))
@@ -102,7 +102,7 @@ class SimulatedRefiner(MovingRefiner):
         return np.column_stack(columns)
 
     def _gain(self, fit: Fit, channel: int) -> float:
-        for change, value in zip(self.twin.changes, fit.theta, strict=True):
+        for change, value in zip(self.reduced_model.changes, fit.theta, strict=True):
             if change.sensor == channel:
                 return float(np.exp(value))
         return 1.0
@@ -110,9 +110,9 @@ class SimulatedRefiner(MovingRefiner):
     def _along(self, fit: Fit) -> tuple[list[Array], list[InitialState]]:
         """Return what the system along the motion makes of a fit, from its best starts, and those starts."""
         y = self.settle(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
-        out, states, nv = [], [], self.twin.m
+        out, states, nv = [], [], self.reduced_model.m
         for i, run in enumerate(self.runs):
-            motion = self.moving.alongs[i].motion
+            motion = self.moving.systems[i].motion
             assert run.start is not None
             q = self.moving.stepper.moved(motion.q[0], run.start[:nv])
             states.append(InitialState(qpos=q, qvel=motion.v[0] + run.start[nv:], how="estimated"))

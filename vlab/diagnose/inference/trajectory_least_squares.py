@@ -13,13 +13,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.least_squares import NEAR_ENOUGH, Refiner
-from vlab.diagnose.inference.parameter_vector import Entries
-from vlab.diagnose.inference.trajectory_score_test import Lines, MovingScreen
+from vlab.diagnose.inference.least_squares import NEAR_ENOUGH, LeastSquares
+from vlab.diagnose.inference.parameter_vector import ParameterVector
+from vlab.diagnose.inference.trajectory_score_test import Lines, TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.predictors.trajectory import FINE, stacked
-from vlab.diagnose.predictors.trajectory_integration import CHECK_EVERY, FAR, march_with, tapes_of
+from vlab.diagnose.predictors.trajectory import FINE, pad_and_stack
+from vlab.diagnose.predictors.trajectory_integration import CHECK_EVERY, FAR, integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
@@ -55,7 +55,7 @@ class Part:
         return np.asarray(series[self.first : self.end, self.run])
 
 
-class MovingRefiner(Refiner):
+class TrajectoryLeastSquares(LeastSquares):
     """Fits hypotheses to runs along their motion.
 
     Parameters
@@ -68,7 +68,7 @@ class MovingRefiner(Refiner):
 
     def __init__(
         self,
-        screen: MovingScreen,
+        screen: TrajectoryScoreTest,
         *,
         whole: bool = False,
         without: Sequence[Term] = (),
@@ -89,22 +89,22 @@ class MovingRefiner(Refiner):
                 runs.append(replace(run, name=name, **cut, valid=valid, start=smooth[a, i], at_rest=False))
         self.length = max(len(run) for run in runs)
         self.whole = whole
-        self.screen, self.problem, self.twin, self.runs = screen, screen.problem, screen.twin, runs
+        self.screen, self.problem, self.reduced_model, self.runs = screen, screen.problem, screen.reduced_model, runs
         self._gather()
         self._weigh()
         self.noise_share = 1.0  # what its own error may be counts as noise: a smaller difference is worth nothing
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]
-        self.loose = {}
-        self.directions = self._informed()
-        self.loose = self._loose_starts()
+        self.free_starts = {}
+        self.directions = self._identifiable()
+        self.free_starts = self._initial_condition_nuisance()
 
-    def beside(self, terms: Sequence[Term]) -> Refiner:
-        """See `Refiner`: windows of its own where a hypothesis says that a sensor is wrong."""
+    def beside(self, terms: Sequence[Term]) -> LeastSquares:
+        """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
         if not any(isinstance(t.effect, SensorEffect) for t in terms):
             return self
-        return MovingRefiner(self.moving, without=terms)
+        return TrajectoryLeastSquares(self.moving, without=terms)
 
     def _gather(self) -> None:
         """Cut the system into windows, (n, n_windows, ...)."""
@@ -115,10 +115,10 @@ class MovingRefiner(Refiner):
         inside = self.h > 0
         self.even = float(self.h[0, 0]) if np.ptp(self.h[inside]) <= EVEN * self.h[0, 0] else None
         self.h[~inside] = 1.0
-        self.t = self._cut(stacked([c.time for c in screen.moving.courses]))
-        self.read = self._cut(stacked([a.read for a in screen.alongs]))
+        self.t = self._cut(pad_and_stack([c.time for c in screen.moving.trajectories]))
+        self.read = self._cut(pad_and_stack([a.read for a in screen.systems]))
         self.changes = self._cut(screen.changes)
-        self.v = self._cut(stacked([a.motion.v for a in screen.alongs]))
+        self.v = self._cut(pad_and_stack([a.motion.v for a in screen.systems]))
         self._lines: dict[str, tuple[Array, Array, Array, Array]] = {}
         self._paths: dict[tuple[str, int], Path] = {}
 
@@ -132,21 +132,21 @@ class MovingRefiner(Refiner):
         """Return what turns unit numbers into likely deviations of every window's start, (2 nv, 2 nv) each."""
         out = []
         for part in self.parts:
-            at_rest = part.first == 0 and self.moving.moving.courses[part.run].at_rest
+            at_rest = part.first == 0 and self.moving.moving.trajectories[part.run].at_rest
             sample = part.first if at_rest else max(part.first, min(SETTLED, part.end - 1))
             size, vectors = np.linalg.eigh(self.moving.gains.P[sample, part.run])
             out.append((1.0 if at_rest else LOOSE) * vectors * np.sqrt(np.maximum(size, 0.0)))
         return out
 
-    def _loose_starts(self) -> dict[int, tuple[Array, Array, Array]]:
-        """See `Refiner`; the spread of starts is that of the filter's predictions."""
+    def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
+        """See `LeastSquares`; the spread of starts is that of the filter's predictions."""
         return self._loose((), self.moving.theta, [])[1]
 
     def _loose(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]]
     ) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
-        """Return what a hypothesis gives, (n, n_windows, p), and for every window what its start can explain, see `Refiner`."""
-        m2 = 2 * self.twin.m
+        """Return what a hypothesis gives, (n, n_windows, p), and for every window what its start can explain, see `LeastSquares`."""
+        m2 = 2 * self.reduced_model.m
         middle = np.array([run.start for run in self.runs])
         starts = np.repeat(middle[None], m2 + 1, axis=0)
         for w, spread in enumerate(self.start_scale):
@@ -161,11 +161,11 @@ class MovingRefiner(Refiner):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, entries: Entries, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
-        theta, offsets, _, values = entries.unpacked(x[None])
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+        theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
-        self.settle(entries.terms, theta[0], own, offsets[0])
-        return super()._descend(entries, x, iterations, settled)
+        self.settle(vector.terms, theta[0], own, offsets[0])
+        return super()._descend(vector, x, iterations, settled)
 
     def settle(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array
@@ -175,15 +175,15 @@ class MovingRefiner(Refiner):
         Windows are so short that what their starts explain is as good as linear in them.
         """
         self.runs = [replace(run, start=start) for run, start in zip(self.runs, self.first_starts, strict=True)]
-        y, self.loose = self._loose(terms, theta, values)
+        y, self.free_starts = self._loose(terms, theta, values)
         for _ in range(SETTLINGS if self.whole else 0):
             starts = []
             for w, run in enumerate(self.runs):
                 missed = ((y[: len(run), w] + offsets - run.y) * run.usable / self.sigma[w]).ravel()
-                move = self.loose[w][1] @ np.clip(missed, -FAR, FAR)
+                move = self.free_starts[w][1] @ np.clip(missed, -FAR, FAR)
                 starts.append(run.start - self.start_scale[w] @ np.clip(move, -MOST_MOVE, MOST_MOVE))
             self.runs = [replace(run, start=start) for run, start in zip(self.runs, starts, strict=True)]
-            y, self.loose = self._loose(terms, theta, values)
+            y, self.free_starts = self._loose(terms, theta, values)
         return y
 
     # ---- simulation -------------------------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ class MovingRefiner(Refiner):
         values: Sequence[Mapping[str, Array]],
         starts: Array,
     ) -> Array:
-        """See `Refiner`; `starts` are deviations from the motion."""
+        """See `LeastSquares`; `starts` are deviations from the motion."""
         assert len(runs) == len(self.parts)
         with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
             y = self._marched(terms, theta, values, starts)
@@ -214,11 +214,13 @@ class MovingRefiner(Refiner):
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
         seen = bool(np.any(self.D))
-        tapes = tapes_of(laws)
-        if tapes is None:
+        graphs = trace_laws(laws)
+        if graphs is None:
             states = self._as_written(laws, A, drive, starts, forces, steps, seen=seen)
         else:
-            states = march_with(laws, tapes, A, drive, self.defect, starts, forces if seen else forces[:0], steps)
+            states = integrate_trajectory(
+                laws, graphs, A, drive, self.defect, starts, forces if seen else forces[:0], steps
+            )
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
             y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
@@ -227,7 +229,7 @@ class MovingRefiner(Refiner):
     def _as_written(
         self, laws: Sequence[Law], A: Array, drive: Array, starts: Array, forces: Array, steps: int, *, seen: bool
     ) -> Array:
-        """March with the laws evaluated as they are written: one of them does what no tape can hold. See `march_with`."""
+        """March with the laws evaluated as they are written: one of them does what no tape can hold. See `integrate_trajectory`."""
         x = starts.copy()
         states = np.zeros((self.length, *x.shape))
         for k in range(self.length):
@@ -249,7 +251,7 @@ class MovingRefiner(Refiner):
     ) -> tuple[Array, Array]:
         """Return the generalised forces that drive the deviations, (n, n_sets, n_windows, nv), and those that sensors see."""
         own = np.expm1(np.clip(theta - self.moving.theta, -3.0, 3.0))
-        own[:, [c.sensor is not None for c in self.twin.changes]] = 0.0
+        own[:, [c.sensor is not None for c in self.reduced_model.changes]] = 0.0
         forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
@@ -276,7 +278,7 @@ class MovingRefiner(Refiner):
         longest = min(PREROLL, max(part.first for part in self.parts))
         if memory is None or longest == 0:
             return memory
-        lines, nv = s.lines_of(term.place), self.twin.m
+        lines, nv = s.lines_of(term.place), self.reduced_model.m
         z, v = np.zeros((longest, len(self.parts))), np.zeros((longest, len(self.parts)))
         h = np.full((longest, len(self.parts)), s.runs[0].h)
         for w, part in enumerate(self.parts):
@@ -285,7 +287,7 @@ class MovingRefiner(Refiner):
                 cut = slice(part.first - count, part.first)
                 row, deviation = lines.rows[0][cut, part.run], s.smooth[cut, part.run]
                 z[-count:, w] = lines.z[0][cut, part.run] + np.einsum("kn,kn->k", row, deviation[:, :nv])
-                speed = s.alongs[part.run].motion.v[cut] + deviation[:, nv:]
+                speed = s.systems[part.run].motion.v[cut] + deviation[:, nv:]
                 v[-count:, w] = np.einsum("kn,kn->k", row, speed)
                 h[-count:, w] = s.stack.h[cut, part.run]
         for k in range(longest):
@@ -293,11 +295,13 @@ class MovingRefiner(Refiner):
         return memory
 
     def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
-        courses, h = self.moving.moving.courses, self.moving.runs[0].h
+        trajectories, h = self.moving.moving.trajectories, self.moving.runs[0].h
         series = []
         for s in range(n_sets):
             p = {k: float(v[s]) for k, v in given.items()}
-            series.append(stacked([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in courses]))
+            series.append(
+                pad_and_stack([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in trajectories])
+            )
         changed = self._cut(self.moving.acted(index, np.stack(series, axis=-1))).swapaxes(1, 2)
         return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
 
@@ -312,7 +316,7 @@ class MovingRefiner(Refiner):
     ) -> None:
         """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
         h = self.moving.runs[0].h
-        for r, course in enumerate(self.moving.moving.courses):
+        for r, course in enumerate(self.moving.moving.trajectories):
             mine = [(w, part) for w, part in enumerate(self.parts) if part.run == r]
             if not mine:
                 continue
@@ -330,7 +334,7 @@ class MovingRefiner(Refiner):
 
     def read_of(self, run: int, channel: int) -> Array:
         """Return what a channel reads along a run's motion."""
-        return self.moving.alongs[run].read[:, channel]
+        return self.moving.systems[run].read[:, channel]
 
     def lines(self, place: Place) -> tuple[Array, Array, Array, Array]:
         """Return rows (k, n, n_windows, nv), coordinates and rates along the motion (k, n, n_windows), and weights (k,)."""

@@ -9,28 +9,28 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.predictors.innovations import Cause, Group
-from vlab.diagnose.predictors.kalman import Gains as SteadyGains
+from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
 from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import (
-    Along,
-    Gains,
-    Stack,
+    FilterGains,
+    SystemBatch,
+    TimeVaryingSystem,
     filtered,
     gains_of,
     innovations,
+    pad_and_stack,
     smoothed,
     smoothed_motions,
-    stacked,
 )
 from vlab.diagnose.predictors.trajectory_data import with_signals
-from vlab.diagnose.predictors.trajectory_problem import Moving
+from vlab.diagnose.predictors.trajectory_problem import Trajectories
 from vlab.diagnose.predictors.unit_effects import RUNAWAY, commands_changed, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.physics.attach import port_at
@@ -64,7 +64,7 @@ class Lines:
         self.rows, self.z, self.weight = rows, z, weight
 
 
-class MovingScreen(Screen):
+class TrajectoryScoreTest(ScoreTest):
     """The screening of a problem's fit runs along their motion.
 
     Parameters
@@ -81,9 +81,9 @@ class MovingScreen(Screen):
     keeps_plans: ClassVar[bool] = True
     plant: Plant
     stepper: Stepper
-    alongs: list[Along]
-    stack: Stack
-    gains: Gains
+    systems: list[TimeVaryingSystem]
+    stack: SystemBatch
+    gains: FilterGains
     near: float | None
     changes: Array
     """Generalised forces that a unit of every uncertain log-factor adds, (n, n_runs, nv, n_changes)."""
@@ -96,16 +96,16 @@ class MovingScreen(Screen):
     L: Array
     B: Array
 
-    def __init__(self, problem: Problem, moving: Moving) -> None:
-        self.problem, self.twin, self.trust, self.moving = problem, problem.twin, 1.0, moving
+    def __init__(self, problem: Problem, moving: Trajectories) -> None:
+        self.problem, self.reduced_model, self.trust, self.moving = problem, problem.reduced_model, 1.0, moving
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
         self._cache, self._marched, self._spectra, self._tones = {}, {}, None, {}
-        self.theta = np.zeros(len(self.twin.changes))
+        self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
 
-    def trusting(self, trust: float) -> "MovingScreen":
+    def trusting(self, trust: float) -> "TrajectoryScoreTest":
         """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
         other = copy.copy(self)
         other.trust, other._cache, other._marched = trust, {}, {}
@@ -113,11 +113,11 @@ class MovingScreen(Screen):
         other._linearise()
         return other
 
-    def at(self, theta: Array) -> "MovingScreen":
+    def at(self, theta: Array) -> "TrajectoryScoreTest":
         """Return the screening linearised with other values of the uncertain parameters, about the same motion."""
         other = copy.copy(self)
         other.theta, other.trust = np.array(theta, dtype=float), 1.0
-        other.theta[[c.sensor is not None for c in self.twin.changes]] = 0.0
+        other.theta[[c.sensor is not None for c in self.reduced_model.changes]] = 0.0
         other._along(0)
         return other
 
@@ -125,10 +125,10 @@ class MovingScreen(Screen):
         """Linearise the refitted plant along the smoothed motion, and regress the innovations on what is uncertain."""
         self.plant = self.problem.adjusted(self.theta)
         self.stepper = self.moving.stepper(self.plant, self.problem.channels)
-        self.alongs, self.stack, _, self.near = smoothed_motions(
-            self.moving.courses, self.motions, self.stepper, self.moving.driven, passes, self.near
+        self.systems, self.stack, _, self.near = smoothed_motions(
+            self.moving.trajectories, self.motions, self.stepper, self.moving.driven, passes, self.near
         )
-        self.motions = [along.motion for along in self.alongs]
+        self.motions = [along.motion for along in self.systems]
         self.lines, self._cache, self._marched = {}, {}, {}
         self._spectra, self._tones = None, {}
         self.changes = self._changes()
@@ -150,14 +150,14 @@ class MovingScreen(Screen):
         steady = SteadyGains(K=self.gains.K[-1:, 0], S=self.gains.S[-1:, 0], P=self.gains.P[-1:, 0])
         last = Discrete(A=s.A[-1:, 0], B=s.G[-1:, 0], C=s.C[-1:, 0], D=s.D[-1:, 0])
         group = Group(
-            runs, last, steady, states, u, np.zeros((*y.shape[:2], self.twin.m)), y, lengths, s.usable, e=left
+            runs, last, steady, states, u, np.zeros((*y.shape[:2], self.reduced_model.m)), y, lengths, s.usable, e=left
         )
         group.first = min(SETTLED, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
         return group
 
     def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
-        """See `Screen`: generalised forces take the place of modal ones."""
+        """See `ScoreTest`: generalised forces take the place of modal ones."""
         s, K = self.stack, self.gains.K
         part = modal if modal is not None else reading
         assert part is not None
@@ -179,7 +179,7 @@ class MovingScreen(Screen):
         return np.asarray(out + s.C @ states)
 
     def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
-        """See `Screen`: the system varies, so every frequency and channel counts alike."""
+        """See `ScoreTest`: the system varies, so every frequency and channel counts alike."""
         return np.ones((len(frequency), self.stack.e.shape[2]))
 
     # ---- what is uncertain ------------------------------------------------------------------------------------------
@@ -187,16 +187,16 @@ class MovingScreen(Screen):
     def _changes(self) -> Array:
         """Return the generalised forces that uncertain parameters add along the motion, (n, n_runs, nv, n_changes)."""
         plant = self.plant
-        middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.alongs, self.moving.courses, strict=True)]
+        middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.systems, self.moving.trajectories, strict=True)]
 
         def column(parameter: Uncertain) -> Array:
             if not parameter.fields:
-                return np.zeros((*self.stack.e.shape[:2], self.twin.m))
+                return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
             pair = [_changed(plant, parameter, sign * CHANGE) for sign in (1.0, -1.0)]
-            return stacked([_slope(pair, m, self._stride()) for m in middles])
+            return pad_and_stack([_slope(pair, m, self._stride()) for m in middles])
 
         out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
-        for i, change in enumerate(self.twin.changes):
+        for i, change in enumerate(self.reduced_model.changes):
             if change.actuator is not None:
                 out[..., i] += self.driven_force(change.actuator) * self.commands(change.actuator)[..., None]
         return out
@@ -208,11 +208,11 @@ class MovingScreen(Screen):
 
     def commands(self, actuator: int) -> Array:
         """Return what reaches an actuator's gain along the runs, (n, n_runs): its command, or its state where it has one."""
-        lag, courses = self.stepper.lags.get(actuator), self.moving.courses
+        lag, trajectories = self.stepper.lags.get(actuator), self.moving.trajectories
         if lag is None:
-            return stacked([c.u[:, actuator] for c in courses])
+            return pad_and_stack([c.u[:, actuator] for c in trajectories])
         unit = self.plant.control_matrix[lag.control, actuator]
-        return stacked([c.act[:, lag.address] / unit for c in courses if c.act is not None])
+        return pad_and_stack([c.act[:, lag.address] / unit for c in trajectories if c.act is not None])
 
     def acted(self, actuator: int, change: Array) -> Array:
         """Return what a change of an actuator's command (n, n_runs, k) is where its gain is reached."""
@@ -222,14 +222,14 @@ class MovingScreen(Screen):
     def driven_force(self, actuator: int) -> Array:
         """Return the generalised force of a unit command along the motion, (n, n_runs, nv)."""
         column = list(self.moving.driven).index(actuator)
-        return stacked([a.drives[:, :, column] for a in self.alongs])
+        return pad_and_stack([a.drives[:, :, column] for a in self.systems])
 
     def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
-        """See `Screen`."""
+        """See `ScoreTest`."""
         u, _ = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
-        given, _ = stack_runs(runs, [course.load for course in self.moving.courses])
-        out = np.zeros((*u.shape[:2], self.twin.m))
+        given, _ = stack_runs(runs, [course.load for course in self.moving.trajectories])
+        out = np.zeros((*u.shape[:2], self.reduced_model.m))
         for i in self.moving.driven:
             out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
         for j, name in enumerate(self.moving.load_ports):
@@ -255,10 +255,10 @@ class MovingScreen(Screen):
         rest = [p.position(at_rest) for p in ports]
         if all(p.is_constant for p in ports) and port.name.startswith("joint:"):
             address = int(model.jnt_qposadr[model.joint(port.name.partition(":")[2]).id])
-            z = stacked([a.motion.q[:, address] - rest[0] for a in self.alongs])
+            z = pad_and_stack([a.motion.q[:, address] - rest[0] for a in self.systems])
             return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
         rows, values = [], []
-        for along in self.alongs:
+        for along in self.systems:
             own, z = np.zeros((len(along.M), len(ports), model.nv)), np.zeros((len(along.M), len(ports)))
             for k, q in enumerate(along.motion.q):
                 data.qpos[:] = q
@@ -270,14 +270,14 @@ class MovingScreen(Screen):
             rows.append(own)
             values.append(z)
         weight = np.array([model.opt.gravity[i] for i in range(len(AXES))]) if is_body else np.zeros(len(ports))
-        return Lines(np.moveaxis(stacked(rows), 2, 0), np.moveaxis(stacked(values), 2, 0), weight)
+        return Lines(np.moveaxis(pad_and_stack(rows), 2, 0), np.moveaxis(pad_and_stack(values), 2, 0), weight)
 
     def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:
         """Return middle rows (k, n, n_runs, nv), and displacement, velocity, acceleration (k, n, n_runs) over every interval.
 
         They come from what is known at its start, see `vlab.diagnose.inference.score_test`.
         """
-        lines, nv = self.lines_of(place), self.twin.m
+        lines, nv = self.lines_of(place), self.reduced_model.m
         later = np.minimum(np.arange(1, len(self.stack.e) + 1), len(self.stack.e) - 1)
         after = lines.rows[:, later]
         v_now, v_next = self._velocities()
@@ -289,13 +289,13 @@ class MovingScreen(Screen):
         return 0.5 * (lines.rows + after), 0.5 * (z0 + z1), 0.5 * (v0 + v1), (v1 - v0) / h
 
     def _velocities(self) -> tuple[Array, Array]:
-        nv = self.twin.m
-        v = stacked([a.motion.v for a in self.alongs])
+        nv = self.reduced_model.m
+        v = pad_and_stack([a.motion.v for a in self.systems])
         later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
         return v + self.now_known[..., nv:], v[later] + self.next_known[..., nv:]
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
-        """See `Screen`."""
+        """See `ScoreTest`."""
         _, z, v, _ = self.known_motion(place)
         return z[0], v[0]
 
@@ -304,14 +304,14 @@ class MovingScreen(Screen):
     def _left_by(
         self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
     ) -> tuple[Array, list[int]]:
-        """See `Screen`; sensors are read as there, forces act along directions that turn with the motion."""
+        """See `ScoreTest`; sensors are read as there, forces act along directions that turn with the motion."""
         if place.kind in ("sensor", "pick-up"):
             return super()._left_by(group, place, plans)
         modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
         return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
 
     def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
-        """See `Screen`: a system that varies has no impulse response."""
+        """See `ScoreTest`: a system that varies has no impulse response."""
         widths = [own[0].series.shape[-1] for own in causes]
         reading = np.zeros((*group.y.shape, sum(widths)))
         for start, (cause,) in zip(np.cumsum([0, *widths]), causes, strict=False):
@@ -342,18 +342,18 @@ class MovingScreen(Screen):
     def _series(
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
     ) -> Array:
-        t = stacked([c.time for c in self.moving.courses]) + 0.5 * self.stack.h
+        t = pad_and_stack([c.time for c in self.moving.trajectories]) + 0.5 * self.stack.h
         return forces_along(effect, z, v, values, self.stack.h, t, command)
 
     def states_without(self, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]) -> Array:
         """Return smoothed deviations (n, n_runs, 2 nv) from recordings that sensor effects are taken off."""
-        courses = []
-        for course in self.moving.courses:
+        trajectories = []
+        for course in self.moving.trajectories:
             y, t = course.y.copy(), course.time
             for effect, place, values in effects:
                 y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(course.h)), t)
-            courses.append(with_signals(course, y))
-        e = stacked([c.y - a.read for c, a in zip(courses, self.alongs, strict=True)])
+            trajectories.append(with_signals(course, y))
+        e = pad_and_stack([c.y - a.read for c, a in zip(trajectories, self.systems, strict=True)])
         left, predicted = innovations(self.stack, self.gains, e)
         return smoothed(self.stack, self.gains, left, predicted)
 
@@ -380,7 +380,7 @@ def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
     return model
 
 
-def _middle(stepper: Stepper, along: Along, h: Array) -> tuple[Array, Array, Array]:
+def _middle(stepper: Stepper, along: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
     """Return configurations, velocities and accelerations of a motion in the middle of its steps."""
     q, v = along.motion.q, along.motion.v
     later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)

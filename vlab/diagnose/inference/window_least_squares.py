@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals, windows
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.physics.effect import SensorEffect
 
@@ -16,7 +16,7 @@ GOLDEN = 0.6180339887
 """Multiples of it are spread evenly and without a period."""
 
 
-class WindowRefiner(Refiner):
+class WindowLeastSquares(LeastSquares):
     """Fits hypotheses to a screening's runs in windows.
 
     Parameters
@@ -24,28 +24,28 @@ class WindowRefiner(Refiner):
     every : int
         Only one window in n, spread irregularly, for motion may repeat itself; first fits then, with coarser steps.
     model_error : float or None
-        See `Refiner`.
+        See `LeastSquares`.
     without : sequence of Term
         What the sensor effects among these do to the recordings is taken off before smoothing.
     """
 
     def __init__(
-        self, screen: Screen, *, every: int = 1, model_error: float | None = None, without: Sequence[Term] = ()
+        self, screen: ScoreTest, *, every: int = 1, model_error: float | None = None, without: Sequence[Term] = ()
     ) -> None:
         self.every = every
         super().__init__(screen, _cut(screen, every, without), model_error, is_rough=every > 1)
 
-    def beside(self, terms: Sequence[Term]) -> Refiner:
-        """See `Refiner`: windows of its own where a hypothesis says that a sensor is wrong."""
+    def beside(self, terms: Sequence[Term]) -> LeastSquares:
+        """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
         if not any(isinstance(t.effect, SensorEffect) for t in terms):
             return self
-        return WindowRefiner(self.screen, every=self.every, model_error=self.model_error, without=terms)
+        return WindowLeastSquares(self.screen, every=self.every, model_error=self.model_error, without=terms)
 
 
-def _cut(screen: Screen, every: int, without: Sequence[Term]) -> Sequence[Signals]:
+def _cut(screen: ScoreTest, every: int, without: Sequence[Term]) -> Sequence[Signals]:
     if max(len(run) for run in screen.runs) <= WHOLE:
         return screen.runs
-    omega = np.abs(screen.twin.omega)
+    omega = np.abs(screen.reduced_model.omega)
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
     wrong = [(t.effect, t.place, t.values) for t in without if isinstance(t.effect, SensorEffect)]

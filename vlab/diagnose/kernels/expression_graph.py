@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.kernels.compilation import compiled
-from vlab.physics.expression import CODE, SIGNALS, Tape
+from vlab.physics.expression import CODE, SIGNALS, ExpressionGraph
 from vlab.signals import Array
 
 RUNAWAY = 1e12
@@ -29,7 +29,7 @@ AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS
 
 
 @compiled(error_model="numpy")
-def play(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
+def evaluate(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
     """Do a tape's operations on registers (n_registers, n)."""
     n = registers.shape[1]
     for line in range(operations.shape[0]):
@@ -97,11 +97,11 @@ def play(operations: Array, first: int, registers: Array) -> None:  # pragma: no
             for e in range(n):
                 out[e] = 1.0 if a[e] == 0.0 else 0.0
         else:
-            _play_slowly(code, a, b, out)
+            _evaluate_slowly(code, a, b, out)
 
 
 @compiled(error_model="numpy")
-def _play_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
+def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Do an operation that takes longer than it takes to choose it."""
     for e in range(out.size):
         x = a[e]
@@ -133,7 +133,7 @@ in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 
 
 @in_any_order
-def march_free(
+def integrate_free(
     turn: Array,
     dense: Array,
     into: Array,
@@ -182,7 +182,7 @@ def march_free(
 
 
 @in_any_order
-def march_looped(
+def integrate_with_laws(
     turn: Array,
     dense: Array,
     into: Array,
@@ -196,14 +196,14 @@ def march_looped(
     last: Array,
     clock: tuple[float, Array],
     laws: tuple[Array, Array, Array, Array, Array, Array],
-    tapes: tuple[Array, Array, Array, Array, Array],
+    graphs: tuple[Array, Array, Array, Array, Array],
     registers: Array,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """As `march_free`, with laws in the loop of all sets and runs side by side."""
+    """As `integrate_free`, with laws in the loop of all sets and runs side by side."""
     h, late = clock
     ports, coils, push, felt, direct_law, results = laws
-    operations, bounds, firsts, remembers, recalled = tapes
+    operations, bounds, firsts, is_hysteretic, recalled = graphs
     n_sets, n_runs, n, channels = y.shape
     n_inputs, size = inputs.shape[4], state.shape[2]
     m, sees, n_laws = size // 2, seen.shape[2], len(ports)
@@ -262,9 +262,9 @@ def march_looped(
                         own[AT_T, e] = late[r] + (k * substeps + sub + 0.5) * h
                         own[AT_FREE, e], own[AT_FIRST, e] = after[s, r, v], seen[s, r, v]
                         own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
-                play(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
+                evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
-                    own[recalled[i]] = own[remembers[i]]
+                    own[recalled[i]] = own[is_hysteretic[i]]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
@@ -289,7 +289,7 @@ def march_looped(
 
 @compiled(error_model="numpy")
 def _series(
-    operations: Array, first: int, registers: Array, signals: Array, remembers: Array, recalled: Array, result: int
+    operations: Array, first: int, registers: Array, signals: Array, is_hysteretic: Array, recalled: Array, result: int
 ) -> Array:  # pragma: no cover - compiled
     """Return a law's force (n, m) along given signals (n, n_signals, m) for the registers from the first on."""
     n, count, m = signals.shape
@@ -297,21 +297,24 @@ def _series(
     for k in range(n):
         for i in range(count):
             registers[i] = signals[k, i]
-        play(operations, first, registers)
+        evaluate(operations, first, registers)
         for i in range(len(recalled)):
-            registers[recalled[i]] = registers[remembers[i]]
+            registers[recalled[i]] = registers[is_hysteretic[i]]
         out[k] = registers[result]
     return out
 
 
-Tapes = tuple[Array, Array, Array, Array, Array]
+ExpressionGraphs = tuple[Array, Array, Array, Array, Array]
 """Operations of several tapes one behind the other; where each one's registers, operations and memory begin, (n + 1, 3); the registers
 of their first results; those of what they remember after a step, and before it."""
 
 
 def loaded(
-    tapes: Sequence[Tape], values: Sequence[Sequence[Any]], memories: Sequence[Sequence[Any]], shape: tuple[int, ...]
-) -> tuple[Tapes, Array]:
+    graphs: Sequence[ExpressionGraph],
+    values: Sequence[Sequence[Any]],
+    memories: Sequence[Sequence[Any]],
+    shape: tuple[int, ...],
+) -> tuple[ExpressionGraphs, Array]:
     """Return laws' tapes one behind the other, and their registers with all that does not change from step to step.
 
     Parameters
@@ -323,26 +326,26 @@ def loaded(
     shape : tuple of int
         Of what is marched side by side: sets and runs.
     """
-    registers = np.zeros((sum(tape.registers for tape in tapes), int(np.prod(shape))))
-    bounds = np.zeros((len(tapes) + 1, 3), dtype=np.int64)
-    for i, (tape, own, memory) in enumerate(zip(tapes, values, memories, strict=True)):
-        bounds[i + 1] = bounds[i] + (tape.registers, len(tape.operations), len(tape.memory))
-        given = (*tape.constants, *zip(tape.parameters, own, strict=True), *zip(tape.memory, memory, strict=True))
+    registers = np.zeros((sum(graph.registers for graph in graphs), int(np.prod(shape))))
+    bounds = np.zeros((len(graphs) + 1, 3), dtype=np.int64)
+    for i, (graph, own, memory) in enumerate(zip(graphs, values, memories, strict=True)):
+        bounds[i + 1] = bounds[i] + (graph.registers, len(graph.operations), len(graph.memory))
+        given = (*graph.constants, *zip(graph.parameters, own, strict=True), *zip(graph.memory, memory, strict=True))
         for at, value in given:
             registers[bounds[i, 0] + at] = np.broadcast_to(value, shape).reshape(-1)
     found = (
-        np.concatenate([np.zeros((0, 4), dtype=np.int64), *(tape.operations for tape in tapes)]),
+        np.concatenate([np.zeros((0, 4), dtype=np.int64), *(graph.operations for graph in graphs)]),
         bounds,
-        np.array([tape.first for tape in tapes], dtype=np.int64),
-        np.array([m for tape in tapes for m in tape.remembered], dtype=np.int64),
-        np.array([m for tape in tapes for m in tape.memory], dtype=np.int64),
+        np.array([graph.first for graph in graphs], dtype=np.int64),
+        np.array([m for graph in graphs for m in graph.remembered], dtype=np.int64),
+        np.array([m for graph in graphs for m in graph.memory], dtype=np.int64),
     )
     return found, registers
 
 
-def series(tape: Tape, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
+def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
     """Return a law's force along given motion, all (n, ...), from what it remembers at first."""
-    (operations, _, (first,), remembers, recalled), registers = loaded([tape], [values], [memory], z.shape[1:])
+    (operations, _, (first,), is_hysteretic, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
     signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
-    out = _series(operations, first, registers, signals, remembers, recalled, tape.force)
+    out = _series(operations, first, registers, signals, is_hysteretic, recalled, graph.force)
     return np.asarray(out.reshape(z.shape))

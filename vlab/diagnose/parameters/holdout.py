@@ -13,7 +13,7 @@ from vlab.errors import BadCase
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeldOut:
+class HoldOut:
     """Recordings held out.
 
     Parameters
@@ -28,7 +28,7 @@ class HeldOut:
     notes: tuple[str, ...] = ()
 
 
-def held_out(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HeldOut:
+def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HoldOut:
     """Read the recordings that a case holds out.
 
     Parameters
@@ -67,7 +67,7 @@ def held_out(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> He
             notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
     if not runs:
         notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
-    return HeldOut(runs=tuple(runs), notes=(*notes, *_unused(case)))
+    return HoldOut(runs=tuple(runs), notes=(*notes, *_unused(case)))
 
 
 def moves(run: Run) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.physics.attach import port_at
 from vlab.physics.effect import Effect, PickUp
 from vlab.physics.running import tap_index
@@ -125,7 +125,7 @@ def reported_name(name: str, effect: Effect, driven: int) -> str:
 
 def places_of(
     plant: Plant,
-    twin: Twin,
+    reduced_model: ReducedModel,
     channels: Sequence[str],
     driven: Sequence[int],
     free: Array | None = None,
@@ -147,35 +147,35 @@ def places_of(
     """
     ports: list[Place] = []
     names, data = list(plant.ports), plant.new_data()
-    rows = plant.port_rows(names) @ twin.shapes
+    rows = plant.port_rows(names) @ reduced_model.shapes
     scale = np.abs(rows).max(initial=0.0)
-    free = np.eye(len(twin.omega))[:, np.abs(twin.omega) < FREE] if free is None else free
+    free = np.eye(len(reduced_model.omega))[:, np.abs(reduced_model.omega) < FREE] if free is None else free
     for name, row in zip(names, rows, strict=True):
         if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
             continue
-        twin_port = next(
+        reduced_model_port = next(
             (i for i, p in enumerate(ports) if np.abs(p.rows[0] - row).max() <= SAME * np.abs(row).max()), None
         )
-        if twin_port is not None and not plant.ports[name].tag:
-            known = ports[twin_port]
+        if reduced_model_port is not None and not plant.ports[name].tag:
+            known = ports[reduced_model_port]
             stiffness = max(known.stiffness, plant.own_stiffness(name))
-            ports[twin_port] = replace(known, aliases=(*known.aliases, name), stiffness=stiffness)
+            ports[reduced_model_port] = replace(known, aliases=(*known.aliases, name), stiffness=stiffness)
             continue
         ports.append(
             Place(
                 name=name,
                 kind="port",
-                rows=np.vstack([row, *(more.row(data) @ twin.shapes for more in plant.ports[name].more)]),
+                rows=np.vstack([row, *(more.row(data) @ reduced_model.shapes for more in plant.ports[name].more)]),
                 angular=plant.ports[name].unit == "rad",
                 stiffness=plant.own_stiffness(name),
-                coil=_coil(twin, row, driven),
+                coil=_coil(reduced_model, row, driven),
                 tag=plant.ports[name].tag,
                 is_held=bool(np.abs(row @ free).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
             )
         )
     ports = ports[:MOST_PORTS]
     straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
-    out = [*ports, *_points(plant, twin, straight)]
+    out = [*ports, *_points(plant, reduced_model, straight)]
     out += [
         Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
         for i in driven
@@ -205,17 +205,17 @@ def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], dri
     ]
 
 
-def _coil(twin: Twin, row: Array, driven: Sequence[int]) -> int | None:
+def _coil(reduced_model: ReducedModel, row: Array, driven: Sequence[int]) -> int | None:
     """Return the actuator whose force acts along a port's row."""
     for i in driven:
-        force = twin.forces[:, i]
+        force = reduced_model.forces[:, i]
         size = np.linalg.norm(force) * np.linalg.norm(row)
         if size > 0 and abs(force @ row) > 0.9999 * size:
             return i
     return None
 
 
-def _points(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
+def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> list[Place]:
     """Return the bodies and sites that move with no single port: added mass there has three rows."""
     if not isinstance(plant, MjcfPlant):
         return []
@@ -225,7 +225,7 @@ def _points(plant: Plant, twin: Twin, ports: list[Place]) -> list[Place]:
     out: list[Place] = []
     for name in (f"{kind}:{own}" for kind, own in (*bodies, *sites) if own):
         port = port_at(plant, name)
-        rows = np.array([one.row(data) for one in (port, *port.more)]) @ twin.shapes
+        rows = np.array([one.row(data) for one in (port, *port.more)]) @ reduced_model.shapes
         if np.abs(rows).max(initial=0.0) == 0.0:
             continue
         moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]

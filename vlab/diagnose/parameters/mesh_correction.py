@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.parameters.recorded_runs import wired_runs
+from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.build import build_plant
@@ -35,11 +35,11 @@ def with_modes_of_fe(case: Case) -> Case:
         return case
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
     freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
-    wired = wired_runs(case, ("fit",))
-    count = int(np.sum(freq <= WIDER * wired.highest_hz))
+    recorded = read_runs(case, ("fit",))
+    count = int(np.sum(freq <= WIDER * recorded.highest_hz))
     if count == 0:
         return case
-    of_fe = replace(structure.tuning or Tuning(), of_fe=count, at_step=wired.step(case.plant))
+    of_fe = replace(structure.tuning or Tuning(), of_fe=count, at_step=recorded.step(case.plant))
     return _rebuilt(case, replace(structure, tuning=of_fe))
 
 

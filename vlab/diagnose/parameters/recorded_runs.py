@@ -21,7 +21,7 @@ LEAST_SAMPLES = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Wired:
+class RecordedRuns:
     """The runs of a case that compare the same channels, and what drives them.
 
     Parameters
@@ -61,7 +61,7 @@ class Wired:
         return min(plan_clock(plant.timestep, run).timestep for run in self.runs)
 
 
-def wired_runs(case: Case, roles: Sequence[str]) -> Wired:
+def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
     """Return a case's runs in some roles.
 
     Raises
@@ -85,7 +85,7 @@ def wired_runs(case: Case, roles: Sequence[str]) -> Wired:
                 f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
             )
     by_law = {i for run in runs if run.law is not None for i in run.law.actuators}
-    return Wired(
+    return RecordedRuns(
         runs=runs,
         channels=channels,
         load_ports=tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port)),

@@ -180,7 +180,7 @@ def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Twin:
+class ReducedModel:
     """The plant near rest.
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.parameters.locations import FREE
 from vlab.diagnose.parameters.observation import channel_rows
-from vlab.diagnose.parameters.recorded_runs import wired_runs
+from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.errors import BadStructure
 from vlab.signals import Array
 
@@ -24,7 +24,7 @@ ANGLES = ("angle",)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standoff:
+class StaticOffset:
     """What a channel reads at rest beyond the model.
 
     Parameters
@@ -43,7 +43,7 @@ class Standoff:
         return f"{self.channel}: reads {self.value:.4g} {self.unit} more at rest than the model, in all recordings; taken off"
 
 
-def without_standoffs(case: Case) -> tuple[Case, tuple[Standoff, ...]]:
+def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
     """Return a case whose channels read nothing at rest, and what was taken off them.
 
     Raises
@@ -53,34 +53,34 @@ def without_standoffs(case: Case) -> tuple[Case, tuple[Standoff, ...]]:
     """
     if not case.recordings(("fit",)):
         return case, ()
-    wired = wired_runs(case, ("fit",))
+    recorded = read_runs(case, ("fit",))
     try:
         linear = case.plant.linearise()
     except BadStructure:
         return case, ()  # no rest to stand off from
-    rows = channel_rows(case.plant, wired.channels)
+    rows = channel_rows(case.plant, recorded.channels)
     omega, shapes = linear.eigen
     moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < FREE]) > 0, axis=1)
-    measured = wired.runs[0].measured
+    measured = recorded.runs[0].measured
     found = []
-    for i, compared in enumerate(wired.channels):
+    for i, compared in enumerate(recorded.channels):
         channel = measured.channels[measured.index(compared.channel)]
         if channel.kind in ANGLES or moves_freely[i]:
             continue
         rest = 0.0 if compared.from_rest else rows.rest[i]
-        value = _standoff([run.measured[compared.channel] - rest for run in wired.runs])
+        value = _static_offset([run.measured[compared.channel] - rest for run in recorded.runs])
         if value != 0.0:
-            found.append(Standoff(channel=compared.channel, value=value, unit=channel.unit))
+            found.append(StaticOffset(channel=compared.channel, value=value, unit=channel.unit))
     return (_corrected(case, found), tuple(found)) if found else (case, ())
 
 
-def _standoff(columns: list[Array]) -> float:
+def _static_offset(columns: list[Array]) -> float:
     means, spread = np.array([c.mean() for c in columns]), max(float(c.std()) for c in columns)
     stands = spread > 0 and np.all(np.abs(means) > STANDS_OFF * spread) and np.ptp(means) < ALIKE * spread
     return float(np.mean(means)) if stands else 0.0
 
 
-def _corrected(case: Case, found: list[Standoff]) -> Case:
+def _corrected(case: Case, found: list[StaticOffset]) -> Case:
     """Return a case with the standoffs in the offsets of its channels, which are in the unit of the file."""
     by_name = {s.channel: s.value for s in found}
     tables = []

@@ -8,7 +8,7 @@ from scipy import linalg
 
 from vlab.diagnose.parameters.mjcf import COMMON, DEFAULT_SD, OWN, Uncertain
 from vlab.diagnose.parameters.mode_selection import as_stepped
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, Shift, Twin
+from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -278,8 +278,8 @@ def common_scale_of_structure(
     return scale if heavier and np.allclose(larger.eigen[0], own.eigen[0], rtol=1e-3 * STEP) else None
 
 
-def frequencies_of_twin(
-    twin: Twin, plant: Plant, structure: Structure, parameters: Sequence[Uncertain], theta: Array
+def frequencies_of_reduced_model(
+    reduced_model: ReducedModel, plant: Plant, structure: Structure, parameters: Sequence[Uncertain], theta: Array
 ) -> Array:
     """Return log-factors (n_changes,) with those of frequencies changed by what a plant, rebuilt with them, misses of the twin's.
 
@@ -289,10 +289,10 @@ def frequencies_of_twin(
         Rebuilt with `theta`.
     """
     linear = plant.linearise()
-    M, _, K, *_ = (part[0] for part in twin.matrices(theta[None]))
+    M, _, K, *_ = (part[0] for part in reduced_model.matrices(theta[None]))
     squares, modal = linalg.eigh(K, M)
     shapes = linear.eigen[1]
-    same = np.argmax(np.abs((twin.shapes @ modal).T @ linear.M @ shapes), axis=1)
+    same = np.argmax(np.abs((reduced_model.shapes @ modal).T @ linear.M @ shapes), axis=1)
     step = structure.tuning.at_step if structure.tuning is not None and structure.tuning.at_step else plant.timestep
     mass, _, stiffness = (np.diag(added) for added in as_stepped(plant, linear, shapes[:, same], step))
     shown = (linear.eigen[0][same] ** 2 + stiffness) / (1.0 + mass)

@@ -7,7 +7,7 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.physics.effect import Effect, Parameter, PortEffect
 from vlab.signals import Array
 
-UNTOLD = 1.0
+UNIDENTIFIABLE = 1.0
 """Standard deviation of a size's logarithm beyond which it may as well be none."""
 
 
@@ -48,11 +48,11 @@ class Candidate(Term):
 
     Parameters
     ----------
-    gain : float
+    log_likelihood_gain : float
         Log-likelihood gained by the regression, shape and amplitude chosen.
     """
 
-    gain: float
+    log_likelihood_gain: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +93,7 @@ class Fit:
         """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
         return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
 
-    def plainer(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
+    def nested_model(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
         """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
         return tuple(self._plainer(term, effects) for term in self.terms)
 
@@ -138,7 +138,7 @@ class Fit:
 
     def _may_be_none(self, term: Term, parameter: Parameter) -> bool:
         sd = self.sd.get(f"{term.label}:{parameter.name}", 0.0)
-        return sd > (abs(term.values[parameter.name]) if parameter.signed else UNTOLD)
+        return sd > (abs(term.values[parameter.name]) if parameter.signed else UNIDENTIFIABLE)
 
 
 def _sizes(effect: Effect) -> Sequence[Parameter]:

@@ -9,7 +9,7 @@ from vlab.cases.case import Case
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
-from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.structure import (
     adjusted_structure,
     carried,
@@ -43,10 +43,10 @@ class FrequencyProblem:
     case: Case
     plant: Plant
     measured: tuple[Measured, ...]
-    held_out: tuple[Measured, ...]
+    read_holdout: tuple[Measured, ...]
     wires: Wires
     view: View
-    twin: Twin
+    reduced_model: ReducedModel
     parameters: tuple[Uncertain, ...]
     places: tuple[Place, ...]
 
@@ -72,7 +72,7 @@ class FrequencyProblem:
         given = self.case.table.model.uncertain
         return {
             d.input: gain_sd(given, d.input.removeprefix("actuator:"))
-            for d in self.held_out
+            for d in self.read_holdout
             if isinstance(d, Response) and d.input not in known
         }
 
@@ -97,8 +97,8 @@ class FrequencyProblem:
 
     def state(self, theta: Array) -> State:
         """Return the matrices at given log-factors, with their derivatives."""
-        M, C, K, inputs, outputs = self.twin.matrices(theta[None])
-        changes = tuple(self.twin.slopes(theta))
+        M, C, K, inputs, outputs = self.reduced_model.matrices(theta[None])
+        changes = tuple(self.reduced_model.slopes(theta))
         return State(M=M[0], C=C[0], K=K[0], changes=changes, input_gain=inputs[0], output_gain=outputs[0])
 
 
@@ -120,8 +120,8 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
     measured = read_measured(case, ("fit",))
     if not measured:
         raise BadCase(f"{case.path}: no [[frf]] and no [[modal]] has the role fit; mark at least one")
-    held_out = read_measured(case, ("holdout",))
-    for held in (d for d in held_out if isinstance(d, Response)):
+    read_holdout = read_measured(case, ("holdout",))
+    for held in (d for d in read_holdout if isinstance(d, Response)):
         same = next((m for m in measured if isinstance(m, Response) and _is_copy(m, held)), None)
         if same is not None:
             raise BadCase(
@@ -129,22 +129,24 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
                 "nothing; hold out another measurement"
             )
     plant = case.plant
-    wires = wires_of(case, [*measured, *held_out])
+    wires = wires_of(case, [*measured, *read_holdout])
     view = view_of(plant, wires)
-    for data in (*measured, *held_out):
+    for data in (*measured, *read_holdout):
         if isinstance(data, Modes) and data.n > int(np.sum(view.omega > 0)):
             raise BadCase(f"{case.path}: {data.name} lists {data.n} modes, the model has {int(np.sum(view.omega > 0))}")
-    parameters, twin = _uncertain(case, plant, wires, view, measured)
+    parameters, reduced_model = _uncertain(case, plant, wires, view, measured)
     driven = sorted({a for a in wires.actuators if a is not None})
-    places = places_of(plant, replace(twin, forces=twin.forces[:, : len(plant.actuators)]), wires.names, driven)
+    places = places_of(
+        plant, replace(reduced_model, forces=reduced_model.forces[:, : len(plant.actuators)]), wires.names, driven
+    )
     return FrequencyProblem(
         case=case,
         plant=plant,
         measured=tuple(thinned(measured)),
-        held_out=tuple(held_out),
+        read_holdout=tuple(read_holdout),
         wires=wires,
         view=view,
-        twin=twin,
+        reduced_model=reduced_model,
         parameters=parameters,
         places=tuple(places),
     )
@@ -152,7 +154,7 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
 
 def _uncertain(
     case: Case, plant: Plant, wires: Wires, view: View, measured: Sequence[Measured]
-) -> tuple[tuple[Uncertain, ...], Twin]:
+) -> tuple[tuple[Uncertain, ...], ReducedModel]:
     given, structure = case.table.model.uncertain, case.structure
     responses = [d for d in measured if isinstance(d, Response)]
     inputs = {r.input for r in responses}
@@ -181,7 +183,7 @@ def _uncertain(
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))
-    twin = Twin(
+    reduced_model = ReducedModel(
         omega=view.omega,
         shapes=view.shapes,
         M=view.M,
@@ -194,7 +196,7 @@ def _uncertain(
         parts=parts,
         damping=damping,
     )
-    return tuple(parameters), twin
+    return tuple(parameters), reduced_model
 
 
 def _is_copy(one: Response, other: Response) -> bool:

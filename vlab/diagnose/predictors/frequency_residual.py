@@ -54,7 +54,7 @@ class Residual:
     e: Array
     by_theta: Array
     by_term: Array
-    worth: float
+    effective_samples: float
     penalty: float = 0.0
 
 
@@ -92,8 +92,8 @@ def response_residual(data: Response, found: Answer, bands: float = 0.0) -> Resi
     """Return the difference between an answer of the model and a measured response."""
     if bands:
         return _in_bands(data, found, bands)
-    worth = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
-    weight = np.sqrt(worth / data.H.size)
+    effective_samples = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
+    weight = np.sqrt(effective_samples / data.H.size)
     measured: ComplexArray = data.H
     H = np.abs(found.H) if data.is_magnitude else found.H
     size = np.sqrt(data.spread**2 + MODEL_ERROR**2 * 0.5 * (np.abs(measured) ** 2 + np.abs(found.H) ** 2))
@@ -111,7 +111,7 @@ def response_residual(data: Response, found: Answer, bands: float = 0.0) -> Resi
         e=_real(e[None], data)[0] * weight,
         by_theta=moved(found.by_theta),
         by_term=moved(found.by_term),
-        worth=worth,
+        effective_samples=effective_samples,
     )
 
 
@@ -130,8 +130,8 @@ def _in_bands(data: Response, found: Answer, width: float) -> Residual:
     window = _windows(data.freq.tobytes(), width)
     power, own = window @ np.abs(data.H) ** 2, window @ np.abs(found.H) ** 2
     floor = window @ data.noise**2
-    worth = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
-    weight = np.sqrt(worth / power.size)
+    effective_samples = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
+    weight = np.sqrt(effective_samples / power.size)
     e = np.log((power + floor) / (own + floor)) / (2 * BAND_ERROR)
 
     def moved(parts: ComplexArray) -> Array:
@@ -141,7 +141,12 @@ def _in_bands(data: Response, found: Answer, width: float) -> Residual:
         rate = -(window @ change) / (own + floor) / (2 * BAND_ERROR)
         return np.asarray(rate.reshape(len(parts), -1).T * weight)
 
-    return Residual(e=e.ravel() * weight, by_theta=moved(found.by_theta), by_term=moved(found.by_term), worth=worth)
+    return Residual(
+        e=e.ravel() * weight,
+        by_theta=moved(found.by_theta),
+        by_term=moved(found.by_term),
+        effective_samples=effective_samples,
+    )
 
 
 @lru_cache(maxsize=64)
@@ -169,10 +174,10 @@ def modal_residual(
     pairs = tracked(modes, data, rows)
     odd = _odd(modes, pairs)
     e = np.append(_modal_difference(modes, data, rows, pairs), np.sqrt(odd))
-    worth = float(data.entries)
+    effective_samples = float(data.entries)
     if not with_derivatives:
         none = np.zeros((len(e), 0))
-        return Residual(e=e, by_theta=none, by_term=none, worth=worth, penalty=odd)
+        return Residual(e=e, by_theta=none, by_term=none, effective_samples=effective_samples, penalty=odd)
     by_theta = np.zeros((len(e), len(state.changes)))
     for i, change in enumerate(matrix_changes(state, A, every)):
         if change is not None:
@@ -185,7 +190,7 @@ def modal_residual(
             change = (state_matrix(state, others, fastest) - A) / by
             by_term.append(np.append(_modal_rate(modes, data, rows, pairs, change), 0.0))
     columns = np.array(by_term).T if by_term else np.zeros((len(e), 0))
-    return Residual(e=e, by_theta=by_theta, by_term=columns, worth=worth, penalty=odd)
+    return Residual(e=e, by_theta=by_theta, by_term=columns, effective_samples=effective_samples, penalty=odd)
 
 
 def quick_modal_residual(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Array:

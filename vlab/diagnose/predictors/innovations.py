@@ -7,8 +7,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.recursion import states_of
-from vlab.diagnose.parameters.reduced_model import Discrete, Twin
-from vlab.diagnose.predictors.kalman import Gains, Smoothed
+from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel
+from vlab.diagnose.predictors.kalman import FilterGains, Smoothed
 from vlab.signals import Array
 
 FORGOTTEN = 1e-7
@@ -55,7 +55,7 @@ class Group:
 
     runs: list[Signals]
     system: Discrete
-    gains: Gains
+    gains: FilterGains
     smoothed: Smoothed
     u: Array
     forces: Array
@@ -110,23 +110,27 @@ def impulses_of(system: Discrete, gain: Array, n: int) -> Array:
 def convolved(impulses: Array, series: Array) -> Array:
     """Return what signals (n, n_runs, q, k) become by impulse responses (n, p, q), (n, n_runs, p, k)."""
     n, size = len(series), np.abs(impulses).max(axis=(1, 2))
-    lasting = 1 + int(np.flatnonzero(size > FORGOTTEN * size.max())[-1]) if np.any(size) else 1
-    length = next_fast_len(n + lasting - 1, real=True)
-    answer = rfft(impulses[:lasting].astype(series.dtype), length, axis=0)[:, None]
+    find_permanent_changes = 1 + int(np.flatnonzero(size > FORGOTTEN * size.max())[-1]) if np.any(size) else 1
+    length = next_fast_len(n + find_permanent_changes - 1, real=True)
+    answer = rfft(impulses[:find_permanent_changes].astype(series.dtype), length, axis=0)[:, None]
     seen = rfft(series, length, axis=0)
     seen = answer * seen if series.shape[2] == 1 else answer @ seen
     return np.asarray(irfft(seen, length, axis=0, overwrite_x=True)[:n])
 
 
-def middles(twin: Twin, group: Group) -> tuple[Array, Array, Array]:
+def middles(reduced_model: ReducedModel, group: Group) -> tuple[Array, Array, Array]:
     """Return modal displacement, velocity and acceleration in the middle of every step, from the samples before it.
 
     Only what was known at a sample goes into the laws that act after it: the smoothed motion knows the later samples, and
     a force made of it would explain their noise. The acceleration is the nominal model's own for the same reason.
     """
-    m, h = twin.m, group.h
+    m, h = reduced_model.m, group.h
     p, v = group.smoothed.filtered[..., :m], group.smoothed.filtered[..., m:]
     forces = group.forces
-    a = (forces - p @ twin.K.T - v @ twin.C.T) @ np.linalg.inv(twin.M).T
+    a = (forces - p @ reduced_model.K.T - v @ reduced_model.C.T) @ np.linalg.inv(reduced_model.M).T
     p_mid, v_mid = p + 0.5 * h * v + 0.125 * h * h * a, v + 0.5 * h * a
-    return p_mid, v_mid, (forces - p_mid @ twin.K.T - v_mid @ twin.C.T) @ np.linalg.inv(twin.M).T
+    return (
+        p_mid,
+        v_mid,
+        (forces - p_mid @ reduced_model.K.T - v_mid @ reduced_model.C.T) @ np.linalg.inv(reduced_model.M).T,
+    )

@@ -18,7 +18,7 @@ from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, march_modes
 from vlab.physics.effect import PortEffect, Step
-from vlab.physics.expression import tape_of
+from vlab.physics.expression import trace_expression
 from vlab.signals import Array
 
 
@@ -137,12 +137,12 @@ class _Marcher:
         memories = [m[..., None] for j in self.linear for m in self.laws[j].memory]
         x = np.concatenate([starts, *memories], axis=-1)
         h = self.h / self.substeps
-        tapes = [tape_of(self.laws[j].effect, h) for j in self.left]
-        if not all(tapes):
+        graphs = [trace_expression(self.laws[j].effect, h) for j in self.left]
+        if not all(graphs):
             return self._as_written(forces, x)
         laws = [
             LoopLaw(
-                tape=tape,
+                graph=graph,
                 values=[law.values[p.name] for p in law.effect.parameters],
                 memory=law.memory or (),
                 push=law.push[:, 0],
@@ -150,8 +150,8 @@ class _Marcher:
                 port=j,
                 coil=law.coil,
             )
-            for j, tape in zip(self.left, tapes, strict=True)
-            if tape is not None and (law := self.laws[j])
+            for j, graph in zip(self.left, graphs, strict=True)
+            if graph is not None and (law := self.laws[j])
         ]
         system = Marched(step=self.AT, into=self.into, channels=self.CT, direct=self.direct, seen=self.seen)
         return march_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)

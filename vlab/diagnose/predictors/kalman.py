@@ -14,7 +14,7 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.compilation import compiled
 from vlab.diagnose.kernels.recursion import states_of
-from vlab.diagnose.parameters.reduced_model import Discrete, Twin, discretise
+from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel, discretise
 from vlab.signals import Array
 
 MOST_RICCATI, FEW = 4000, 64
@@ -26,7 +26,7 @@ TUNING_SAMPLES = 2500
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gains:
+class FilterGains:
     """A filter's gains: transient ones first, the last one from then on.
 
     Parameters
@@ -47,7 +47,7 @@ class Gains:
         return min(k, len(self.K) - 1)
 
 
-def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array) -> Gains:
+def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array) -> FilterGains:
     """Return the gains of the first parameter set of a system whose inputs are all modal forces.
 
     Parameters
@@ -63,7 +63,7 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
     Q, N = intensity * B @ B.T, intensity * B @ D.T
     R = np.diag(noise**2) + intensity * D @ D.T
     K, S, P = _riccati(A, C, Q, N, R, np.ascontiguousarray(start, dtype=float))
-    return Gains(K=K, S=S, P=P)
+    return FilterGains(K=K, S=S, P=P)
 
 
 @compiled()
@@ -131,7 +131,7 @@ class Smoothed:
 
 def run_filter(
     system: Discrete,
-    gains: Gains,
+    gains: FilterGains,
     forces: Array,
     y: Array,
     lengths: Array,
@@ -231,7 +231,7 @@ def tune(
     lengths: Array,
     usable: Array | None = None,
     near: float = 0.0,
-) -> tuple[float, Gains]:
+) -> tuple[float, FilterGains]:
     """Return the intensity of the unknown forces that makes the runs most likely, and its gains.
 
     Parameters
@@ -268,11 +268,18 @@ def tune(
     return intensity, filter_gains(system, noise, intensity, start)
 
 
-def smoothed_states(twin: Twin, runs: Sequence[Signals]) -> tuple[list[Array], float]:
+def smoothed_states(reduced_model: ReducedModel, runs: Sequence[Signals]) -> tuple[list[Array], float]:
     """Return the modal states (n, 2m) of runs of one sample period, smoothed on a twin as it is, and the tuned intensity."""
-    system = discretise(twin.M[None], twin.C[None], twin.K[None], np.eye(twin.m), twin.rows, runs[0].h)
+    system = discretise(
+        reduced_model.M[None],
+        reduced_model.C[None],
+        reduced_model.K[None],
+        np.eye(reduced_model.m),
+        reduced_model.rows,
+        runs[0].h,
+    )
     y, lengths = stack_runs(runs, [run.y for run in runs])
-    forces, _ = stack_runs(runs, [run.u @ twin.forces.T + run.load @ twin.loads.T for run in runs])
+    forces, _ = stack_runs(runs, [run.u @ reduced_model.forces.T + run.load @ reduced_model.loads.T for run in runs])
     usable = stack_runs(runs, [run.usable for run in runs])[0] if any(r.valid is not None for r in runs) else None
     noise = np.sqrt(np.mean([run.noise**2 for run in runs], axis=0))
     intensity, gains = tune(system, noise, forces, y, lengths, usable)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.parameters.reduced_model import Twin, discretise
+from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, march
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
@@ -15,12 +15,12 @@ from vlab.signals import Array
 STEPS_PER_CYCLE, FINER = 22.0, 2
 """Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
 more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round, a gap closes within a step."""
-EDGED = ("friction", "hysteresis", "contact", "clearance")
+NONSMOOTH = ("friction", "hysteresis", "contact", "clearance")
 """Families of such laws."""
 
 
 def channels(
-    twin: Twin,
+    reduced_model: ReducedModel,
     highest_hz: float,
     runs: list[Signals],
     terms: Sequence[Term],
@@ -43,7 +43,7 @@ def channels(
         Without finer steps for laws with edges.
     """
     h, n_sets = runs[0].h, len(theta)
-    M, C, K, actuator_gain, _ = twin.matrices(theta)
+    M, C, K, actuator_gain, _ = reduced_model.matrices(theta)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, LinearPortEffect):
             mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
@@ -53,18 +53,18 @@ def channels(
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
     ports = acting_order(terms)
-    finer = FINER if not is_rough and any(terms[i].effect.family in EDGED for i in ports) else 1
+    finer = FINER if not is_rough and any(terms[i].effect.family in NONSMOOTH for i in ports) else 1
     substeps = finer * max(1, int(np.ceil(STEPS_PER_CYCLE * highest_hz * h))) if ports else 1
     inputs = np.concatenate(
         [
-            twin.forces[None] * actuator_gain[:, None, :],
-            np.repeat(np.hstack([twin.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+            reduced_model.forces[None] * actuator_gain[:, None, :],
+            np.repeat(np.hstack([reduced_model.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
         ],
         axis=2,
     )
-    system = discretise(M, C, K, inputs, twin.rows, h / substeps)
-    if twin.shifts:
-        system = replace(system, C=system.C + twin.shifted(theta))
+    system = discretise(M, C, K, inputs, reduced_model.rows, h / substeps)
+    if reduced_model.shifts:
+        system = replace(system, C=system.C + reduced_model.shifted(theta))
     known = inputs.shape[2] - len(ports)
     forces = _inputs(runs, terms, values, n_sets)
     with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more

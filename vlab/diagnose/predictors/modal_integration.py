@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, loaded, march_free, march_looped
-from vlab.physics.expression import Tape
+from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_free, integrate_with_laws, loaded
+from vlab.physics.expression import ExpressionGraph
 from vlab.signals import Array
 
 MOST_ALIKE = 1e8
@@ -76,7 +76,7 @@ class LoopLaw:
         Which of the known inputs is the command there.
     """
 
-    tape: Tape
+    graph: ExpressionGraph
     values: Sequence[Array]
     memory: Sequence[Any]
     push: Array
@@ -140,11 +140,11 @@ def march_modes(
     (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
     modes = modes_of(system.step)
 
-    def inward(rows: Array) -> Array:
+    def to_unbounded(rows: Array) -> Array:
         there = rows @ modes.into
         return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
 
-    def outward(columns: Array) -> Array:
+    def from_unbounded(columns: Array) -> Array:
         there = np.swapaxes(modes.back @ columns, 1, 2)
         return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
 
@@ -155,34 +155,34 @@ def march_modes(
     common = (
         np.ascontiguousarray(modes.turn),
         modes.dense,  # all in C's order: loops over rows of others take three times as long
-        inward(system.into),
-        outward(system.channels),
+        to_unbounded(system.into),
+        from_unbounded(system.channels),
         np.ascontiguousarray(system.direct),
         np.ascontiguousarray(inputs),
-        inward(starts),
+        to_unbounded(starts),
         given.shape[1],
     )
     if not laws:
-        march_free(*common, y)
+        integrate_free(*common, y)
         return y.transpose(2, 0, 1, 3)
     push = np.stack([law.push for law in laws], axis=1)
     felt = np.ascontiguousarray(push @ system.seen)
-    tapes, registers = loaded(
-        [law.tape for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
+    graphs, registers = loaded(
+        [law.graph for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
     )
     for i, law in enumerate(laws):
-        registers[tapes[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
+        registers[graphs[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
     acting = (
         np.array([law.port for law in laws]),
         np.array([-1 if law.coil is None else law.coil for law in laws]),
-        inward(push),
+        to_unbounded(push),
         felt,
         np.stack([law.direct for law in laws], axis=1),
-        np.array([law.tape.force for law in laws]),
+        np.array([law.graph.force for law in laws]),
     )
     seen = np.ascontiguousarray(starts @ system.seen)
-    seen_rows = outward(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
+    seen_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
     last = np.zeros((len(laws), *seen.shape))
     clock = (h, np.ascontiguousarray(late, dtype=float))
-    march_looped(*common, seen_rows, seen, last, clock, acting, tapes, registers, y)
+    integrate_with_laws(*common, seen_rows, seen, last, clock, acting, graphs, registers, y)
     return y.transpose(2, 0, 1, 3)

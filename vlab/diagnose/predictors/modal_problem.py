@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.data.mains_interference import find_hum, without_hum
+from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of, uniform
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.mode_selection import SEEN, KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_readings
-from vlab.diagnose.parameters.recorded_runs import Wired, limited, recorded_commands, wired_runs
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, Shift, Twin
+from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
+from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
 from vlab.diagnose.parameters.structure import (
     carried,
     damping_of_structure,
@@ -41,47 +41,52 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     BadCase
         No recording, runs that compare different channels, or channels that see no mode.
     """
-    wired, plant = wired_runs(case, roles), case.plant
-    rows = channel_rows(plant, wired.channels)
-    rate = min(1 / uniform(run.measured.time) for run in wired.runs)
-    modes = kept_modes(plant.linearise(), rows, wired.highest_hz, rate)
+    recorded, plant = read_runs(case, roles), case.plant
+    rows = channel_rows(plant, recorded.channels)
+    rate = min(1 / uniform(run.measured.time) for run in recorded.runs)
+    modes = kept_modes(plant.linearise(), rows, recorded.highest_hz, rate)
     if not modes.kept.any():
         raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {SEEN * rate:.3g} Hz")
-    parameters, parts, shifts = _uncertain(case, wired, modes)
-    pushes = np.hstack([actuator_forces(plant), plant.port_rows(wired.load_ports).T.reshape(plant.model.nv, -1)])
-    twin = replace(_twin(case, wired, modes, pushes, parameters, parts), shifts=shifts)
+    parameters, parts, shifts = _uncertain(case, recorded, modes)
+    pushes = np.hstack([actuator_forces(plant), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
+    reduced_model = replace(_reduced_model(case, recorded, modes, pushes, parameters, parts), shifts=shifts)
     if case.structure is not None:
-        twin = replace(twin, damping=_damping(case.structure, plant, modes, twin, parameters))
-    feedthrough = _feedthrough(case, wired, modes, pushes, twin)
-    hums, found = find_hum(wired.runs), places_of(plant, twin, wired.names, wired.driven)
+        reduced_model = replace(
+            reduced_model, damping=_damping(case.structure, plant, modes, reduced_model, parameters)
+        )
+    feedthrough = _feedthrough(case, recorded, modes, pushes, reduced_model)
+    interferences, found = (
+        find_mains_interference(recorded.runs),
+        places_of(plant, reduced_model, recorded.names, recorded.driven),
+    )
     signals = tuple(
         signals_of(
-            limited(plant, without_hum(run, hums)),
+            limited(plant, remove_mains_interference(run, interferences)),
             plant,
-            wired.channels,
+            recorded.channels,
             rows.rest,
-            wired.load_ports,
-            orders=wired.orders,
+            recorded.load_ports,
+            orders=recorded.orders,
             commands=recorded_commands(plant, run),
-            highest_hz=wired.highest_hz,
+            highest_hz=recorded.highest_hz,
             feedthrough=feedthrough,
         )
-        for run in wired.runs
+        for run in recorded.runs
     )
     return Problem(
         case=case,
         plant=plant,
-        twin=twin,
+        reduced_model=reduced_model,
         parameters=parameters,
-        channels=wired.channels,
-        names=wired.names,
-        runs=wired.runs,
-        orders=wired.orders,
-        about=np.where([c.from_rest for c in wired.channels], 0.0, rows.rest),
+        channels=recorded.channels,
+        names=recorded.names,
+        runs=recorded.runs,
+        orders=recorded.orders,
+        about=np.where([c.from_rest for c in recorded.channels], 0.0, rows.rest),
         signals=signals,
         places=tuple(_with_factors(case, place, parameters) for place in found),
-        hums=hums,
-        highest_hz=wired.highest_hz,
+        interferences=interferences,
+        highest_hz=recorded.highest_hz,
     )
 
 
@@ -89,22 +94,22 @@ _Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
 """What is uncertain, what that multiplies in the modes that are followed, and what it moves of the sensors."""
 
 
-def _uncertain(case: Case, wired: Wired, modes: KeptModes) -> _Uncertainty:
+def _uncertain(case: Case, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
     if case.structure is not None:
-        return _uncertain_of_structure(case, case.structure, wired, modes)
-    parameters = uncertain_parameters(case.plant, case.table.model.uncertain, wired.names, wired.driven)
+        return _uncertain_of_structure(case, case.structure, recorded, modes)
+    parameters = uncertain_parameters(case.plant, case.table.model.uncertain, recorded.names, recorded.driven)
     return tuple(parameters), parts_of(case.plant, parameters, modes.basis), ()
 
 
-def _uncertain_of_structure(case: Case, structure: Structure, wired: Wired, modes: KeptModes) -> _Uncertainty:
+def _uncertain_of_structure(case: Case, structure: Structure, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
     plant, basis, kept = case.plant, modes.basis, modes.kept
     among = np.cumsum(kept) - 1
     tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
     # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
-    in_band = modes.omega[kept] <= 2 * np.pi * BAND * wired.highest_hz
+    in_band = modes.omega[kept] <= 2 * np.pi * BAND * recorded.highest_hz
     last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
-    given, sensors = case.table.model.uncertain, [channel.sensor for channel in wired.channels]
-    parameters = structure_parameters(structure, given, wired.names, wired.driven, last, sensors)
+    given, sensors = case.table.model.uncertain, [channel.sensor for channel in recorded.channels]
+    parameters = structure_parameters(structure, given, recorded.names, recorded.driven, last, sensors)
     points = [p.name for p in structure.point if p.name in plant.ports]
     at_points = plant.port_rows(points) @ basis
     variant = case.table.model.variant
@@ -120,27 +125,27 @@ def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
 
 
 def _damping(
-    structure: Structure, plant: Plant, modes: KeptModes, twin: Twin, parameters: Sequence[Uncertain]
+    structure: Structure, plant: Plant, modes: KeptModes, reduced_model: ReducedModel, parameters: Sequence[Uncertain]
 ) -> ModalDamping:
     places = [i for i, j in enumerate(_driven(structure, plant, modes)) if modes.kept[j]]
     at_coils = plant.port_rows(structure.coil_places) @ modes.basis
-    return damping_of_structure(structure, parameters, twin.M, twin.K, at_coils, places)
+    return damping_of_structure(structure, parameters, reduced_model.M, reduced_model.K, at_coils, places)
 
 
-def _twin(
+def _reduced_model(
     case: Case,
-    wired: Wired,
+    recorded: RecordedRuns,
     modes: KeptModes,
     pushes: Array,
     parameters: Sequence[Uncertain],
     parts: tuple[Part, ...],
-) -> Twin:
+) -> ReducedModel:
     """Return the twin; `pushes` are the generalised forces of unit commands and loads, (nv, n)."""
     plant, basis, linear = case.plant, modes.basis, modes.linear
-    mass, damping, stiffness = as_stepped(plant, linear, basis, wired.step(plant))
+    mass, damping, stiffness = as_stepped(plant, linear, basis, recorded.step(plant))
     count = len(plant.actuators)
     M, rows = basis.T @ linear.M @ basis + mass, modes.rows.onto(basis)
-    return Twin(
+    return ReducedModel(
         omega=modes.omega[modes.kept],
         shapes=basis,
         M=M,
@@ -162,8 +167,10 @@ def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> 
     return replace(place, stiffened_by=tuple(i for i, p in enumerate(parameters) if own & set(p.fields)))
 
 
-def _feedthrough(case: Case, wired: Wired, modes: KeptModes, pushes: Array, twin: Twin) -> Feedthrough:
-    into = np.linalg.solve(twin.M, np.hstack([twin.forces, twin.loads]))
+def _feedthrough(
+    case: Case, recorded: RecordedRuns, modes: KeptModes, pushes: Array, reduced_model: ReducedModel
+) -> Feedthrough:
+    into = np.linalg.solve(reduced_model.M, np.hstack([reduced_model.forces, reduced_model.loads]))
     still, moving = modes.compliance(pushes)
-    still[:, : len(case.plant.actuators)] += command_readings(case.plant, wired.channels)
-    return Feedthrough(direct=twin.rows.at_a @ into, still=still, moving=moving)
+    still[:, : len(case.plant.actuators)] += command_readings(case.plant, recorded.channels)
+    return Feedthrough(direct=reduced_model.rows.at_a @ into, still=still, moving=moving)

@@ -40,22 +40,22 @@ class ModalMotion:
 
 def with_own_nonlinearity(problem: Problem) -> Problem:
     """Return a problem whose twin carries a load on every mode: what its model's own nonlinearity adds to each of its runs."""
-    twin, own = problem.twin, Inverse(problem.plant, problem.twin.shapes)
+    reduced_model, own = problem.reduced_model, Inverse(problem.plant, problem.reduced_model.shapes)
     signals, intensity = list(problem.signals), {}
     for h in sorted({run.h for run in signals}):
         index = [i for i, run in enumerate(signals) if run.h == h]
-        states, intensity[h] = smoothed_states(twin, [signals[i] for i in index])
+        states, intensity[h] = smoothed_states(reduced_model, [signals[i] for i in index])
         for i, x in zip(index, states, strict=True):
-            q, v = x[:, : twin.m], x[:, twin.m :]
+            q, v = x[:, : reduced_model.m], x[:, reduced_model.m :]
             motion = ModalMotion(q, v, np.gradient(v, h, axis=0))
             slaves = np.zeros((len(x), own.slaves.shape[1]))
             for _ in range(PASSES):
                 extra = own.extra(motion, slaves, h)
-                slaves = own.followed(extra[:, twin.m :], h)
-            signals[i] = replace(signals[i], load=np.hstack([signals[i].load, -_held(extra[:, : twin.m])]))
+                slaves = own.followed(extra[:, reduced_model.m :], h)
+            signals[i] = replace(signals[i], load=np.hstack([signals[i].load, -_held(extra[:, : reduced_model.m])]))
     return replace(
         problem,
-        twin=replace(twin, loads=np.hstack([twin.loads, np.eye(twin.m)])),
+        reduced_model=replace(reduced_model, loads=np.hstack([reduced_model.loads, np.eye(reduced_model.m)])),
         signals=tuple(signals),
         intensity=intensity,
         bare=problem,

@@ -67,7 +67,7 @@ def linear_problem(case: Case) -> Problem | None:
         _check_stable(case, problem, linear)
         return problem
     try:
-        q, v = (part @ problem.twin.shapes.T for part in _states(problem))
+        q, v = (part @ problem.reduced_model.shapes.T for part in _states(problem))
     except np.linalg.LinAlgError:  # no filter follows a linear model that grows this fast
         return None
     if _departure(plant, linear, q, v) > FAR:
@@ -85,11 +85,11 @@ def _large(plant: Plant) -> tuple[Array, Array]:
 
 def _states(problem: Problem) -> tuple[Array, Array]:
     """Return modal displacements and velocities of the recording that moves most, smoothed on the linear model."""
-    twin = problem.twin
+    reduced_model = problem.reduced_model
     size = [float(np.max(np.abs(s.y) / np.max([t.scale for t in problem.signals], axis=0))) for s in problem.signals]
     run = _loudest(problem.signals[int(np.argmax(size))])
-    (x,), _ = smoothed_states(twin, [run])
-    return x[:, : twin.m], x[:, twin.m :]
+    (x,), _ = smoothed_states(reduced_model, [run])
+    return x[:, : reduced_model.m], x[:, reduced_model.m :]
 
 
 def _loudest(run: Signals) -> Signals:

@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.predictors.step_jacobian import Stepper
-from vlab.diagnose.predictors.trajectory_data import Course, Motion, sampled
+from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, sampled
 from vlab.signals import Array
 
 FINE = 4
@@ -21,7 +21,7 @@ UNKNOWN = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Along:
+class TimeVaryingSystem:
     """One run, linear about its motion; the first axis is time.
 
     Parameters
@@ -57,7 +57,9 @@ class Along:
     drives: Array
 
 
-def linearise_along(course: Course, motion: Motion, stepper: Stepper, driven: Sequence[int]) -> Along:
+def linearise_along(
+    course: TrajectoryData, motion: Motion, stepper: Stepper, driven: Sequence[int]
+) -> TimeVaryingSystem:
     """Linearise a plant along a motion by finite differences of its steps."""
     n, nv, p = len(course), stepper.nv, course.y.shape[1]
     L, M = np.zeros((n, 2 * nv, 2 * nv)), np.zeros((n, nv, nv))
@@ -80,14 +82,14 @@ def linearise_along(course: Course, motion: Motion, stepper: Stepper, driven: Se
     A, G = fine_A, fine_G
     for _ in range(FINE - 1):
         A, G = fine_A @ A, fine_A @ G + fine_G
-    return Along(
+    return TimeVaryingSystem(
         motion=motion, A=A, G=G, fine_A=fine_A, fine_G=fine_G, C=C, D=D, M=M, defect=defect, read=read, drives=drives
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stack:
-    """Runs side by side, padded with zeros; arrays as in `Along` with the runs as second axis.
+class SystemBatch:
+    """Runs side by side, padded with zeros; arrays as in `TimeVaryingSystem` with the runs as second axis.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ class Stack:
         return np.arange(len(self.A))[:, None] < self.lengths[None, :]
 
 
-def stacked(parts: Sequence[Array]) -> Array:
+def pad_and_stack(parts: Sequence[Array]) -> Array:
     """Return series of runs side by side, padded with zeros at the end."""
     n = max(len(part) for part in parts)
     out = np.zeros((n, len(parts), *parts[0].shape[1:]))
@@ -130,31 +132,31 @@ def stacked(parts: Sequence[Array]) -> Array:
     return out
 
 
-def stack(courses: Sequence[Course], alongs: Sequence[Along]) -> Stack:
+def stack(trajectories: Sequence[TrajectoryData], systems: Sequence[TimeVaryingSystem]) -> SystemBatch:
     """Put runs side by side."""
     spread = []
-    for course, along in zip(courses, alongs, strict=True):
+    for course, along in zip(trajectories, systems, strict=True):
         largest = np.concatenate(
             [np.ptp(along.motion.q, axis=0).max(keepdims=True), np.abs(along.motion.v).max(axis=0)]
         )
         size = np.concatenate([np.full(along.M.shape[1], largest[0]), np.maximum(largest[1:], 1e-6)])
         spread.append((AT_REST if course.at_rest else UNKNOWN) * np.maximum(size, 1e-9))
-    return Stack(
+    return SystemBatch(
         **{
-            name: stacked([getattr(a, name) for a in alongs])
+            name: pad_and_stack([getattr(a, name) for a in systems])
             for name in ("A", "G", "fine_A", "fine_G", "C", "D", "M", "defect")
         },
-        e=stacked([c.y - a.read for c, a in zip(courses, alongs, strict=True)]),
-        h=stacked([c.h for c in courses]),
-        lengths=np.array([len(c) for c in courses]),
+        e=pad_and_stack([c.y - a.read for c, a in zip(trajectories, systems, strict=True)]),
+        h=pad_and_stack([c.h for c in trajectories]),
+        lengths=np.array([len(c) for c in trajectories]),
         spread=np.array(spread),
-        noise=np.sqrt(np.mean([c.noise**2 for c in courses], axis=0)),
-        usable=stacked([np.ones(c.y.shape) if c.valid is None else c.valid.astype(float) for c in courses]),
+        noise=np.sqrt(np.mean([c.noise**2 for c in trajectories], axis=0)),
+        usable=pad_and_stack([np.ones(c.y.shape) if c.valid is None else c.valid.astype(float) for c in trajectories]),
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gains:
+class FilterGains:
     """The filter of deviations, (n, n_runs, ...): gains, innovations' and predictions' covariances."""
 
     K: Array
@@ -162,7 +164,7 @@ class Gains:
     P: Array
 
 
-def gains_of(s: Stack, intensity: Array | float, samples: int | None = None) -> Gains:
+def gains_of(s: SystemBatch, intensity: Array | float, samples: int | None = None) -> FilterGains:
     """Return the filter's gains.
 
     Parameters
@@ -192,10 +194,10 @@ def gains_of(s: Stack, intensity: Array | float, samples: int | None = None) -> 
         out[0][k], out[1][k], out[2][k] = K, S, P
         P = A @ P @ AT + q * Q[k] - K @ np.swapaxes(cross, -1, -2)
         P = 0.5 * (P + np.swapaxes(P, -1, -2))
-    return Gains(K=out[0], S=out[1], P=out[2])
+    return FilterGains(K=out[0], S=out[1], P=out[2])
 
 
-def innovations(s: Stack, gains: Gains, e: Array | None = None) -> tuple[Array, Array]:
+def innovations(s: SystemBatch, gains: FilterGains, e: Array | None = None) -> tuple[Array, Array]:
     """Return innovations (n, ..., n_runs, p) and predicted deviations (n, ..., n_runs, 2 nv); zero beyond a run's end."""
     n, lead = len(gains.K), gains.K.shape[1:-2]
     given = s.e if e is None else e
@@ -209,7 +211,7 @@ def innovations(s: Stack, gains: Gains, e: Array | None = None) -> tuple[Array, 
     return out, predicted
 
 
-def smoothed(s: Stack, gains: Gains, left: Array, predicted: Array) -> Array:
+def smoothed(s: SystemBatch, gains: FilterGains, left: Array, predicted: Array) -> Array:
     """Return smoothed deviations, (n, n_runs, 2 nv): Bryson and Frazier's adjoint recursion over the innovations."""
     weighted = np.linalg.solve(gains.S, left[..., None])[..., 0]
     L = s.A - gains.K @ s.C
@@ -220,13 +222,13 @@ def smoothed(s: Stack, gains: Gains, left: Array, predicted: Array) -> Array:
     return out
 
 
-def filtered(s: Stack, gains: Gains, left: Array, predicted: Array) -> Array:
+def filtered(s: SystemBatch, gains: FilterGains, left: Array, predicted: Array) -> Array:
     """Return deviations from the samples up to and including their own."""
     own = np.einsum("krab,krpb->krap", gains.P, s.C)
     return np.asarray(predicted + np.einsum("krap,krp->kra", own, np.linalg.solve(gains.S, left[..., None])[..., 0]))
 
 
-def tuned(s: Stack, near: float | None = None) -> float:
+def tuned(s: SystemBatch, near: float | None = None) -> float:
     """Return the intensity of the unknown forces that makes the runs most likely.
 
     Parameters
@@ -254,20 +256,21 @@ def tuned(s: Stack, near: float | None = None) -> float:
 
 
 def smoothed_motions(
-    courses: Sequence[Course],
+    trajectories: Sequence[TrajectoryData],
     motions: Sequence[Motion],
     stepper: Stepper,
     driven: Sequence[int],
     passes: int,
     near: float | None = None,
-) -> tuple[list[Along], Stack, Gains, float]:
+) -> tuple[list[TimeVaryingSystem], SystemBatch, FilterGains, float]:
     """Return runs linearised along their smoothed motion, found by filtering and smoothing `passes` times about the last one."""
     current, intensity = list(motions), near
     for i in range(passes + 1):
-        alongs = side_by_side(
-            lambda pair: linearise_along(pair[0], pair[1], stepper, driven), list(zip(courses, current, strict=True))
+        systems = side_by_side(
+            lambda pair: linearise_along(pair[0], pair[1], stepper, driven),
+            list(zip(trajectories, current, strict=True)),
         )
-        s = stack(courses, alongs)
+        s = stack(trajectories, systems)
         intensity = tuned(s, intensity)
         gains = gains_of(s, intensity)
         if i == passes:
@@ -275,10 +278,11 @@ def smoothed_motions(
         left, predicted = innovations(s, gains)
         deviation = smoothed(s, gains, left, predicted)
         current = [
-            _moved(stepper, m, deviation[: len(c), r]) for r, (c, m) in enumerate(zip(courses, current, strict=True))
+            _moved(stepper, m, deviation[: len(c), r])
+            for r, (c, m) in enumerate(zip(trajectories, current, strict=True))
         ]
     assert intensity is not None
-    return alongs, s, gains, intensity
+    return systems, s, gains, intensity
 
 
 def _moved(stepper: Stepper, motion: Motion, deviation: Array) -> Motion:

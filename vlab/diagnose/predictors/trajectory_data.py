@@ -9,7 +9,7 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, exponentials, joint_of
 from vlab.diagnose.data.noise import noise_level, uneven_noise
-from vlab.diagnose.data.quality import on_clock, says_something
+from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid, uniform
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
@@ -23,7 +23,7 @@ WIDE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
+class TrajectoryData:
     """One run at its samples.
 
     Parameters
@@ -73,10 +73,10 @@ class Motion:
     v: Array
 
 
-def course_of(
+def read_trajectory_data(
     run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], thin: int,
     commands: Array | None = None,
-) -> Course:  # fmt: skip
+) -> TrajectoryData:  # fmt: skip
     """Put one run on its samples: its own time stamps, every n-th of an even record that is sampled very finely.
 
     Parameters
@@ -116,10 +116,10 @@ def course_of(
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
     starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
-    valid = says_something(run, stepper.channels)
+    valid = is_informative(run, stepper.channels)
     usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)
-    return Course(
+    return TrajectoryData(
         name=run.name,
         role=run.role,
         time=grid,
@@ -168,7 +168,7 @@ def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
 # ---- the first motion ------------------------------------------------------------------------------------------------
 
 
-def first_motion(course: Course, stepper: Stepper, rest: Array) -> Motion:
+def first_motion(course: TrajectoryData, stepper: Stepper, rest: Array) -> Motion:
     """Return a motion to linearise about: measured joints smoothed by splines, the others by an extended Kalman filter.
 
     Parameters
@@ -193,7 +193,7 @@ def _address(stepper: Stepper, dof: int) -> int:
     return int(stepper.model.jnt_qposadr[stepper.model.dof_jntid[dof]])
 
 
-def _spline(course: Course, i: int) -> tuple[Array, Array]:
+def _spline(course: TrajectoryData, i: int) -> tuple[Array, Array]:
     """Return a smoothed position and its rate; the penalty is the one whose remainder is the channel's noise."""
     y, t = course.y[:, i], course.time
     noise = float(course.noise[i])
@@ -210,7 +210,7 @@ def _spline(course: Course, i: int) -> tuple[Array, Array]:
     return best(t), best.derivative()(t)
 
 
-def _filtered(course: Course, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
+def _filtered(course: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
     """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
     nv = stepper.nv
     spread = np.concatenate([np.full(nv, WIDE), np.full(nv, 5 * WIDE)])
@@ -261,6 +261,6 @@ def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
     return whole[..., :s, :s], whole[..., :s, s:]
 
 
-def with_signals(course: Course, y: Array) -> Course:
+def with_signals(course: TrajectoryData, y: Array) -> TrajectoryData:
     """Return a course with other channels: recordings that a sensor's effect is taken off."""
     return replace(course, y=y)

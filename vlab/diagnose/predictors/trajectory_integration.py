@@ -11,14 +11,14 @@ from vlab.diagnose.kernels.expression_graph import (
     AT_T,
     AT_V,
     AT_Z,
-    Tapes,
+    ExpressionGraphs,
+    evaluate,
     in_any_order,
     loaded,
-    play,
 )
 from vlab.diagnose.predictors.trajectory_laws import Law
 from vlab.physics.effect import PortEffect
-from vlab.physics.expression import SIGNALS, Tape, tape_of
+from vlab.physics.expression import SIGNALS, ExpressionGraph, trace_expression
 from vlab.signals import Array
 
 FAR, CHECK_EVERY = 1e6, 8
@@ -26,24 +26,24 @@ FAR, CHECK_EVERY = 1e6, 8
 _SEEN = tuple(name for name in SIGNALS if name != "first_velocity")
 
 
-def tapes_of(laws: Sequence[Law]) -> list[Tape | None] | None:
+def trace_laws(laws: Sequence[Law]) -> list[ExpressionGraph | None] | None:
     """Return the tapes of laws, of linear ones none; None where one cannot be taken down, or steps are uneven."""
-    out: list[Tape | None] = []
+    out: list[ExpressionGraph | None] = []
     for law in laws:
         if law.is_linear:
             out.append(None)
             continue
         assert isinstance(law.effect, PortEffect)
-        tape = None if law.path.even is None else tape_of(law.effect, law.path.even, _SEEN)
-        if tape is None:
+        graph = None if law.path.even is None else trace_expression(law.effect, law.path.even, _SEEN)
+        if graph is None:
             return None
-        out.append(tape)
+        out.append(graph)
     return out
 
 
-def march_with(
+def integrate_trajectory(
     laws: Sequence[Law],
-    tapes: Sequence[Tape | None],
+    graphs: Sequence[ExpressionGraph | None],
     A: Array,
     drive: Array,
     defect: Array,
@@ -56,7 +56,7 @@ def march_with(
     Parameters
     ----------
     laws, tapes : sequence
-        In the order in which they act, and what `tapes_of` gives of them.
+        In the order in which they act, and what `trace_laws` gives of them.
     A : (n, n_windows, 2 nv, 2 nv) array
         Of a step.
     drive : (n, n_sets, n_windows, 2 nv) array
@@ -70,11 +70,11 @@ def march_with(
         In a sample interval.
     """
     n, n_sets, n_windows, size = drive.shape
-    taped = [(law, tape) for law, tape in zip(laws, tapes, strict=True) if tape is not None]
+    taped = [(law, graph) for law, graph in zip(laws, graphs, strict=True) if graph is not None]
     own = [[law.p[p.name] for p in law.effect.parameters] for law, _ in taped]
     memories = [law.memory or () for law, _ in taped]
-    held, registers = loaded([tape for _, tape in taped], own, memories, (n_sets, n_windows))
-    results = np.array([tape.force for _, tape in taped], dtype=np.int64)
+    held, registers = loaded([graph for _, graph in taped], own, memories, (n_sets, n_windows))
+    results = np.array([graph.force for _, graph in taped], dtype=np.int64)
     lines = max((law.path.rows.shape[1] for law in laws), default=1)
 
     def padded(x: Array, axes: tuple[int, ...]) -> Array:
@@ -115,12 +115,14 @@ def march_with(
     )
     states, x = np.empty_like(drive), np.ascontiguousarray(starts)
     system = (np.ascontiguousarray(A), np.ascontiguousarray(drive), np.ascontiguousarray(defect))
-    _march(system, steps, paths, acting, impedance, kinds, clock, held, results, registers, x.copy(), states, forces)
+    _integrate(
+        system, steps, paths, acting, impedance, kinds, clock, held, results, registers, x.copy(), states, forces
+    )
     return states
 
 
 @in_any_order
-def _march(
+def _integrate(
     system: tuple[Array, Array, Array],
     steps: int,
     paths: tuple[Array, Array, Array, Array],
@@ -128,7 +130,7 @@ def _march(
     impedance: Array,
     kinds: Array,
     clock: tuple[Array, Array, Array],
-    tapes: Tapes,
+    graphs: ExpressionGraphs,
     results: Array,
     registers: Array,
     x: Array,
@@ -139,7 +141,7 @@ def _march(
     rows, at_z, at_v, weight = paths
     into, middle, gain, reach = acting
     lengths, times, commands = clock
-    operations, bounds, firsts, remembers, recalled = tapes
+    operations, bounds, firsts, is_hysteretic, recalled = graphs
     n, n_sets, n_windows, size = drive.shape
     m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
     free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
@@ -156,8 +158,8 @@ def _march(
                             total += A[k, w, a, b] * x[s, w, b]
                         free[s, w, a] = total
             for law in range(n_laws):
-                count, tape, twice = kinds[law]
-                own = registers[bounds[tape, 0] : bounds[tape + 1, 0]] if tape >= 0 else registers[:0]
+                count, graph, twice = kinds[law]
+                own = registers[bounds[graph, 0] : bounds[graph + 1, 0]] if graph >= 0 else registers[:0]
                 for s in range(n_sets):
                     for w in range(n_windows):
                         h, e = lengths[law, k, w], s * n_windows + w
@@ -170,7 +172,7 @@ def _march(
                                 v0[i] += x[s, w, m + a] * before
                                 z1[i] += free[s, w, a] * after
                                 v1[i] += free[s, w, m + a] * after
-                        if tape >= 0:  # means over the step
+                        if graph >= 0:  # means over the step
                             own[AT_Z, e] = 0.5 * (z0[0] + z1[0]) - h * (v1[0] - v0[0]) / 12.0
                             own[AT_V, e] = 0.5 * (v0[0] + v1[0])
                             own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
@@ -200,22 +202,22 @@ def _march(
                             for b in range(i + 1, count):
                                 force[s, w, i] -= matrix[i, b] * force[s, w, b]
                             force[s, w, i] /= matrix[i, i]
-                if tape >= 0:
-                    played = operations[bounds[tape, 1] : bounds[tape + 1, 1]]
+                if graph >= 0:
+                    played = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
                     if twice:  # the force acts on its own motion, that of stiff stops most
-                        play(played, firsts[tape], own)
+                        evaluate(played, firsts[graph], own)
                         for s in range(n_sets):
                             for w in range(n_windows):
                                 e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
-                                first = own[results[tape], e]
+                                first = own[results[graph], e]
                                 own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
                                 own[AT_V, e] += 0.5 * own_gain * first
-                    play(played, firsts[tape], own)
-                    for i in range(bounds[tape, 2], bounds[tape + 1, 2]):
-                        own[recalled[i]] = own[remembers[i]]
+                    evaluate(played, firsts[graph], own)
+                    for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
+                        own[recalled[i]] = own[is_hysteretic[i]]
                     for s in range(n_sets):
                         for w in range(n_windows):
-                            force[s, w, 0] = own[results[tape], s * n_windows + w]
+                            force[s, w, 0] = own[results[graph], s * n_windows + w]
                 for s in range(n_sets):
                     for w in range(n_windows):
                         for i in range(count):

@@ -8,16 +8,22 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
 from vlab.cases.replay import Bench
-from vlab.diagnose.data.mains_interference import Hum, find_hum, without_hum
+from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning, uniform
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import FREE, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
-from vlab.diagnose.parameters.recorded_runs import Wired, recorded_commands, wired_runs
-from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.step_jacobian import Stepper
-from vlab.diagnose.predictors.trajectory_data import MOST_SAMPLES, Course, Motion, course_of, first_motion
+from vlab.diagnose.predictors.trajectory_data import (
+    MOST_SAMPLES,
+    Motion,
+    TrajectoryData,
+    first_motion,
+    read_trajectory_data,
+)
 from vlab.diagnose.problem import Problem
 from vlab.errors import BadStructure
 from vlab.plants.base import Plant
@@ -29,7 +35,7 @@ Near rest they act like masses and stiffnesses; far from it they do not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moving:
+class Trajectories:
     """What a `Problem` has besides where the motion is large.
 
     Parameters
@@ -46,7 +52,7 @@ class Moving:
         Of a sample interval.
     """
 
-    courses: tuple[Course, ...]
+    trajectories: tuple[TrajectoryData, ...]
     motions: tuple[Motion, ...]
     load_ports: tuple[str, ...]
     driven: tuple[int, ...]
@@ -59,7 +65,7 @@ class Moving:
         return out
 
 
-def moving_parameters(
+def trajectory_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
 ) -> list[Uncertain]:
     """Return what is uncertain: as near rest, and moments of inertia and lengths as well."""
@@ -83,14 +89,14 @@ def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
     return tuple(out)
 
 
-def moving_signals(case: Case) -> tuple[Signals, ...]:
+def read_trajectory_signals(case: Case) -> tuple[Signals, ...]:
     """Return a case's fit recordings as the search along their motion has them, without that motion."""
-    wired = wired_runs(case, ("fit",))
-    stepper = Stepper(case.plant, wired.channels, wired.load_ports)
-    return _signals(_courses(case, wired, stepper, _hum(wired)))
+    recorded = read_runs(case, ("fit",))
+    stepper = Stepper(case.plant, recorded.channels, recorded.load_ports)
+    return _signals(_courses(case, recorded, stepper, _interference(recorded)))
 
 
-def prepare_moving(case: Case) -> tuple[Problem, Moving]:
+def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
     """Prepare a case's fit recordings for a search along their motion.
 
     Raises
@@ -98,39 +104,39 @@ def prepare_moving(case: Case) -> tuple[Problem, Moving]:
     BadCase
         No recording, or runs that compare different channels.
     """
-    wired = wired_runs(case, ("fit",))
-    plant, channels, names = case.plant, wired.channels, wired.names
-    load_ports, driven = wired.load_ports, wired.driven
-    stepper, hums = Stepper(plant, channels, load_ports), _hum(wired)
-    courses = _courses(case, wired, stepper, hums)
+    recorded = read_runs(case, ("fit",))
+    plant, channels, names = case.plant, recorded.channels, recorded.names
+    load_ports, driven = recorded.load_ports, recorded.driven
+    stepper, interferences = Stepper(plant, channels, load_ports), _interference(recorded)
+    trajectories = _courses(case, recorded, stepper, interferences)
     at_rest = plant.new_data().qpos.copy()
-    motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), courses)
+    motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), trajectories)
     substeps = stepper.find_substeps(
         [
             (m.q[k], m.v[k], c.u[k], c.load[k], float(c.h[k]))
-            for c, m in zip(courses, motions, strict=True)
+            for c, m in zip(trajectories, motions, strict=True)
             for k in range(0, len(c), max(1, len(c) // 12))
         ]
     )
-    parameters = tuple(moving_parameters(plant, case.table.model.uncertain, names, driven))
-    twin = _twin(plant, len(channels), Bench(plant).rest_values(channels), parameters, load_ports)
+    parameters = tuple(trajectory_parameters(plant, case.table.model.uncertain, names, driven))
+    reduced_model = _reduced_model(plant, len(channels), Bench(plant).rest_values(channels), parameters, load_ports)
     problem = Problem(
         case=case,
         plant=plant,
-        twin=twin,
+        reduced_model=reduced_model,
         parameters=parameters,
         channels=channels,
         names=names,
-        runs=wired.runs,
-        orders=wired.orders,
+        runs=recorded.runs,
+        orders=recorded.orders,
         about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
-        signals=_signals(courses),
-        places=tuple(places_of(plant, twin, names, driven, _free_motion(plant), is_near_rest=False)),
-        hums=hums,
-        highest_hz=wired.highest_hz,
+        signals=_signals(trajectories),
+        places=tuple(places_of(plant, reduced_model, names, driven, _free_motion(plant), is_near_rest=False)),
+        interferences=interferences,
+        highest_hz=recorded.highest_hz,
     )
-    return problem, Moving(
-        courses=tuple(courses),
+    return problem, Trajectories(
+        trajectories=tuple(trajectories),
         motions=tuple(motions),
         load_ports=load_ports,
         driven=driven,
@@ -150,31 +156,33 @@ def _free_motion(plant: Plant) -> Array:
     return np.asarray(shapes[:, np.abs(omega) < FREE])
 
 
-def _hum(wired: Wired) -> tuple[Hum, ...]:
-    return find_hum([run for run in wired.runs if run.measured.is_uniform])
+def _interference(recorded: RecordedRuns) -> tuple[MainsInterference, ...]:
+    return find_mains_interference([run for run in recorded.runs if run.measured.is_uniform])
 
 
-def _courses(case: Case, wired: Wired, stepper: Stepper, hums: Sequence[Hum]) -> list[Course]:
+def _courses(
+    case: Case, recorded: RecordedRuns, stepper: Stepper, interferences: Sequence[MainsInterference]
+) -> list[TrajectoryData]:
     """Return the runs at their samples, hum taken off."""
-    plant, rest = case.plant, Bench(case.plant).rest_values(wired.channels)
-    longest = max(len(run.measured) for run in wired.runs)  # all runs alike: laws have one sample period
+    plant, rest = case.plant, Bench(case.plant).rest_values(recorded.channels)
+    longest = max(len(run.measured) for run in recorded.runs)  # all runs alike: laws have one sample period
     return [
-        course_of(
-            without_hum(run, hums),
+        read_trajectory_data(
+            remove_mains_interference(run, interferences),
             stepper,
             rest,
             len(plant.actuators),
-            wired.load_ports,
-            thinning(longest, uniform(run.measured.time), wired.highest_hz, MOST_SAMPLES),
+            recorded.load_ports,
+            thinning(longest, uniform(run.measured.time), recorded.highest_hz, MOST_SAMPLES),
             recorded_commands(plant, run),
         )
-        for run in wired.runs
+        for run in recorded.runs
     ]
 
 
-def _signals(courses: Sequence[Course]) -> tuple[Signals, ...]:
+def _signals(trajectories: Sequence[TrajectoryData]) -> tuple[Signals, ...]:
     """Return courses as the search has runs: deviations from their motion start at nothing."""
-    h = float(np.median([np.median(c.h) for c in courses]))
+    h = float(np.median([np.median(c.h) for c in trajectories]))
     return tuple(
         Signals(
             name=course.name,
@@ -190,15 +198,17 @@ def _signals(courses: Sequence[Course]) -> tuple[Signals, ...]:
             end=float(course.time[-1]),
             valid=course.valid,
         )
-        for course in courses
+        for course in trajectories
     )
 
 
-def _twin(plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain], load_ports: Sequence[str]) -> Twin:
+def _reduced_model(
+    plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain], load_ports: Sequence[str]
+) -> ReducedModel:
     """Return the frame of the search in the plant's own coordinates; what varies along the motion is kept elsewhere."""
     nv = plant.model.nv
     zero = np.zeros((p, nv))
-    return Twin(
+    return ReducedModel(
         omega=np.zeros(nv),
         shapes=np.eye(nv),
         M=np.eye(nv),

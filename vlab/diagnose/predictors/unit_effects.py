@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.diagnose.kernels.expression_graph import RUNAWAY, series
 from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
-from vlab.physics.expression import tape_of
+from vlab.physics.expression import trace_expression
 from vlab.signals import Array
 
 
@@ -39,10 +39,10 @@ def port_series(
     t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
-    tape = tape_of(effect, h, ("z", "v", "t"))
+    graph = trace_expression(effect, h, ("z", "v", "t"))
     with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
-        if tape is not None:
-            out = series(tape, z, v, t, [values[p.name] for p in effect.parameters], memory)
+        if graph is not None:
+            out = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory)
         else:
             out = np.zeros(z.shape)
             for k in range(len(z)):

@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from vlab.diagnose.data_findings import Seen
+from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Finding
-from vlab.diagnose.inference.sensor_offset import said_zeros
+from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.validation.simulation import Amended, Removed, amended
+from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, amended
 
 
-def removed(problem: Problem, fit: Fit, seen: Seen, findings: Sequence[Finding]) -> Removed:
+def ablate(problem: Problem, fit: Fit, seen: DataFindings, findings: Sequence[Finding]) -> Ablations:
     """Return the model of a fit and of what the recordings show, without every finding in turn and without all of them.
 
     Parameters
@@ -21,24 +21,24 @@ def removed(problem: Problem, fit: Fit, seen: Seen, findings: Sequence[Finding])
     """
     models = list(_without_each(problem, fit, seen))
     if len(models) > 1:
-        zeros = {*(zero.channel for zero in seen.zeros), *said_zeros(problem, fit)}
+        zeros = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit)}
         models.append(amended(problem, replace(fit, terms=()), zeros))
-    return Removed(names=tuple(f"{f.name} at {f.place}" for f in findings), models=tuple(models))
+    return Ablations(names=tuple(f"{f.name} at {f.place}" for f in findings), models=tuple(models))
 
 
-def _without_each(problem: Problem, fit: Fit, seen: Seen) -> Iterator[Amended]:
+def _without_each(problem: Problem, fit: Fit, seen: DataFindings) -> Iterator[ExtendedModel]:
     whole = seen.on(amended(problem, fit))
     if seen.limit is not None:
         yield replace(whole, limit=None)
     for term in fit.terms:
         rest = replace(fit, terms=tuple(t for t in fit.terms if t is not term))
-        zeros = set(said_zeros(problem, fit)) - set(said_zeros(problem, rest))
+        zeros = set(explained_sensor_offsets(problem, fit)) - set(explained_sensor_offsets(problem, rest))
         yield seen.on(amended(problem, rest, zeros))
     for stop in seen.stops:
         yield replace(whole, stops=tuple(other for other in seen.stops if other is not stop))
     for step in seen.steps:
         yield replace(whole, steps=tuple(other for other in seen.steps if other is not step))
-    for hum in seen.hums:
-        yield replace(whole, hums=tuple(other for other in seen.hums if other is not hum))
+    for hum in seen.interferences:
+        yield replace(whole, interferences=tuple(other for other in seen.interferences if other is not hum))
     for zero in seen.zeros:
         yield seen.on(amended(problem, fit, {zero.channel}))

@@ -8,13 +8,13 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.inference.hypothesis_fits import ENOUGH, WHOLE_ITERATIONS
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.model_choice import choose
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.model_class import AlongMotion, NearRest
-from vlab.diagnose.search.sampling_convention import GAIN, MUCH_LESS, in_words, open_holds, with_hold
+from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
+from vlab.diagnose.search.sampling_convention import GAIN, MUCH_LESS, describe_hold, open_holds, with_hold
 from vlab.diagnose.search.selection import TimeFound
 
 NO_MORE = 1.01
@@ -22,7 +22,7 @@ NO_MORE = 1.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class AlternativeConvention:
     """Another way to read a case, where it leaves something open.
 
     Parameters
@@ -37,15 +37,20 @@ class Reading:
     of: Callable[[Case], Case]
 
 
-def other_readings(problem: Problem) -> list[Reading]:
+def list_conventions(problem: Problem) -> list[AlternativeConvention]:
     """Return how else a case may be read: its inputs straight or standing, whichever it is not taken to mean, where the recordings could
     tell and have not; and its recordings begun in motion, where they were taken to begin at rest for beginning in its place."""
     if problem.case.structure is not None:
         return []
-    out = [Reading(words=in_words(hold), of=partial(with_hold, hold=hold)) for hold in open_holds(problem)]
+    out = [
+        AlternativeConvention(words=describe_hold(hold), of=partial(with_hold, hold=hold))
+        for hold in open_holds(problem)
+    ]
     starts = {table.initial for table in problem.case.table.recording}
     if "auto" in starts and any(run.at_rest for run in problem.signals):
-        out.append(Reading(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion))
+        out.append(
+            AlternativeConvention(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion)
+        )
     return out
 
 
@@ -54,28 +59,30 @@ def _begun_in_motion(case: Case) -> Case:
     return replace(case, table=replace(case.table, recording=tables))
 
 
-def read_otherwise(road: NearRest | AlongMotion, found: TimeFound) -> Reading | None:
+def choose_convention(
+    model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound
+) -> AlternativeConvention | None:
     """Return how a case is to be read where the recordings tell it only beside what was found: a strong effect hides such things, and a
     delay, a lag or a hold of commands may stand for them."""
-    best = choose(found).best.long_fit
+    best = choose_model(found).best.long_fit
     left = best.cost / _samples(found.whole)
     of_clock = any(_is_of_clock(t) for t in best.terms)
     if left <= ENOUGH**2 and not of_clock:
         return None
     chosen, least = None, np.inf
-    for other in other_readings(road.problem):
-        refiner = road.whole_runs_of(other.of(road.problem.case), found.whole.model_error)
+    for other in list_conventions(model_class.problem):
+        refiner = model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error)
         if refiner is None:
             continue
         costs = _costs(refiner, best)
         now, timeless = min(costs) / _samples(refiner), costs[-1] / _samples(refiner)
-        is_likelier = of_clock and 0.5 * found.whole.worth * np.log(left / now) > GAIN
+        is_likelier = of_clock and 0.5 * found.whole.effective_samples * np.log(left / now) > GAIN
         if now < least and (now < MUCH_LESS * left or is_likelier or (of_clock and timeless < NO_MORE * left)):
             chosen, least = other, now
     return chosen
 
 
-def _costs(refiner: Refiner, best: Fit) -> list[float]:
+def _costs(refiner: LeastSquares, best: Fit) -> list[float]:
     """Return what a fit's terms leave, fitted on from it, and where some of them say when commands act, what the others do."""
     timeless = tuple(t for t in best.terms if not _is_of_clock(t))
     options = [best.terms] if len(timeless) == len(best.terms) else [best.terms, timeless]
@@ -88,5 +95,5 @@ def _is_of_clock(term: Term) -> bool:
     return term.effect.kind == "actuator" and term.effect.family == "timing"
 
 
-def _samples(refiner: Refiner) -> int:
+def _samples(refiner: LeastSquares) -> int:
     return sum(run.y.size for run in refiner.runs)

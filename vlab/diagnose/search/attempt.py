@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from vlab.cases.channel_map import Run
-from vlab.diagnose.data_findings import Seen
+from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Attempt, Finding
-from vlab.diagnose.findings import of_attempt
+from vlab.diagnose.findings import findings_of_attempt
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.ablation import removed
-from vlab.diagnose.validation.simulation import Amended, amended, check
+from vlab.diagnose.search.ablation import ablate
+from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
 from vlab.physics.effect import Effect
 
 MOST_ATTEMPTS = 3
@@ -32,11 +32,11 @@ class Trials:
     """
 
     problem: Problem
-    seen: Seen
+    seen: DataFindings
     runs: Sequence[Run]
-    before: Amended
-    nominal: Amended
-    change: Callable[[Amended], Amended] | None = None
+    before: ExtendedModel
+    nominal: ExtendedModel
+    change: Callable[[ExtendedModel], ExtendedModel] | None = None
 
     def of(self, fit: Fit, terms: Sequence[Finding]) -> Attempt:
         """Return what comes of a fit and of what the recordings show without a model.
@@ -53,9 +53,9 @@ class Trials:
             self.runs,
             change(self.before),
             after,
-            seen.benign_hums,
+            seen.benign_interferences,
             nominal=change(self.nominal),
-            removed=removed(problem, fit, seen, findings).changed(change),
+            ablate=ablate(problem, fit, seen, findings).changed(change),
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 
@@ -67,8 +67,8 @@ class Trials:
         effects : sequence of Effect
             What may be missing.
         """
-        fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.plainer(effects))
-        return self.of(fit, of_attempt(hypothesis, fit, self.problem))
+        fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
+        return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
 
 
 def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
@@ -86,5 +86,5 @@ def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
     return next((attempt for attempt in islice(others, MOST_ATTEMPTS) if attempt.holds), None)
 
 
-def _same(model: Amended) -> Amended:
+def _same(model: ExtendedModel) -> ExtendedModel:
     return model

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from vlab.diagnose.data_findings import Seen
+from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
-from vlab.diagnose.inference.least_squares import EXACT, ITERATIONS, Refiner
-from vlab.diagnose.inference.model_choice import ALIKE, Choice, choose, is_of_priors
+from vlab.diagnose.inference.least_squares import EXACT, ITERATIONS, LeastSquares
+from vlab.diagnose.inference.model_choice import ALIKE, Choice, choose_model, is_prior_driven
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.gap import NO_WORSE, gap_closed, total
-from vlab.diagnose.validation.simulation import Amended, amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
 from vlab.diagnose.verdict import LEAST_TO_NOISE, errors_of
 from vlab.physics.effect import Effect
 
@@ -25,7 +25,7 @@ MOST_TRIED = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Settled:
+class Confirmed:
     """A choice with the last fits of the refitted and the amended model, and what was dropped on the way, in words."""
 
     choice: Choice
@@ -35,7 +35,7 @@ class Settled:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Settling:
+class Confirmation:
     """What a choice is settled with.
 
     Parameters
@@ -53,42 +53,48 @@ class Settling:
     """
 
     problem: Problem
-    whole: Refiner
+    whole: LeastSquares
     start: Fit
-    seen: Seen
+    seen: DataFindings
     effects: Sequence[Effect]
     is_linear: bool
 
-    def settled(self, found: TimeFound) -> Settled:
+    def settled(self, found: TimeFound) -> Confirmed:
         """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
 
         A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
         the next one has its turn.
         """
-        first: Settled | None = None
+        first: Confirmed | None = None
         rejected: list[tuple[str, str]] = []
         simplified: set[str] = set()
         unconfirmed = 0
         while unconfirmed < MOST_TRIED:
-            choice = choose(found)
+            choice = choose_model(found)
             best = choice.best
             before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
             if best.terms:
-                on_twin = self._exactly(best)
-                if on_twin.nil:
-                    rejected.append((best.label, f"of {', '.join(on_twin.nil)} the last fit leaves nothing"))
-                    rest = [t for t in on_twin.terms if t.label not in on_twin.nil]
-                    found = self._with(_without(found, best, on_twin.nil), rest, on_twin)
+                on_reduced_model = self._exactly(best)
+                if on_reduced_model.nil:
+                    rejected.append((best.label, f"of {', '.join(on_reduced_model.nil)} the last fit leaves nothing"))
+                    rest = [t for t in on_reduced_model.terms if t.label not in on_reduced_model.nil]
+                    found = self._with(_without(found, best, on_reduced_model.nil), rest, on_reduced_model)
                     continue
-                simpler = self._simpler(found, best, on_twin) if best.label not in simplified else found
+                simpler = self._simpler(found, best, on_reduced_model) if best.label not in simplified else found
                 simplified.add(best.label)
                 if simpler is not found:
                     found = simpler
                     continue
-                after = final_fit(self.problem, self.whole, on_twin, self.seen.limit) if self.is_linear else on_twin
-                if after is not on_twin:  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
+                after = (
+                    final_fit(self.problem, self.whole, on_reduced_model, self.seen.limit)
+                    if self.is_linear
+                    else on_reduced_model
+                )
+                if (
+                    after is not on_reduced_model
+                ):  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
                     before = self._plain_in_mujoco
-            settled = Settled(choice=choice, before=before, after=after, rejected=_dropped(rejected))
+            settled = Confirmed(choice=choice, before=before, after=after, rejected=_dropped(rejected))
             first = first or settled
             if not best.terms:
                 break
@@ -121,20 +127,20 @@ class Settling:
         It takes the place of the hypothesis where the recordings do not tell the two apart. Else, where a part of the law may be nothing,
         it stands beside the hypothesis: that this scores less for what it has in vain is left to the choice.
         """
-        lesser = fit.plainer(self.effects)
+        lesser = fit.nested_model(self.effects)
         options = [(lesser, ITERATIONS)] if lesser != fit.terms else []
         was = scored_by(self.whole, fit)
         for terms, iterations in [*options, *((terms, 0) for terms in fit.nested(self.effects))]:
             plain = self.whole.fit(terms, fit, iterations)
             now = scored_by(self.whole, plain)
-            if best.worth * (now.misfit - was.misfit) < ALIKE:
+            if best.effective_samples * (now.log_rms_residual - was.log_rms_residual) < ALIKE:
                 own = replace(
                     best,
                     fit=plain,
                     whole=plain,
-                    misfit=best.misfit + now.misfit - was.misfit,
-                    price=now.price,
-                    level=best.level * now.level / was.level,
+                    log_rms_residual=best.log_rms_residual + now.log_rms_residual - was.log_rms_residual,
+                    negative_log_prior=now.negative_log_prior,
+                    normalised_residual=best.normalised_residual * now.normalised_residual / was.normalised_residual,
                 )
                 alike = [h for h in found.hypotheses if h.label == own.label]
                 return _instead(found, by_score([own], alike)[0], [best, *alike])
@@ -145,11 +151,11 @@ class Settling:
         if not terms:
             return found
         fit = self.whole.fit(terms, start, ITERATIONS)
-        own = replace(scored_by(self.whole, fit), whole=fit, worth=found.before.worth)
+        own = replace(scored_by(self.whole, fit), whole=fit, effective_samples=found.before.effective_samples)
         worse = [h for h in found.hypotheses if h.label == own.label]
         return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
 
-    def _with_fewer(self, found: TimeFound, settled: Settled) -> Settled:
+    def _with_fewer(self, found: TimeFound, settled: Confirmed) -> Confirmed:
         """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
         second one then makes up for what the twin does not do as MuJoCo does."""
         both = settled.choice.best
@@ -157,10 +163,10 @@ class Settling:
             return settled
         parts = {t.label for t in both.terms}
         alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
-        single = choose(alone).best
+        single = choose_model(alone).best
         if not single.terms:
             return settled
-        if self.problem.case.structure is None and is_of_priors(both, single):
+        if self.problem.case.structure is None and is_prior_driven(both, single):
             return settled  # one alone leaves as little, but with uncertain parameters that nobody believes
         one = self.settled(alone)
         left = []
@@ -171,14 +177,14 @@ class Settling:
         why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
         return replace(one, rejected=(*settled.rejected, *_dropped([(both.label, why)])))
 
-    def _is_confirmed(self, settled: Settled) -> bool:
+    def _is_confirmed(self, settled: Confirmed) -> bool:
         """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
-        checked = check(loudest_and_quietest(self.problem), *self._models(settled), self.seen.benign_hums)
+        checked = check(loudest_and_quietest(self.problem), *self._models(settled), self.seen.benign_interferences)
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= LEAST_TO_NOISE
 
-    def _models(self, settled: Settled) -> tuple[Amended, Amended]:
+    def _models(self, settled: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
         """Return the refitted and the amended model, both with what the recordings show without a model."""
         return (
             self.seen.on(amended(self.problem, settled.before)),

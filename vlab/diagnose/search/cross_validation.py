@@ -40,7 +40,7 @@ class LeftOut:
         return gap_closed(self.before, self.after, self.noise)
 
 
-def leave_out(problem: FrequencyProblem, fitter: Fitter, before: Fit, after: Fit) -> LeftOut | None:
+def cross_validate(problem: FrequencyProblem, fitter: Fitter, before: Fit, after: Fit) -> LeftOut | None:
     """Fit again without one part of the data after the other and predict it; None where only one part is there."""
     parts: list[tuple[int, int]] = []
     for i, data in enumerate(problem.measured):

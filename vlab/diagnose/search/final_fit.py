@@ -12,13 +12,13 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data.command_limit import CommandLimit
-from vlab.diagnose.data.mains_interference import without_hum
+from vlab.diagnose.data.mains_interference import remove_mains_interference
 from vlab.diagnose.data.noise import noise_levels
-from vlab.diagnose.data.quality import says_something
-from vlab.diagnose.inference.evidence import WORTH
-from vlab.diagnose.inference.jacobian import carried_on
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.parameter_vector import inward, outward
+from vlab.diagnose.data.quality import is_informative
+from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES
+from vlab.diagnose.inference.jacobian import update_broyden
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.parameter_vector import from_unbounded, to_unbounded
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
@@ -61,7 +61,7 @@ class _Target:
         return float(np.sqrt(np.mean((difference * shares) ** 2)))
 
 
-def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit | None = None) -> Fit:
+def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandLimit | None = None) -> Fit:
     """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree, or where MuJoCo takes
     too long for more than the first moments.
 
@@ -82,7 +82,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
     x = np.zeros(moves.count)
     prior = np.zeros(moves.count)
-    prior[: moves.r] = refiner.entries(fit.terms).along(fit.theta)[: moves.r]
+    prior[: moves.r] = refiner.vector(fit.terms).along(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
     slopes, age = np.zeros((len(base), moves.count)), -1
@@ -90,7 +90,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         if age < 0:
             moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
             slopes, age = np.stack([(m - base) / STEP for m in moved], axis=1), 0
-        scale = min(refiner.worth, WORTH * len(targets)) / max(float(base @ base), base.size)
+        scale = min(refiner.effective_samples, MODEL_ERROR_SAMPLES * len(targets)) / max(float(base @ base), base.size)
         normal = scale * slopes.T @ slopes + np.diag(is_prior.astype(float))
         gradient = scale * slopes.T @ base + np.where(is_prior, prior + x, 0.0)
         size = np.diag(np.diag(normal) + 1e-12)
@@ -103,7 +103,7 @@ def final_fit(problem: Problem, refiner: Refiner, fit: Fit, limit: CommandLimit 
         pick = int(np.argmin(costs))
         is_old, age = age > 0, age + 1
         if costs[pick] < before:
-            slopes = carried_on(slopes, trials[pick] - x, tried[pick] - base)
+            slopes = update_broyden(slopes, trials[pick] - x, tried[pick] - base)
             x, base = trials[pick], tried[pick]
             if targets[0].left(base[: len(first)]) <= agreed:
                 break
@@ -122,13 +122,13 @@ class _Moves:
         self.count = self.r + sum(len(t.effect.parameters) for t in fit.terms)
 
     def at(self, x: Array) -> Fit:
-        entries, terms = iter(x[self.r :]), []
+        vector, terms = iter(x[self.r :]), []
         for term in self.fit.terms:
             values = {}
             for parameter in term.effect.parameters:
-                centre = inward(parameter, term.values[parameter.name])
+                centre = to_unbounded(parameter, term.values[parameter.name])
                 size = max(abs(centre), 1e-12) if parameter.signed else 1.0
-                values[parameter.name] = float(outward(parameter, np.asarray(centre + size * next(entries))))
+                values[parameter.name] = float(from_unbounded(parameter, np.asarray(centre + size * next(vector))))
             terms.append(replace(term, values=values))
         return replace(self.fit, theta=self.fit.theta + self.directions @ x[: self.r], terms=tuple(terms))
 
@@ -156,7 +156,7 @@ def _shortened(run: Run, most: int) -> Run:
 
 
 def _target(problem: Problem, whole: Recording, run: Run) -> _Target:
-    clean = without_hum(run, problem.hums)
+    clean = remove_mains_interference(run, problem.interferences)
     measured = np.column_stack([clean.measured[name] for name in problem.names])
     noise = noise_levels(clean, problem.names)
     return _Target(
@@ -164,7 +164,7 @@ def _target(problem: Problem, whole: Recording, run: Run) -> _Target:
         run=run,
         columns=tuple(run.measured.index(name) for name in problem.names),
         measured=measured,
-        counts=says_something(run, problem.channels),
+        counts=is_informative(run, problem.channels),
         sigma=np.hypot(noise, problem.model_error * np.std(measured, axis=0)),
     )
 

@@ -37,7 +37,7 @@ MODES_TRIED = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tried:
+class Trial:
     """The best trial of one effect at one place.
 
     Parameters
@@ -49,7 +49,7 @@ class Tried:
     """
 
     term: Term
-    gain: float
+    log_likelihood_gain: float
     others: tuple[Term, ...] = ()
 
     @property
@@ -97,7 +97,7 @@ class _Lines:
         return Answer(H=chain.recorded(self.H)[:, self.own])
 
 
-class Screen:
+class ScoreTest:
     """Trials about a fitted hypothesis.
 
     Parameters
@@ -146,21 +146,21 @@ class Screen:
         inside = self.q.T @ e
         return float(e @ e - inside @ inside)
 
-    def best(self, effect: Effect, place: Place) -> Tried | None:
+    def best(self, effect: Effect, place: Place) -> Trial | None:
         """Return the best trial of an effect at a place; None where none is finite."""
         found = []
         seen = [None if lines is None or not len(place.rows) else lines.at(place) for lines in self.lines]
         for term in trials(self.fitter.problem, effect, place):
             with np.errstate(all="ignore"):
-                gain = self.cost - self._left(self._with(term, seen))
-            if np.isfinite(gain):
-                found.append((gain, term))
+                log_likelihood_gain = self.cost - self._left(self._with(term, seen))
+            if np.isfinite(log_likelihood_gain):
+                found.append((log_likelihood_gain, term))
         if not found:
             return None
         found.sort(key=lambda pair: -pair[0])
         first = found[0][1]
         others = [term for _, term in found[1:] if _apart(term, first)]
-        return Tried(term=first, gain=found[0][0], others=tuple(others[:1]))
+        return Trial(term=first, log_likelihood_gain=found[0][0], others=tuple(others[:1]))
 
     def _with(self, term: Term, seen: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray] | None]) -> Array:
         parts = []
@@ -221,8 +221,8 @@ def _apart(a: Term, b: Term) -> bool:
     return False
 
 
-def screened(screen: Screen, pairs: Sequence[tuple[Effect, Place]]) -> list[Tried]:
+def screened(screen: ScoreTest, pairs: Sequence[tuple[Effect, Place]]) -> list[Trial]:
     """Return the best trial of every effect at every place, best first."""
     shares = [list(pairs[k::SHARES]) for k in range(SHARES)]
     found = side_by_side(lambda share: [screen.best(effect, place) for effect, place in share], shares)
-    return sorted((t for part in found for t in part if t is not None), key=lambda t: -t.gain)
+    return sorted((t for part in found for t in part if t is not None), key=lambda t: -t.log_likelihood_gain)

@@ -13,7 +13,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
-from vlab.diagnose.search.frequency_screening import Screen, Tried, screened
+from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
 from vlab.diagnose.search.trial_values import candidates
 from vlab.physics.effect import Effect
 from vlab.signals import Array
@@ -62,29 +62,31 @@ def search_frequency(
     """
     fitter = Fitter(problem)
     zero = np.zeros(len(fitter.sd))
-    worth, floor = fitter.worth, fitter.floor
+    effective_samples, floor = fitter.effective_samples, fitter.floor
     before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
     pairs = candidates(problem, effects)
 
-    def priced(fit: Fit, gain: float = 0.0) -> Hypothesis:
-        return scored(fit, worth, worth, gain, tried=len(pairs), floor=floor)
+    def priced(fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
+        return scored(fit, effective_samples, effective_samples, log_likelihood_gain, tried=len(pairs), floor=floor)
 
     before = priced(before_fit)
     progress(0.1, "screening")
-    by_lines = screened(Screen(fitter, Point(theta=before_fit.theta, terms=())), pairs)
-    by_bands: list[Tried] = []
+    by_lines = screened(ScoreTest(fitter, Point(theta=before_fit.theta, terms=())), pairs)
+    by_bands: list[Trial] = []
     if any(isinstance(d, Response) for d in problem.measured):
-        by_bands = screened(Screen(fitter, Point(theta=zero, terms=()), COARSE), pairs)
+        by_bands = screened(ScoreTest(fitter, Point(theta=zero, terms=()), COARSE), pairs)
     shortlist = _shortlist(by_lines, by_bands)
     progress(0.35, "fitting single effects")
     from_afar = {t.label for t in by_bands[:FAR]}
     fits = side_by_side(lambda item: _quick_fit(fitter, item, before_fit.theta, from_afar), shortlist)
-    singles = sorted((priced(fit, t[0].gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score)
+    singles = sorted(
+        (priced(fit, t[0].log_likelihood_gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score
+    )
     fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[:FINISHED])
-    singles = [priced(fit, h.gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
+    singles = [priced(fit, h.log_likelihood_gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
     singles.sort(key=lambda h: -h.score)
     hypotheses = list(singles)
-    if singles and singles[0].level > ENOUGH:
+    if singles and singles[0].normalised_residual > ENOUGH:
         progress(0.55, "fitting pairs of effects")
         hypotheses += [priced(fit) for fit in _pairs(fitter, singles, pairs)]
         hypotheses.sort(key=lambda h: -h.score)
@@ -100,14 +102,14 @@ def search_frequency(
     )
 
 
-def _shortlist(by_lines: Sequence[Tried], by_bands: Sequence[Tried]) -> list[list[Tried]]:
+def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[list[Trial]]:
     """Return the effects at places that gained most in either view, and the best of every family, with all their trials."""
-    chosen: dict[str, list[Tried]] = {}
+    chosen: dict[str, list[Trial]] = {}
     for ranked in (by_lines, by_bands):
         families: set[str] = set()
         for i, tried in enumerate(ranked):
             family = tried.term.effect.family
-            if tried.gain > 0 and (i < SHORTLIST or family not in families):
+            if tried.log_likelihood_gain > 0 and (i < SHORTLIST or family not in families):
                 chosen.setdefault(tried.label, [])
             families.add(family)
     for tried in (*by_lines, *by_bands):
@@ -116,7 +118,7 @@ def _shortlist(by_lines: Sequence[Tried], by_bands: Sequence[Tried]) -> list[lis
     return list(chosen.values())
 
 
-def _quick_fit(fitter: Fitter, trials: Sequence[Tried], theta: Array, from_afar: Collection[str]) -> Fit:
+def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar: Collection[str]) -> Fit:
     """Fit an effect for a few steps from its trials: about the refitted model, and some about the model as given."""
     terms = [trials[0].term, *trials[0].others]
     fits = [fitter.fit([term], theta, iterations=QUICK) for term in terms]
@@ -133,11 +135,11 @@ def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[
             seeds.append(h)
     work: dict[frozenset[str], tuple[Hypothesis, Term]] = {}
     for seed in seeds:
-        rest = screened(Screen(fitter, Point(theta=seed.fit.theta, terms=seed.terms)), pairs)
+        rest = screened(ScoreTest(fitter, Point(theta=seed.fit.theta, terms=seed.terms)), pairs)
         own = seed.terms[0]
         count = 0
         for tried in rest:
-            if tried.label == own.label or tried.gain <= 0 or count >= SECONDS:
+            if tried.label == own.label or tried.log_likelihood_gain <= 0 or count >= SECONDS:
                 continue
             key = frozenset((own.label, tried.label))
             if key not in work:
@@ -152,7 +154,7 @@ def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[
 def _places(
     fitter: Fitter,
     hypotheses: Sequence[Hypothesis],
-    tried: Sequence[Tried],
+    tried: Sequence[Trial],
     theta: Array,
     priced: Callable[[Fit], Hypothesis],
 ) -> dict[str, Hypothesis]:
@@ -165,11 +167,11 @@ def _places(
     if not others:
         same = [h for h in hypotheses if len(h.terms) == 1 and h.terms[0].effect.name == first.effect.name]
         known = {h.terms[0].place.name: h for h in same}
-    elsewhere: dict[str, list[Tried]] = {}
+    elsewhere: dict[str, list[Trial]] = {}
     for t in tried:
         if t.term.effect.name == first.effect.name and t.term.place.name != first.place.name:
             elsewhere.setdefault(t.term.place.name, []).append(t)
-    order = sorted(elsewhere, key=lambda name: -max(t.gain for t in elsewhere[name]))[:PLACES]
+    order = sorted(elsewhere, key=lambda name: -max(t.log_likelihood_gain for t in elsewhere[name]))[:PLACES]
     todo = [name for name in order if name not in known]
 
     def fitted(name: str) -> Fit:

@@ -7,17 +7,17 @@ from typing import ClassVar
 from vlab.cases.case import Case
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.hypothesis_fits import WHOLE_ITERATIONS
-from vlab.diagnose.inference.least_squares import Refiner
-from vlab.diagnose.inference.score_test import Screen
-from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
-from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.mesh_correction import with_soft_cables
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, linear_problem
-from vlab.diagnose.predictors.trajectory_problem import moving_signals, prepare_moving
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory, read_trajectory_signals
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.sampling_convention import timed
+from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
 from vlab.physics.catalogue import EFFECTS
@@ -33,11 +33,11 @@ UNSTRETCHED = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NearRest:
+class LinearTimeInvariant:
     """A case screened on its linear twin."""
 
     is_linear: ClassVar[bool] = True
-    screen: Screen
+    screen: ScoreTest
     notes: tuple[str, ...] = ()
 
     @property
@@ -49,21 +49,21 @@ class NearRest:
         """Search what is missing; see `vlab.diagnose.search.selection.search`."""
         return search(self.screen, effects, report)
 
-    def whole_runs_of(self, case: Case, model_error: float) -> Refiner | None:
+    def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares | None:
         """Return what fits whole recordings of the same case read otherwise; None where that is far from linear."""
         screen = _near_rest(case, "")
-        return None if screen is None else Refiner(screen, screen.problem.in_role("fit"), model_error)
+        return None if screen is None else LeastSquares(screen, screen.problem.in_role("fit"), model_error)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AlongMotion:
+class TrajectoryLinearised:
     """A case whose recorded motion is far from linear, screened along that motion."""
 
     is_linear: ClassVar[bool] = False
     notes: ClassVar[tuple[str, ...]] = (
         "the recorded motion leaves the range in which the model is linear, so the search went along that motion",
     )
-    screen: MovingScreen
+    screen: TrajectoryScoreTest
 
     @property
     def problem(self) -> Problem:
@@ -74,12 +74,14 @@ class AlongMotion:
         """Search what is missing; see `vlab.diagnose.search.selection.search`."""
         return search_moving(self.screen, effects, report)
 
-    def whole_runs_of(self, case: Case, model_error: float) -> Refiner:
+    def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares:
         """Return what fits whole recordings of the same case read otherwise; the model's error is the screening's."""
-        return MovingRefiner(_along_motion(case), whole=True)
+        return TrajectoryLeastSquares(_along_motion(case), whole=True)
 
 
-def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> NearRest | AlongMotion:
+def choose_model_class(
+    case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())
+) -> LinearTimeInvariant | TrajectoryLinearised:
     """Screen a case, along its recorded motion where that is far from linear.
 
     Parameters
@@ -94,34 +96,38 @@ def road_of(case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())) -> 
     """
     problem = linear_problem(case)
     if problem is not None:
-        road = _as_nonlinear_as_recorded(problem)
-        return replace(road, screen=timed(road.screen, _signals, _near_rest, _left_near_rest, effects))
+        model_class = _as_nonlinear_as_recorded(problem)
+        return replace(
+            model_class, screen=score_by_timing(model_class.screen, _signals, _near_rest, _left_near_rest, effects)
+        )
     check_scope(case)
     screen = _along_motion(case)
     check_contacts(case, screen.moving.motions)
-    return AlongMotion(screen=timed(screen, moving_signals, _along_motion, _left_along_motion, effects))
+    return TrajectoryLinearised(
+        screen=score_by_timing(screen, read_trajectory_signals, _along_motion, _left_along_motion, effects)
+    )
 
 
-def _as_nonlinear_as_recorded(problem: Problem) -> NearRest:
+def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
     """Screen a problem; of a structure with what its plant's own nonlinearity adds only where the recordings show it.
 
     Cables that a swinging beam stretches stiffen it by a hundred-thousandth at a quarter of a millimetre, as the drawing has it; with
     light damping that shows, and the thing may have it or not. Where it does not show, louder recordings would be foretold by guess.
     """
     if problem.case.structure is None or problem.bare is None:
-        return NearRest(screen=Screen(problem))
+        return LinearTimeInvariant(screen=ScoreTest(problem))
     (with_cables, theta), (without, theta_without) = side_by_side(_left_by_a_refit, (problem, problem.bare))
     if with_cables <= LESS * without:
-        return NearRest(screen=Screen(problem, theta=theta))
+        return LinearTimeInvariant(screen=ScoreTest(problem, theta=theta))
     soft = with_soft_cables(problem.case)
     if soft is None:
-        return NearRest(screen=Screen(problem.bare, theta=theta_without))
-    return NearRest(screen=Screen(prepare(soft), theta=theta_without), notes=(UNSTRETCHED,))
+        return LinearTimeInvariant(screen=ScoreTest(problem.bare, theta=theta_without))
+    return LinearTimeInvariant(screen=ScoreTest(prepare(soft), theta=theta_without), notes=(UNSTRETCHED,))
 
 
 def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
     """Return what a refit leaves, see `_left`, and the uncertain parameters of the screening that it began with, (n_changes,)."""
-    screen = Screen(problem)
+    screen = ScoreTest(problem)
     return _left_near_rest(screen), screen.theta
 
 
@@ -129,24 +135,24 @@ def _signals(case: Case) -> Sequence[Signals]:
     return prepare(case).signals
 
 
-def _near_rest(case: Case, timing: str) -> Screen | None:
+def _near_rest(case: Case, timing: str) -> ScoreTest | None:
     problem = linear_problem(case)
-    return None if problem is None else Screen(replace(problem, timing=timing))
+    return None if problem is None else ScoreTest(replace(problem, timing=timing))
 
 
-def _left_near_rest(screen: Screen) -> float:
-    return _left(Refiner(screen, screen.problem.in_role("fit")))
+def _left_near_rest(screen: ScoreTest) -> float:
+    return _left(LeastSquares(screen, screen.problem.in_role("fit")))
 
 
-def _left_along_motion(screen: MovingScreen) -> float:
-    return _left(MovingRefiner(screen, whole=True))
+def _left_along_motion(screen: TrajectoryScoreTest) -> float:
+    return _left(TrajectoryLeastSquares(screen, whole=True))
 
 
-def _left(refiner: Refiner) -> float:
+def _left(refiner: LeastSquares) -> float:
     """Return the mean square that a refit to whole recordings leaves, over that of noise and model error."""
     return refiner.fit((), None, WHOLE_ITERATIONS).cost / sum(run.y.size for run in refiner.runs)
 
 
-def _along_motion(case: Case, timing: str = "") -> MovingScreen:
-    problem, moving = prepare_moving(case)
-    return MovingScreen(replace(problem, timing=timing), moving)
+def _along_motion(case: Case, timing: str = "") -> TrajectoryScoreTest:
+    problem, moving = prepare_trajectory(case)
+    return TrajectoryScoreTest(replace(problem, timing=timing), moving)

@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import scored_by
-from vlab.diagnose.inference.least_squares import Refiner
+from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.physics.effect import PortEffect
@@ -21,7 +21,9 @@ MOST = 3
 """Laws with their places that are worth a fit."""
 
 
-def lasting(whole: Refiner, windows: Refiner, in_windows: Fit, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+def find_permanent_changes(
+    whole: LeastSquares, windows: LeastSquares, in_windows: Fit, candidates: Sequence[Candidate]
+) -> list[Hypothesis]:
     """Return laws of events that last, at the places and with the values that leave least of whole runs, not yet fitted.
 
     Parameters
@@ -39,11 +41,11 @@ def lasting(whole: Refiner, windows: Refiner, in_windows: Fit, candidates: Seque
         term = tried[i][1]
         plain = Term(effect=term.effect, place=term.place, values=term.values)
         # in windows it is as if it was not there
-        out.append(scored_by(windows, replace(in_windows, terms=(plain,)), terms[i].gain))
+        out.append(scored_by(windows, replace(in_windows, terms=(plain,)), terms[i].log_likelihood_gain))
     return out
 
 
-def _best(whole: Refiner, candidate: Candidate, start: Fit) -> tuple[float, Term]:
+def _best(whole: LeastSquares, candidate: Candidate, start: Fit) -> tuple[float, Term]:
     """Return a candidate with the values that leave least of whole runs, and how much."""
     own = {p.name: candidate.place.stiffness for p in candidate.effect.amplitudes}
     of = {p.name: whole.screen.reference(p.reference, candidate.place) for p in candidate.effect.shapes}

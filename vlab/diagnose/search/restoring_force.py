@@ -4,14 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.inference.trajectory_score_test import MovingScreen, forces_along
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest, forces_along
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.predictors.trajectory import stacked
+from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.signals import Array
 
 
-def asked_force(screen: MovingScreen, fit: Fit, term: Term) -> tuple[Array, Array, Array, Array, Any]:
+def estimate_restoring_force(
+    screen: TrajectoryScoreTest, fit: Fit, term: Term
+) -> tuple[Array, Array, Array, Array, Any]:
     """Return the force that the smoothed motion asks for at a term's place, and the place's displacement, velocity,
     acceleration in the steps, (n - 1, n_runs), and the command there.
 
@@ -27,7 +29,7 @@ def asked_force(screen: MovingScreen, fit: Fit, term: Term) -> tuple[Array, Arra
     gram[dead] = np.eye(gram.shape[-1])
     asked = np.linalg.solve(gram, asked[..., None])[..., 0]
     own = np.expm1(np.clip(fit.theta - screen.theta, -3.0, 3.0))
-    own[[c.sensor is not None for c in screen.twin.changes]] = 0.0
+    own[[c.sensor is not None for c in screen.reduced_model.changes]] = 0.0
     asked = asked - screen.changes[:-1] @ own
     for other in fit.terms:
         if other is not term and isinstance(other.effect, (PortEffect, LinearPortEffect)):
@@ -41,11 +43,11 @@ def asked_force(screen: MovingScreen, fit: Fit, term: Term) -> tuple[Array, Arra
     return np.einsum("krn,krn->kr", asked, row) / size, z[most], v[most], a[most], command
 
 
-def _along(screen: MovingScreen, term: Term) -> tuple[Array, Array, Array, Array]:
+def _along(screen: TrajectoryScoreTest, term: Term) -> tuple[Array, Array, Array, Array]:
     """Return a place's rows in the middle of the steps, (k, n - 1, n_runs, nv), and its smoothed motion, (k, n - 1, n_runs)."""
-    lines, nv = screen.lines_of(term.place), screen.twin.m
+    lines, nv = screen.lines_of(term.place), screen.reduced_model.m
     x = screen.smooth
-    rates = stacked([a.motion.v for a in screen.alongs]) + x[..., nv:]
+    rates = pad_and_stack([a.motion.v for a in screen.systems]) + x[..., nv:]
     z = lines.z + np.einsum("lkrn,krn->lkr", lines.rows, x[..., :nv])
     v = np.einsum("lkrn,krn->lkr", lines.rows, rates)
     h = np.where(screen.stack.h > 0, screen.stack.h, 1.0)[:-1]
@@ -53,7 +55,7 @@ def _along(screen: MovingScreen, term: Term) -> tuple[Array, Array, Array, Array
     return middle, 0.5 * (z[:, 1:] + z[:, :-1]), 0.5 * (v[:, 1:] + v[:, :-1]), np.diff(v, axis=1) / h
 
 
-def _law(screen: MovingScreen, term: Term) -> tuple[Array, Array]:
+def _law(screen: TrajectoryScoreTest, term: Term) -> tuple[Array, Array]:
     rows, z, v, a = _along(screen, term)
     if isinstance(term.effect, LinearPortEffect):
         mass, damping, stiffness = term.effect.impedance(term.values, term.place.stiffness)
@@ -61,5 +63,5 @@ def _law(screen: MovingScreen, term: Term) -> tuple[Array, Array]:
         return rows, np.asarray(-(mass * (a - weight) + damping * v + stiffness * z))
     assert isinstance(term.effect, PortEffect)
     command = screen.groups[0].u[:-1, :, term.place.coil] if term.place.coil is not None else 0.0
-    t = stacked([c.time for c in screen.moving.courses])[:-1] + 0.5 * screen.stack.h[:-1]
+    t = pad_and_stack([c.time for c in screen.moving.trajectories])[:-1] + 0.5 * screen.stack.h[:-1]
     return rows[:1], forces_along(term.effect, z[0], v[0], dict(term.values), screen.stack.h[:-1], t, command)[None]

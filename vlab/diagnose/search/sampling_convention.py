@@ -16,7 +16,7 @@ from vlab.cases.channel_map import ORDER
 from vlab.cases.description import ChannelTable, Hold
 from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.score_test import Screen
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.problem import Problem
 from vlab.physics.effect import Effect
 from vlab.physics.running import STAGGERED
@@ -70,14 +70,14 @@ class _Convention:
     case: Case
     hold: Hold
     skew_s: float
-    gain: float
+    log_likelihood_gain: float
     is_near: bool
     is_believed: bool
 
     @property
     def lines(self) -> list[str]:
         """It in words."""
-        out = [in_words(self.hold)] if self.hold else []
+        out = [describe_hold(self.hold)] if self.hold else []
         if self.skew_s:
             out.append(
                 f"positions and accelerations stand {1e3 * self.skew_s:.3g} ms ahead, as steps of a simulation leave them (delay_s)"
@@ -85,10 +85,10 @@ class _Convention:
         return out
 
 
-S = TypeVar("S", bound=Screen)
+S = TypeVar("S", bound=ScoreTest)
 
 
-def timed(
+def score_by_timing(
     screen: S,
     signals: Callable[[Case], Sequence[Signals]],
     again: Callable[[Case, str], S | None],
@@ -119,7 +119,7 @@ def timed(
             break
         left_open = _left_open(problem, signals)
         conventions = list(_conventions(screen, left_open))
-        found = _asked_for(screen, left_open, conventions, effects)
+        found = _favoured_convention(screen, left_open, conventions, effects)
         likely = found or _hinted_at(conventions)
         other = None if likely is None else again(likely.case, said([*lines, *likely.lines]))
         if likely is None or other is None or (found is None and not _leaves_less(leaves, other, screen)):
@@ -137,7 +137,7 @@ def open_holds(problem: Problem) -> list[Hold]:
     return [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
 
 
-def in_words(hold: Hold) -> str:
+def describe_hold(hold: Hold) -> str:
     """Return what a hold of inputs is, and how a case says it."""
     return f'{WORDS[hold]} (hold = "{hold}")'
 
@@ -171,28 +171,32 @@ def _left_open(problem: Problem, signals: Callable[[Case], Sequence[Signals]]) -
     return _Open(inputs=[("", problem.case, ()), *others], skewable=_skewable(problem), half_step=_half_step(problem))
 
 
-def _asked_for(
-    screen: Screen, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
+def _favoured_convention(
+    screen: ScoreTest, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
 ) -> _Convention | None:
     """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
-    asked = [convention for convention in conventions if convention.gain > GAIN]
-    believed = [convention for convention in asked if convention.is_believed]
-    if believed or not asked:
-        return max(believed, key=lambda convention: convention.gain, default=None)
+    asked = [convention for convention in conventions if convention.log_likelihood_gain > GAIN]
+    effective_share = [convention for convention in asked if convention.is_believed]
+    if effective_share or not asked:
+        return max(effective_share, key=lambda convention: convention.log_likelihood_gain, default=None)
     candidates = screen.candidates(effects)[:BESIDE]
-    most, found = candidates[0].gain + GAIN if candidates else np.inf, None
+    most, found = candidates[0].log_likelihood_gain + GAIN if candidates else np.inf, None
     for candidate in candidates:
         for convention in _conventions(screen.given([candidate]), left_open):
-            if convention.is_believed and convention.gain > GAIN and candidate.gain + convention.gain > most:
-                most, found = candidate.gain + convention.gain, convention
+            if (
+                convention.is_believed
+                and convention.log_likelihood_gain > GAIN
+                and candidate.log_likelihood_gain + convention.log_likelihood_gain > most
+            ):
+                most, found = candidate.log_likelihood_gain + convention.log_likelihood_gain, convention
     return found
 
 
 def _hinted_at(conventions: Sequence[_Convention]) -> _Convention | None:
     """Return the hold of the inputs that the innovations speak for, if softly: a filter that trusts the recordings hides most of what
     a slow motion has of it."""
-    holds = [c for c in conventions if c.hold and not c.skew_s and c.is_near and c.gain > HINT]
-    return max(holds, key=lambda c: c.gain, default=None)
+    holds = [c for c in conventions if c.hold and not c.skew_s and c.is_near and c.log_likelihood_gain > HINT]
+    return max(holds, key=lambda c: c.log_likelihood_gain, default=None)
 
 
 def _leaves_less(leaves: Callable[[S], float], other: S, screen: S) -> bool:
@@ -200,7 +204,7 @@ def _leaves_less(leaves: Callable[[S], float], other: S, screen: S) -> bool:
     return leaves(other) < MUCH_LESS * leaves(screen)
 
 
-def _conventions(screen: Screen, left_open: _Open) -> Iterator[_Convention]:
+def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
     """Yield what recordings ask for of what a case leaves open: of every hold with and without a skew of the readings."""
     step = left_open.half_step
     for hold, case, signals in left_open.inputs:
@@ -208,14 +212,14 @@ def _conventions(screen: Screen, left_open: _Open) -> Iterator[_Convention]:
         for moved in ([], left_open.skewable) if left_open.skewable else ([],):
             if not first and not moved:
                 continue
-            shares, gain, explained = screen.asked(first, moved, step)
+            shares, log_likelihood_gain, explained = screen.asked(first, moved, step)
             skew = float(shares[-1]) if moved else 0.0
             is_near = not hold or abs(shares[0] - 1.0) < NEAR
             yield _Convention(
                 case=_skewed(case, skew * step) if moved else case,
                 hold=hold,
                 skew_s=skew * step,
-                gain=gain - GAIN_EACH * (len(shares) - 1),
+                log_likelihood_gain=log_likelihood_gain - GAIN_EACH * (len(shares) - 1),
                 is_near=is_near,
                 is_believed=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
             )

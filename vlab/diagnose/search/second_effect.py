@@ -14,15 +14,15 @@ from vlab.cases.replay import before
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_of
-from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
-from vlab.diagnose.inference.score_test import SLOW, Screen
+from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
+from vlab.diagnose.inference.score_test import SLOW, ScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
-from vlab.diagnose.parameters.reduced_model import Twin
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_effects import port_series
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.shortlist import LEAST_GAIN, completing, plain_form, siblings
+from vlab.diagnose.search.shortlist import LEAST_GAIN, completing, plain_form, same_site_alternatives
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
@@ -42,12 +42,12 @@ CLOSER = 0.98
 PART, MUCH = 0.2, 3.0
 """A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
 the noise..."""
-FAR_FETCHED, OUTLYING = 20.0, 4.0
+PRIOR_VIOLATION, OUTLYING = 20.0, 4.0
 """...or where one takes uncertain parameters that are less likely than their priors' means by e to this power, or one of them that is
 this many standard deviations away: a mass or a damper beside what was found hides there."""
 
 
-def are_far_fetched(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
+def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
     """Return whether the best single effect, or the one that leaves least, needs uncertain parameters that nobody believes.
 
     Parameters
@@ -58,27 +58,27 @@ def are_far_fetched(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> b
         Standard deviations of the uncertain parameters.
     """
     return any(
-        h.calibration > FAR_FETCHED + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > OUTLYING * prior))
+        h.prior_departure > PRIOR_VIOLATION + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > OUTLYING * prior))
         for h in _of_interest(fitted)
     )
 
 
-def wants_a_second(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
+def demands_another_effect(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
     """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
-    least = min(h.level for h in fitted)
-    explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.level**2 - 1.0, 1e-12)
-    return least > enough and (explained > PART or before.level > MUCH)
+    least = min(h.normalised_residual for h in fitted)
+    explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.normalised_residual**2 - 1.0, 1e-12)
+    return least > enough and (explained > PART or before.normalised_residual > MUCH)
 
 
 def _of_interest(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return the best of hypotheses by score, and the one that leaves least where that is another and leaves less."""
-    best, closest = fitted[0], min(fitted, key=lambda h: h.level)
-    return [best, closest] if closest.level < CLOSER * best.level else [best]
+    best, closest = fitted[0], min(fitted, key=lambda h: h.normalised_residual)
+    return [best, closest] if closest.normalised_residual < CLOSER * best.normalised_residual else [best]
 
 
 def pairs(
-    screen: Screen,
-    refiner: Refiner,
+    screen: ScoreTest,
+    refiner: LeastSquares,
     singles: Sequence[Hypothesis],
     shortlist: Sequence[Candidate],
     candidates: Sequence[Candidate],
@@ -105,21 +105,25 @@ def pairs(
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed, table in zip(owners, tables, strict=True):
         for second in best_of_families(table, seed.terms[0])[:SECONDS]:
-            if second.gain > LEAST_GAIN:
+            if second.log_likelihood_gain > LEAST_GAIN:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")
     tried = list(found.values())[:MOST_PAIRS]
     fits = pairs_fitted(refiner, tried)
     if not fits:
         return []
-    chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].level)
+    chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].normalised_residual)
     rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
     known = set(list(found)[:MOST_PAIRS])
-    akin = [c for c in siblings(rows, second) if c.effect.name not in chosen.label]
-    return fits + pairs_fitted(refiner, [(seed, c) for c in akin if frozenset((seed.label, c.label)) not in known])
+    is_related_family = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
+    return fits + pairs_fitted(
+        refiner, [(seed, c) for c in is_related_family if frozenset((seed.label, c.label)) not in known]
+    )
 
 
-def parts_alone(refiner: Refiner, doubles: Sequence[Hypothesis], singles: Sequence[Hypothesis]) -> list[Hypothesis]:
+def ablate_pairs(
+    refiner: LeastSquares, doubles: Sequence[Hypothesis], singles: Sequence[Hypothesis]
+) -> list[Hypothesis]:
     """Return fits of every effect of some pairs alone, from where the pair left the rest, that were not fitted to whole runs: what was
     found as the second of two may do without the first, for which something uncertain then makes up."""
     known = {h.label for h in singles if h.whole is not None}
@@ -129,12 +133,13 @@ def parts_alone(refiner: Refiner, doubles: Sequence[Hypothesis], singles: Sequen
             if term.label not in known:
                 alone.setdefault(term.label, (pair, term))
     return side_by_side(
-        lambda item: fitted(refiner, [item[1]], item[0].long_fit, ITERATIONS, item[0].gain), list(alone.values())
+        lambda item: fitted(refiner, [item[1]], item[0].long_fit, ITERATIONS, item[0].log_likelihood_gain),
+        list(alone.values()),
     )
 
 
 def in_other_forms(
-    refiner: Refiner, hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
+    refiner: LeastSquares, hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
 ) -> list[Hypothesis]:
     """Return fits of hypotheses with one effect each in another form of its physics: which one it is shows when nothing else is missing.
 
@@ -154,7 +159,10 @@ def in_other_forms(
                     found.setdefault(frozenset(t.label for t in terms), (h, terms))
     for h in hypotheses:
         found.pop(frozenset(t.label for t in h.terms), None)
-    return side_by_side(lambda item: fitted(refiner, item[1], item[0].fit, gain=item[0].gain), list(found.values()))
+    return side_by_side(
+        lambda item: fitted(refiner, item[1], item[0].fit, log_likelihood_gain=item[0].log_likelihood_gain),
+        list(found.values()),
+    )
 
 
 def _is_form_of(one: Term, other: Term) -> bool:
@@ -164,7 +172,7 @@ def _is_form_of(one: Term, other: Term) -> bool:
 
 
 def _seeds(
-    screen: Screen, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate], *, is_clear: bool
+    screen: ScoreTest, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate], *, is_clear: bool
 ) -> list[Hypothesis]:
     """Return what a second effect is sought beside: the best fit, the one that leaves least, and, where the first one is not clear, as
     screened the forces that stood out there.
@@ -186,21 +194,21 @@ def _seeds(
 
 
 def besides(
-    screen: Screen, fit: Fit, effects: list[Effect], trust: float = 1.0, among: Collection[str] | None = None
+    screen: ScoreTest, fit: Fit, effects: list[Effect], trust: float = 1.0, among: Collection[str] | None = None
 ) -> list[Candidate]:
     """Return every effect at every place by what it gains beside a fitted hypothesis, best first.
 
     Parameters
     ----------
     trust : float
-        See `Screen`: a slower observer sees what only adds up over many cycles.
+        See `ScoreTest`: a slower observer sees what only adds up over many cycles.
     among : collection of str or None
         Labels of the candidates to look at; all by default.
     """
     problem = with_effects(screen, fit)
     most = max(int(ROWS * len(run)) for run in screen.runs)
     runs = [run.first(most) for run in problem.in_role("fit")]
-    second = Screen(problem, runs, like=screen, theta=fit.theta, trust=trust)
+    second = ScoreTest(problem, runs, like=screen, theta=fit.theta, trust=trust)
     table = second.candidates(effects, among=among)
     sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0])[:ZOOMED]}
     return [sharp.get(c.label, c) for c in table]
@@ -220,33 +228,33 @@ def _are_one_friction(one: Term, other: Term) -> bool:
     return one.place.name == other.place.name and {one.effect.family, other.effect.family} <= SLIPS
 
 
-def with_effects(screen: Screen, fit: Fit) -> Problem:
+def with_effects(screen: ScoreTest, fit: Fit) -> Problem:
     """Return a problem with a fitted hypothesis built in; its signals are the screening's runs."""
-    problem, twin, runs = screen.problem, screen.twin, list(screen.runs)
+    problem, reduced_model, runs = screen.problem, screen.reduced_model, list(screen.runs)
     for term in fit.terms:
         if isinstance(term.effect, LinearPortEffect):
-            twin = _stiffened(twin, term)
+            reduced_model = _stiffened(reduced_model, term)
         elif isinstance(term.effect, ActuatorEffect):
             runs = [_actuated(run, term) for run in runs]
         elif isinstance(term.effect, SensorEffect):
             runs = [_corrected(run, term) for run in runs]
         else:
-            twin = replace(twin, loads=np.hstack([twin.loads, term.place.rows[:1].T]))
+            reduced_model = replace(reduced_model, loads=np.hstack([reduced_model.loads, term.place.rows[:1].T]))
             forces = {id(run): f for group in screen.groups for run, f in _forces(screen, group, term)}
             runs = [
                 replace(now, load=np.hstack([now.load, forces[id(run)][: len(now), None]]))
                 for now, run in zip(runs, screen.runs, strict=True)
             ]
-    return replace(problem, twin=twin, signals=tuple(runs))
+    return replace(problem, reduced_model=reduced_model, signals=tuple(runs))
 
 
-def _stiffened(twin: Twin, term: Term) -> Twin:
+def _stiffened(reduced_model: ReducedModel, term: Term) -> ReducedModel:
     assert isinstance(term.effect, LinearPortEffect)
     parts = term.effect.impedance({k: np.asarray(v) for k, v in term.values.items()}, term.place.stiffness)
-    M, C, K = twin.M, twin.C, twin.K
+    M, C, K = reduced_model.M, reduced_model.C, reduced_model.K
     for row in term.place.rows:
         M, C, K = (x + float(part) * np.outer(row, row) for x, part in zip((M, C, K), parts, strict=True))
-    return replace(twin, M=M, C=C, K=K)
+    return replace(reduced_model, M=M, C=C, K=K)
 
 
 def _actuated(run: Signals, term: Term) -> Signals:
@@ -270,10 +278,10 @@ def _corrected(run: Signals, term: Term) -> Signals:
     return replace(run, y=y, noise=noise)
 
 
-def _forces(screen: Screen, group: Group, term: Term) -> list[tuple[Signals, Array]]:
+def _forces(screen: ScoreTest, group: Group, term: Term) -> list[tuple[Signals, Array]]:
     """Return every run of a group with the force of a law along its smoothed motion, (n,)."""
     assert isinstance(term.effect, PortEffect)
-    m, h, row = screen.twin.m, group.h, term.place.rows[0]
+    m, h, row = screen.reduced_model.m, group.h, term.place.rows[0]
     z, v = group.smoothed.x[..., :m] @ row, group.smoothed.x[..., m:] @ row
     after = np.vstack([v[1:], v[-1:]])
     command = group.u[..., term.place.coil] if term.place.coil is not None else 0.0

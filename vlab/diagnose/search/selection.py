@@ -20,23 +20,23 @@ from vlab.diagnose.inference.hypothesis_fits import (
     other_places,
     scored_by,
 )
-from vlab.diagnose.inference.least_squares import ITERATIONS, Refiner
-from vlab.diagnose.inference.score_test import SLOW, Screen
-from vlab.diagnose.inference.window_least_squares import WindowRefiner
+from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
+from vlab.diagnose.inference.score_test import SLOW, ScoreTest
+from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.permanent_change import lasting
+from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
     MUCH,
     SECOND_PLACES,
-    are_far_fetched,
+    ablate_pairs,
+    demands_another_effect,
     in_other_forms,
     pairs,
-    parts_alone,
-    wants_a_second,
+    violate_priors,
 )
-from vlab.diagnose.search.shortlist import akin, best_of_effects, best_places, shortlisted
+from vlab.diagnose.search.shortlist import best_of_effects, best_places, is_related_family, shortlisted
 from vlab.physics.effect import Effect, SensorEffect
 
 SLOWEST, SLOW_SHORTLIST = 1e-6, 5
@@ -68,14 +68,14 @@ class TimeFound(Found):
     """
 
     problem: Problem
-    screen: Screen
-    windows: Refiner
-    whole: Refiner
+    screen: ScoreTest
+    windows: LeastSquares
+    whole: LeastSquares
     candidates: tuple[Candidate, ...] = ()
 
 
 def search(
-    screen: Screen, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+    screen: ScoreTest, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
 ) -> TimeFound:
     """Search what is missing on the fit runs of a screening.
 
@@ -92,18 +92,18 @@ def search(
     report(0.05, "screening")
     candidates = _sharpened(screen, screen.candidates(effects))
     narrow, before = _refitted(screen)
-    whole = Refiner(screen, problem.in_role("fit"), narrow.model_error)
-    rough = WindowRefiner(screen, every=2, model_error=narrow.model_error)
+    whole = LeastSquares(screen, problem.in_role("fit"), narrow.model_error)
+    rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
     in_windows = before
     starts = [screen.theta, np.zeros_like(screen.theta)]
     (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=ITERATIONS)
-    adds_up = in_windows.level <= ENOUGH < before.level
+    adds_up = in_windows.normalised_residual <= ENOUGH < before.normalised_residual
     shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
     screen.forget()
     report(0.4, "fitting whole recordings")
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
-    plain = [before.long_fit.theta] if before.level < MUCH else []
-    events = lasting(whole, narrow, in_windows.fit, candidates) if adds_up else []
+    plain = [before.long_fit.theta] if before.normalised_residual < MUCH else []
+    events = find_permanent_changes(whole, narrow, in_windows.fit, candidates) if adds_up else []
     told = {h.label for h in events}
     singles = [h for h in singles if h.label not in told]
     most = min(WHOLE_SINGLES, hopeful(singles)) + len(events)
@@ -119,25 +119,28 @@ def search(
     enough = EXPLAINS * floor_of(whole)
     if problem.case.structure is not None:
         enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
-    is_odd = bool(singles) and are_far_fetched(singles, whole.directions.shape[1], whole.twin.prior)
-    if singles and (is_odd or wants_a_second(before, singles, enough)):
-        among, is_clear = best_places(candidates, SECOND_PLACES), not is_odd and singles[0].level <= ENOUGH
+    is_odd = bool(singles) and violate_priors(singles, whole.directions.shape[1], whole.reduced_model.prior)
+    if singles and (is_odd or demands_another_effect(before, singles, enough)):
+        among, is_clear = (
+            best_places(candidates, SECOND_PLACES),
+            not is_odd and singles[0].normalised_residual <= ENOUGH,
+        )
         found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
         doubles = finished(narrow, found)
         doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
         report(0.85, "fitting whole recordings")
         doubles = on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain)
-        alone = parts_alone(narrow, doubles[:REFORMED], singles)
+        alone = ablate_pairs(narrow, doubles[:REFORMED], singles)
         hypotheses = by_score(
             [h for h in singles if h.label not in {a.label for a in alone}],
             on_whole_runs(whole, narrow, alone, len(alone), plain),
             doubles,
         )
-    shares = (whole.noise_share, whole.error_share, whole.worth, whole.integration_share)
+    shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
     hypotheses = by_score(hypotheses)
     places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
-    places = {name: replace(h, worth=before.worth) for name, h in places.items()}
+    places = {name: replace(h, effective_samples=before.effective_samples) for name, h in places.items()}
     report(0.95, "choosing")
     return TimeFound(
         problem=problem,
@@ -151,18 +154,18 @@ def search(
     )
 
 
-def _refitted(screen: Screen) -> tuple[Refiner, Hypothesis]:
+def _refitted(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
     """Return the fits in windows, and the first of them: the same physics with its uncertain parameters refitted.
 
     Where that leaves no more than the error that the simulation is allowed, the allowance is what hides the rest, so a smaller
     one is tried: the verdict in MuJoCo has the last word on what is found within it.
     """
-    narrow = WindowRefiner(screen)
+    narrow = WindowLeastSquares(screen)
     before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
     is_mesh = screen.problem.case.structure is not None  # of which it is known that it errs by as much
-    if before.level > ENOUGH or is_mesh:
+    if before.normalised_residual > ENOUGH or is_mesh:
         return narrow, before
-    finer = WindowRefiner(screen, model_error=FINER * narrow.model_error)
+    finer = WindowLeastSquares(screen, model_error=FINER * narrow.model_error)
     return finer, scored_by(finer, finer.fit((), before.fit))
 
 
@@ -182,20 +185,20 @@ def _worth_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypo
     """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
     what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
     what came before it."""
-    if not order or (order[0].level <= ENOUGH and not adds_up):
+    if not order or (order[0].normalised_residual <= ENOUGH and not adds_up):
         return list(order)
     known = {h.label for h in order[:WHOLE_FINISHED]}
     forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
-    gained = [h for h in sorted(forces, key=lambda h: -h.gain) if h.label not in known]
+    gained = [h for h in sorted(forces, key=lambda h: -h.log_likelihood_gain) if h.label not in known]
     first = [*order[:WHOLE_FINISHED], *gained[: WHOLE_SINGLES - WHOLE_FINISHED]]
     chosen = {h.label for h in first}
     return [*first, *(h for h in order if h.label not in chosen)]
 
 
 def _single_effects(
-    screen: Screen,
-    narrow: Refiner,
-    rough: Refiner,
+    screen: ScoreTest,
+    narrow: LeastSquares,
+    rough: LeastSquares,
     before: Hypothesis,
     candidates: Sequence[Candidate],
     effects: Sequence[Effect],
@@ -218,11 +221,11 @@ def _single_effects(
 
     shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
     found = singles(shortlist)
-    if before.level <= ENOUGH:
+    if before.normalised_residual <= ENOUGH:
         return shortlist, found
-    if adds_up or not (found and found[0].level < EXPLAINS * floor_of(narrow)):
+    if adds_up or not (found and found[0].normalised_residual < EXPLAINS * floor_of(narrow)):
         report(0.25, "screening with slower observers")
-        screen.slower = tuple(Screen(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
+        screen.slower = tuple(ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
         # what acts all the time is seen at quite other places than by a quick observer, which takes it up
         among = best_places(candidates, PLACES) | {c.label for c in candidates if not c.effect.shapes}
         for slow in screen.slower:
@@ -231,11 +234,11 @@ def _single_effects(
             shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
         found = by_score(found, singles(shortlist[len(found) :]))
-    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, akin(candidates, found))))
+    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, is_related_family(candidates, found))))
 
 
-def _sharpened(screen: Screen, candidates: Sequence[Candidate]) -> list[Candidate]:
+def _sharpened(screen: ScoreTest, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates by gain, the best of every effect that is all shape (a limit, a step, a delay) between its grid's values."""
-    all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.gain > 0]
+    all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.log_likelihood_gain > 0]
     sharp = {c.label: c for c in side_by_side(screen.zoomed, best_of_effects(all_shape))}
-    return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.gain, c.label))
+    return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.log_likelihood_gain, c.label))

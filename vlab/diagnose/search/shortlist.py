@@ -28,14 +28,14 @@ machines with friction, Automatica 30, 1994, section 2.
 """
 NEARLY = 0.9
 """Share of the gain of another form of an effect that the effect itself must have to be tried first."""
-SIBLINGS = 3
+SAME_SITE_ALTERNATIVES = 3
 """Other effects of the family of a second one that are fitted at its place."""
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the best place of the effects that gained most, and of the best of other families."""
-    order = _without_embellishments([c for c in best_of_effects(candidates) if c.gain > 0])
-    stands_out = bool(order) and order[0].gain > CLEAR
+    order = _without_embellishments([c for c in best_of_effects(candidates) if c.log_likelihood_gain > 0])
+    stands_out = bool(order) and order[0].log_likelihood_gain > CLEAR
     share = 1.0 if stands_out else 0.0
     most = SHORTLIST + (FAMILIES if stands_out else 2 * FAMILIES)  # where nothing stands out, every family is tried
     out = order[:SHORTLIST]
@@ -43,7 +43,7 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     for candidate in order[SHORTLIST:]:
         if len(out) >= most:
             break
-        if candidate.effect.family not in families and candidate.gain > LEAST_GAIN * share:
+        if candidate.effect.family not in families and candidate.log_likelihood_gain > LEAST_GAIN * share:
             families.add(candidate.effect.family)
             out.append(candidate)
     return out
@@ -68,7 +68,7 @@ def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
     return out
 
 
-def akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+def is_related_family(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
     """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
     if not fitted or len(fitted[0].terms) != 1:
         return []
@@ -81,27 +81,31 @@ def akin(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[
         and c.effect.family in families
         and c.effect.kind == best.effect.kind
         and c.label not in known
-        and (c.gain > 0 or not c.effect.amplitudes)
+        and (c.log_likelihood_gain > 0 or not c.effect.amplitudes)
     ]
 
 
-def siblings(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
+def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
     """Return other effects of a second one's family at its place, which only a fit can tell apart."""
     own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
-    return best_of_effects([c for c in own if c.gain > LEAST_GAIN])[:SIBLINGS]
+    return best_of_effects([c for c in own if c.log_likelihood_gain > LEAST_GAIN])[:SAME_SITE_ALTERNATIVES]
 
 
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return what usually stands beside an effect at its place: each takes up so much of the other that a regression beside it shows
     little."""
     name = COMPLETING.get(first.effect.family)
-    return [c for c in candidates if c.effect.name == name and c.place.name == first.place.name and c.gain > LEAST_GAIN]
+    return [
+        c
+        for c in candidates
+        if c.effect.name == name and c.place.name == first.place.name and c.log_likelihood_gain > LEAST_GAIN
+    ]
 
 
 def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
     """Return the effect itself in the place of another form of it that gains little more: fits say which form it is."""
     plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
-    return next((c for c in plain if c.gain > NEARLY * candidate.gain), candidate)
+    return next((c for c in plain if c.log_likelihood_gain > NEARLY * candidate.log_likelihood_gain), candidate)
 
 
 def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
@@ -115,7 +119,7 @@ def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
             if d.effect.family == c.effect.family
             and d.place.name == c.place.name
             and len(d.effect.parameters) < len(c.effect.parameters)
-            and d.gain >= c.gain - LEAST_GAIN
+            and d.log_likelihood_gain >= c.log_likelihood_gain - LEAST_GAIN
         ]
         if not simpler and plain_form(c, candidates) is c:
             out.append(c)

@@ -14,9 +14,9 @@ from vlab.diagnose.inference.hypothesis_fits import (
     scored_by,
 )
 from vlab.diagnose.inference.score_test import SLOW
-from vlab.diagnose.inference.simulator_least_squares import SimulatedRefiner
-from vlab.diagnose.inference.trajectory_least_squares import MovingRefiner
-from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.search.second_effect import SECONDS, SEEDS
 from vlab.diagnose.search.selection import SLOW_SHORTLIST, TimeFound, shows
@@ -24,16 +24,18 @@ from vlab.diagnose.search.shortlist import LEAST_GAIN, best_of_effects, completi
 from vlab.physics.effect import Effect
 
 
-def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Callable[[float, str], None]) -> TimeFound:
+def search_moving(
+    screen: TrajectoryScoreTest, effects: Sequence[Effect], report: Callable[[float, str], None]
+) -> TimeFound:
     """Search what is missing on the fit runs of a screening along their motion; see `vlab.diagnose.search.selection.search`."""
     problem = screen.problem
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.3, "screening")
     candidates = screen.candidates(effects)
-    narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+    narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
     before = scored_by(narrow, narrow.fit())
     shortlist = shortlisted(candidates)
-    if before.level > ENOUGH:
+    if before.normalised_residual > ENOUGH:
         report(0.45, "screening with a slower observer")
         known = {c.label for c in shortlist}
         slow = shortlisted(screen.trusting(SLOW).candidates(effects))[:SLOW_SHORTLIST]
@@ -41,14 +43,14 @@ def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Calla
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if hypotheses and min(h.level for h in hypotheses) > ENOUGH:
+    if hypotheses and min(h.normalised_residual for h in hypotheses) > ENOUGH:
         report(0.65, "fitting pairs of effects")
         doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
     if hypotheses:  # once more about the refitted plant of the best one: what is uncertain then changes by little
         screen = screen.at(hypotheses[0].fit.theta)
-        narrow, whole = MovingRefiner(screen), MovingRefiner(screen, whole=True)
+        narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
         hypotheses = finished(narrow, hypotheses)
         before = scored_by(narrow, narrow.fit((), before.fit))
     (before,) = on_whole_runs(whole, narrow, [before])
@@ -59,7 +61,7 @@ def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Calla
         problem=problem,
         screen=screen,
         windows=narrow,
-        whole=SimulatedRefiner(screen),
+        whole=SimulatorLeastSquares(screen),
         before=before,
         hypotheses=tuple(hypotheses),
         places=places,
@@ -68,8 +70,8 @@ def search_moving(screen: MovingScreen, effects: Sequence[Effect], report: Calla
 
 
 def _pairs(
-    screen: MovingScreen,
-    refiner: MovingRefiner,
+    screen: TrajectoryScoreTest,
+    refiner: TrajectoryLeastSquares,
     shortlist: Sequence[Candidate],
     candidates: Sequence[Candidate],
     singles: Sequence[Hypothesis],
@@ -84,6 +86,6 @@ def _pairs(
             c for c in table if c.effect.name != seed.terms[0].effect.name
         ]  # at two places: one effect, placed badly
         for second in best_of_effects(others)[:SECONDS]:
-            if second.gain > LEAST_GAIN:
+            if second.log_likelihood_gain > LEAST_GAIN:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     return pairs_fitted(refiner, list(found.values()))

@@ -23,7 +23,7 @@ from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, st
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.frequency_residual import shape_rows, tracked
 from vlab.diagnose.validation.gap import Distance, part_of, total
-from vlab.diagnose.validation.simulation import Removed
+from vlab.diagnose.validation.simulation import Ablations
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -35,7 +35,7 @@ DROWNED = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FrequencyAmended:
+class ExtendedFrequencyModel:
     """A plant with uncertain parameters refitted and physics added, and the gains that are not the plant's.
 
     Parameters
@@ -63,26 +63,26 @@ class FrequencyAmended:
         return view, State(M=view.M, C=view.C, K=view.K, input_gain=self.input_gain, output_gain=self.sensor_gain)
 
 
-def as_given(plant: Plant, wires: Wires) -> FrequencyAmended:
+def nominal_model(plant: Plant, wires: Wires) -> ExtendedFrequencyModel:
     """Return a plant as it is."""
     columns = len(plant.actuators) + sum(a is None for a in wires.actuators)
-    return FrequencyAmended(
+    return ExtendedFrequencyModel(
         plant=plant, wires=wires, sensor_gain=np.ones(len(wires.names)), input_gain=np.ones(columns)
     )
 
 
-def amended_by(problem: FrequencyProblem, fit: Fit) -> FrequencyAmended:
+def extended_by(problem: FrequencyProblem, fit: Fit) -> ExtendedFrequencyModel:
     """Return a problem's plant as a fit has it."""
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
-    given = as_given(problem.plant, problem.wires)
+    given = nominal_model(problem.plant, problem.wires)
     sensors, inputs = given.sensor_gain.copy(), given.input_gain.copy()
     for parameter, value in zip(problem.parameters, fit.theta, strict=True):
         if parameter.sensor is not None:
             sensors[parameter.sensor] *= np.exp(value)
         if parameter.actuator is not None and parameter.actuator >= len(problem.plant.actuators):
             inputs[parameter.actuator] *= np.exp(value)
-    return FrequencyAmended(
+    return ExtendedFrequencyModel(
         plant=attach(plant, effects, channels=problem.names) if effects else plant,
         wires=problem.wires,
         sensor_gain=sensors,
@@ -129,7 +129,7 @@ class CheckedFrequency(Distance):
         """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
         return self.answers[0 if self.is_spoilt else 1]
 
-    def unamended(self) -> "CheckedFrequency":
+    def without_findings(self) -> "CheckedFrequency":
         """Return the same with nothing added to the model that stands."""
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
@@ -139,10 +139,10 @@ class CheckedFrequency(Distance):
 
 
 def check_frequency(
-    models: Sequence[FrequencyAmended],
+    models: Sequence[ExtendedFrequencyModel],
     measured: Sequence[Measured],
     unfitted: Mapping[str, float] | None = None,
-    removed: Removed | None = None,
+    ablate: Ablations | None = None,
 ) -> list[CheckedFrequency]:
     """Compare the nominal, the refitted and the amended plant with data.
 
@@ -154,17 +154,17 @@ def check_frequency(
     removed : Removed or None
         Tells what every finding does.
     """
-    removed = removed or Removed()
-    seen = [model.seen() for model in (*models, *removed.models)]
+    ablate = ablate or Ablations()
+    seen = [model.seen() for model in (*models, *ablate.models)]
     out = []
     for data in measured:
         if isinstance(data, Response):
             given, *fitted = [answer(v, s, data, models[0].wires).H for v, s in seen]
             sd = (unfitted or {}).get(data.input, 0.0)
             answers = [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]
-            out.append(_checked_response(data, answers, removed.names))
+            out.append(_checked_response(data, answers, ablate.names))
         else:
-            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen], removed.names))
+            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen], ablate.names))
     return out
 
 
@@ -184,10 +184,10 @@ def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
 
 def checked_again(case: Case, names: Collection[str]) -> float:
     """Return how far the model of a case is from its data of some names, as `CheckedFrequency.nominal` over all of them."""
-    fit, held_out = read_measured(case, ("fit",)), read_measured(case, ("holdout",))
-    wires = wires_of(case, [*fit, *held_out])
-    chosen = [*thinned(fit), *held_out]
-    model = as_given(case.plant, wires)
+    fit, read_holdout = read_measured(case, ("fit",)), read_measured(case, ("holdout",))
+    wires = wires_of(case, [*fit, *read_holdout])
+    chosen = [*thinned(fit), *read_holdout]
+    model = nominal_model(case.plant, wires)
     return total(check_frequency([model] * 3, [d for d in chosen if d.name in names]), "nominal")
 
 

@@ -19,7 +19,7 @@ from vlab.cases.description import FrfTable
 from vlab.diagnose.data.responses import Response, read_measured
 from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
-from vlab.diagnose.validation.frequency import as_given, heard
+from vlab.diagnose.validation.frequency import heard, nominal_model
 from vlab.recordings.responses import FORM_UNITS
 from vlab.signals import ComplexArray
 
@@ -43,7 +43,7 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
     case = problem.case
     tables = {f"frf{i + 1}": table for i, table in enumerate(case.table.frf)}
     read = [d for d in read_measured(case, ("fit", "holdout")) if isinstance(d, Response)]
-    view, state = as_given(problem.plant, problem.wires).seen()
+    view, state = nominal_model(problem.plant, problem.wires).seen()
     all_of_it = [_Measured(table=tables[d.name], data=d, own=answer(view, state, d, problem.wires).H) for d in read]
     early = [one for one in all_of_it if _is_early(one)]
     found = [_conjugated(case, early)] if early else []

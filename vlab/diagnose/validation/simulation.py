@@ -10,7 +10,7 @@ from vlab.cases.channel_map import Run
 from vlab.cases.replay import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.diagnose.data.command_limit import CommandLimit
-from vlab.diagnose.data.mains_interference import Hum
+from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import noise_rms
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
@@ -30,7 +30,7 @@ FINER, COARSE = 4, 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Amended:
+class ExtendedModel:
     """A plant with uncertain parameters refitted and physics added, and what stands between it and the recordings.
 
     Parameters
@@ -56,7 +56,7 @@ class Amended:
     about: Array | float = 0.0
     limit: CommandLimit | None = None
     stops: tuple[SensorLimit, ...] = ()
-    hums: tuple[Hum, ...] = ()
+    interferences: tuple[MainsInterference, ...] = ()
     steps: tuple[SensorStep, ...] = ()
 
     def simulated(self, run: Run) -> Recording:
@@ -73,7 +73,7 @@ class Amended:
         data = recording.data.copy()
         for column, gain, offset, about in self._calibration(recording):
             data[:, column] = about + gain * (data[:, column] - about) + offset
-        for hum in self.hums:
+        for hum in self.interferences:
             if hum.channel in recording.names:
                 data[:, recording.index(hum.channel)] += hum.expected(run)
         for step in self.steps:
@@ -104,7 +104,7 @@ class Amended:
                 yield recording.index(name), gain, offset, about
 
 
-def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amended:
+def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
     """Return a problem's plant as a fit has it, but for the zeros of the channels named."""
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
@@ -112,7 +112,7 @@ def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amende
     for parameter, value in zip(problem.parameters, fit.theta, strict=True):
         if parameter.sensor is not None:
             gains[parameter.sensor] *= np.exp(value)
-    return Amended(
+    return ExtendedModel(
         plant=attach(plant, effects, channels=problem.names) if effects else plant,
         names=problem.names,
         sensor_gain=gains,
@@ -122,7 +122,7 @@ def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Amende
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Removed:
+class Ablations:
     """An amended model from which findings are taken away, all else as it is.
 
     Parameters
@@ -136,7 +136,7 @@ class Removed:
     names: tuple[str, ...] = ()
     models: tuple[Any, ...] = ()
 
-    def changed(self, change: Callable[[Any], Any]) -> "Removed":
+    def changed(self, change: Callable[[Any], Any]) -> "Ablations":
         """Return the same with every model changed."""
         return replace(self, models=tuple(change(model) for model in self.models))
 
@@ -165,7 +165,7 @@ class Checked(Distance):
         """What the amended model does; None where it cannot follow or nothing was added."""
         return None if self.simulated[2] is self.standing else self.simulated[2]
 
-    def unamended(self) -> "Checked":
+    def without_findings(self) -> "Checked":
         """Return the same with nothing added to the model that stands."""
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
@@ -176,12 +176,12 @@ class Checked(Distance):
 
 def check(
     runs: Sequence[Run],
-    before: Amended,
-    after: Amended | None,
-    hums: Sequence[Hum] = (),
+    before: ExtendedModel,
+    after: ExtendedModel | None,
+    interferences: Sequence[MainsInterference] = (),
     *,
-    nominal: Amended | None = None,
-    removed: Removed | None = None,
+    nominal: ExtendedModel | None = None,
+    ablate: Ablations | None = None,
 ) -> list[Checked]:
     """Simulate runs with the refitted, the amended and perhaps the nominal model and measure what is left.
 
@@ -194,8 +194,8 @@ def check(
     removed : Removed or None
         Tells what every finding does.
     """
-    removed = removed or Removed()
-    models = [nominal, before, after, *removed.models]
+    ablate = ablate or Ablations()
+    models = [nominal, before, after, *ablate.models]
     work = [(model, run) for run in runs for model in models]
     data = side_by_side(lambda item: _try(*item), work)
     simulated = [
@@ -203,15 +203,15 @@ def check(
         for (_, run), part in zip(work, data, strict=True)
     ]
     each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
-    return [_checked(run, models, own, hums, removed.names) for run, own in zip(runs, each, strict=True)]
+    return [_checked(run, models, own, interferences, ablate.names) for run, own in zip(runs, each, strict=True)]
 
 
-def with_finer_steps(model: Amended) -> Amended:
+def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
     """Return a model whose plant takes steps a fraction as long."""
     return replace(model, plant=at_timestep(model.plant, model.plant.timestep / FINER))
 
 
-def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
+def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
     """Return what is to be said of a model's own integration where shorter steps change runs by more than their noise; "" else.
 
     What steps do to a motion no physics makes up for.
@@ -242,9 +242,9 @@ def coarse_steps(model: Amended, checked: Sequence[Checked], finer: Sequence[Che
 
 def _checked(
     run: Run,
-    models: Sequence[Amended | None],
+    models: Sequence[ExtendedModel | None],
     simulated: Sequence[Recording | None],
-    hums: Sequence[Hum],
+    interferences: Sequence[MainsInterference],
     findings: Sequence[str],
 ) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
@@ -255,7 +255,7 @@ def _checked(
         if step.channel in names:
             i = names.index(step.channel)
             noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
-    for hum in hums:
+    for hum in interferences:
         if hum.channel in names:
             i = names.index(hum.channel)
             noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
@@ -308,7 +308,7 @@ def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _try(model: Amended | None, run: Run) -> Array | None:
+def _try(model: ExtendedModel | None, run: Run) -> Array | None:
     try:
         return None if model is None else model.simulated(run).data
     except (Diverged, BadCase):  # or no start was found: it cannot follow this recording at all

@@ -172,7 +172,7 @@ def _resonance(s: float, p: Shapes, at: Scale) -> Made:
     return made, _sensor(lambda y, x: filtered(y, [1.0], [1 / w**2, 2 * zeta / w, 1.0], x.h))
 
 
-def _hum(s: float, p: Shapes, at: Scale) -> Made:
+def _interference(s: float, p: Shapes, at: Scale) -> Made:
     a, f, phase = s * at.z, p["f"], p["phase"]
 
     def add(y: Array, x: Signals) -> Array:
@@ -271,7 +271,7 @@ LIBRARY: tuple[Kind, ...] = (
                                 _sensor(lambda y, x: filtered(y, [d, 0.0], [d, 1.0], x.h)))),
     Kind(name="sensor-quantisation", family="resolution", on="sensor", most=2.0,
          make=lambda s, p, at: ({"step": (q := s * at.z)}, _reading(lambda y, x: q * np.round(y / q)))),
-    Kind(name="mains-hum", family="disturbance", on="sensor", make=_hum,
+    Kind(name="mains-hum", family="disturbance", on="sensor", make=_interference,
          shapes={"f": (49.9, 50.1), "phase": (0.0, 6.28)}),
     Kind(name="sensor-resonance", family="sensor-dynamics", on="sensor", make=_resonance, start=0.2, most=0.9,
          shapes={"zeta": (0.05, 0.4, "log")}),

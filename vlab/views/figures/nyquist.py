@@ -51,9 +51,9 @@ def nyquist_figure(freq: ArrayLike, loop: ArrayLike, *, title: str = "") -> Figu
         axes.plot([-1.0], [0.0], marker="+", color=INK, markersize=9)
         axes.set(xlabel=f"Re {name} [-]", ylabel=f"Im {name} [-]")
     peak = int(np.abs(curve).argmax())
-    inward = {"ha": "right", "xytext": (-4, 0)} if curve[peak].real > 0 else {"ha": "left", "xytext": (4, 0)}
+    to_unbounded = {"ha": "right", "xytext": (-4, 0)} if curve[peak].real > 0 else {"ha": "left", "xytext": (4, 0)}
     at = (curve[peak].real, curve[peak].imag)
-    whole.annotate(f"{f[peak]:.3g} Hz", at, textcoords="offset points", fontsize=7.5, color=INK, **inward)
+    whole.annotate(f"{f[peak]:.3g} Hz", at, textcoords="offset points", fontsize=7.5, color=INK, **to_unbounded)
     whole.set_aspect("equal", adjustable="datalim")
     close.set(xlim=(-NEAR - 1, NEAR - 1), ylim=(-NEAR, NEAR), title="around -1")
     close.set_aspect("equal")

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.inference.trajectory_score_test import MovingScreen
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_effects import port_series
-from vlab.diagnose.search.restoring_force import asked_force
+from vlab.diagnose.search.restoring_force import estimate_restoring_force
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.signals import Array
 
@@ -81,13 +81,13 @@ def _motion(done: Diagnosed, group: Group, term: Term) -> tuple[Array, Array, Ar
     The force is what takes the smoothed state of one sample to that of the next, over what the refitted model does with
     the known forces; of all modal forces that do, the part along the port's row. What other fitted effects do is taken off.
     """
-    screen, twin = done.found.screen, done.problem.twin
-    if isinstance(screen, MovingScreen):
-        return asked_force(screen, done.fit, term)
-    M, C, K, gain, _ = (part[0] for part in twin.matrices(done.fit.theta[None]))
-    system = discretise(M[None], C[None], K[None], np.eye(twin.m), twin.rows, group.h)
-    known = group.forces + group.u @ (twin.forces * gain - screen.now.forces).T
-    x, m = group.smoothed.x, twin.m
+    screen, reduced_model = done.found.screen, done.problem.reduced_model
+    if isinstance(screen, TrajectoryScoreTest):
+        return estimate_restoring_force(screen, done.fit, term)
+    M, C, K, gain, _ = (part[0] for part in reduced_model.matrices(done.fit.theta[None]))
+    system = discretise(M[None], C[None], K[None], np.eye(reduced_model.m), reduced_model.rows, group.h)
+    known = group.forces + group.u @ (reduced_model.forces * gain - screen.now.forces).T
+    x, m = group.smoothed.x, reduced_model.m
     asked = (x[1:] - x[:-1] @ system.A[0].T) @ np.linalg.pinv(system.B[0]).T - known[:-1]
     middle, rate = 0.5 * (x[1:] + x[:-1]), np.diff(x[..., m:], axis=0) / group.h
 

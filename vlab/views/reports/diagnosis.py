@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.misfit import BANDS, Misfit, misfit
-from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, probability_in_words
+from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Finding, RejectedCase
-from vlab.diagnose.export import CASE, AmendedFiles, Done, write_amended
+from vlab.diagnose.export import CASE, Done, ExtendedModelFiles, write_extended_model
 from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.terms import Term
@@ -64,7 +64,7 @@ def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
     """
     if isinstance(done, RejectedCase):
         return write_stopped(done, folder)
-    files = write_amended(done, folder)
+    files = write_extended_model(done, folder)
     document = {
         **done.diagnosis.to_json(),
         "amended": {"files": list(files.files), "effects": list(files.tables), "nrmse_run_again": files.nrmse},
@@ -92,7 +92,7 @@ def _number(value: float) -> str:
 # ---- sections -------------------------------------------------------------------------------------------------------
 
 
-def sections(done: Done, files: AmendedFiles | None = None) -> list[Section]:
+def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Section]:
     """Return the sections of the report in reading order."""
     diagnosis = done.diagnosis
     out = [_found(done), _drawing(done)]
@@ -141,7 +141,7 @@ def _found(done: Done) -> Section:
             f.family,
             f.place,
             ", ".join(f.places_90),
-            probability_in_words(f.probability),
+            format_probability(f.probability),
             ", ".join(f.alike[1:]) or None,
             ", ".join(f.verified_by) or "none",
         ]
@@ -169,7 +169,7 @@ def _nothing(done: Done) -> tuple[str, ...]:
     if done.diagnosis.verdict == "nothing-missing":
         return (
             "No physics was added. What the refitted model leaves over is compared with the noise below; "
-            f"on the fit recordings it is {done.found.before.level:.3g} times the noise.",
+            f"on the fit recordings it is {done.found.before.normalised_residual:.3g} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
         return ("The search was not trusted with these recordings.",)
@@ -304,7 +304,7 @@ def _row(*values: float | None) -> list[Any]:
 
 
 def _alternatives(done: Done) -> Section:
-    diagnosis, choice, before = done.diagnosis, done.choice, done.found.before.level
+    diagnosis, choice, before = done.diagnosis, done.choice, done.found.before.normalised_residual
     is_told = diagnosis.verdict in TOLD
     key = "probability" if is_told else "remaining_share"
     options = [(_option(a["effect"], a["place"]), float(a[key]), float(a["remaining"])) for a in diagnosis.alternatives]
@@ -312,8 +312,8 @@ def _alternatives(done: Done) -> Section:
     is_listed = bool(best.terms) and diagnosis.verdict != "missing-physics"
     own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
     if not is_listed:
-        share = own if is_told else best.level / max(before, 1e-300)
-        options.insert(0, (best.label if best.terms else NOTHING, share, best.level))
+        share = own if is_told else best.normalised_residual / max(before, 1e-300)
+        options.insert(0, (best.label if best.terms else NOTHING, share, best.normalised_residual))
     text = (
         f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and what each leaves over in multiples of "
         f"the noise. The refitted model without any effect leaves {before:.3g}."
@@ -405,7 +405,7 @@ def _calibration(done: Done) -> Section:
     return Section(title="Refitted parameters", text=text, figures=[(to_svg(calibration_figure(order)), caption)])
 
 
-def _files(done: Done, files: AmendedFiles) -> Section:
+def _files(done: Done, files: ExtendedModelFiles) -> Section:
     what = "the physics found" if done.diagnosis.findings else "the refitted parameters, no physics added"
     verb = "diagnose" if isinstance(done, FrequencyDiagnosed) else "compare"
     text = [

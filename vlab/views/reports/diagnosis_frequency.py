@@ -47,15 +47,17 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
 def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
     """Return name, figure and caption of what is drawn."""
     diagnosis = done.diagnosis
-    is_amended = bool(diagnosis.findings) or diagnosis.attempt is not None
-    models = MODELS if is_amended else MODELS[:2]
+    is_extended = bool(diagnosis.findings) or diagnosis.attempt is not None
+    models = MODELS if is_extended else MODELS[:2]
     out = []
     responses = [c for c in diagnosis.tried if isinstance(c.measured, Response)]
     orders = [sorted(c.channels, key=lambda n, c=c: -c.channels[n][1]) for c in responses]  # type: ignore[misc]
     depth = max((len(order) for order in orders), default=0)
     pairs = [(c, order[k]) for k in range(depth) for c, order in zip(responses, orders, strict=True) if k < len(order)]
     for c, name in pairs[:DRAWN]:
-        out.append((f"{name} from {c.measured.input}", _response(c, name, models), _caption(c, name, is_amended, done)))
+        out.append(
+            (f"{name} from {c.measured.input}", _response(c, name, models), _caption(c, name, is_extended, done))
+        )
     for c in diagnosis.tried:
         if isinstance(c.measured, Modes):
             caption = f"{c.name} ({c.role}): measured over model, in per cent; grey: one standard deviation."
@@ -63,13 +65,13 @@ def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
     return out
 
 
-def _caption(c: CheckedFrequency, name: str, is_amended: bool, done: FrequencyDiagnosed) -> str:
+def _caption(c: CheckedFrequency, name: str, is_extended: bool, done: FrequencyDiagnosed) -> str:
     given, before, amended, noise = c.channels[name]
     text = f"{c.name} ({c.role}), {name}. Relative error: as given {given:.3g}"
     text += ", which a refit takes further off" if c.is_spoilt else f", refitted {before:.3g}"
-    text += f", amended {amended:.3g}" if is_amended else ""
+    text += f", amended {amended:.3g}" if is_extended else ""
     text += f", noise {noise:.3g}."
-    if is_amended and not done.diagnosis.findings:
+    if is_extended and not done.diagnosis.findings:
         text += " The amended model is the best attempt, which is not reported as a finding."
     return text
 

@@ -8,14 +8,14 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     """Return the verdict in one plain sentence."""
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
-    spoilt = any(c.is_spoilt for c in diagnosis.checked)
+    spoilt_note = any(c.is_spoilt for c in diagnosis.checked)
     where = (
         "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
     )
     if diagnosis.verdict == "missing-physics":
         names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.place}" for f in diagnosis.findings)
         gap = errors["gap_closed"]
-        own = "itself, as given or refitted," if spoilt else "its refitted self"
+        own = "itself, as given or refitted," if spoilt_note else "its refitted self"
         if gap is None:
             return f"The model leaves out {names}."
         closed = f"closes {100 * gap:.0f} % of the gap between {own} and the noise on {where}"
@@ -23,7 +23,9 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     if diagnosis.verdict == "nothing-missing":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
         how = (
-            "as given or with its uncertain parameters refitted" if spoilt else "with its uncertain parameters refitted"
+            "as given or with its uncertain parameters refitted"
+            if spoilt_note
+            else "with its uncertain parameters refitted"
         )
         return f"Nothing is missing: {how} the model leaves {left} on {where}."
     if diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone:
@@ -34,7 +36,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
         )
     if diagnosis.verdict == "none-of-these":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
-        how = "The model, as given or refitted," if spoilt else "The refitted model"
+        how = "The model, as given or refitted," if spoilt_note else "The refitted model"
         return f"{how} leaves {left} on {where}, and no effect of the catalogue explains it."
     return "The recordings are damaged, so nothing is said of the model."
 
