@@ -80,7 +80,7 @@ def default_model(structure: Structure, law: str) -> str:
     return published[0].model
 
 
-def asked_of(structure: Structure, model: str, **changes: Any) -> Asked:
+def requested_of(structure: Structure, model: str, **changes: Any) -> Asked:
     """Return what the published design on a model was asked for, with changes; None changes nothing.
 
     Raises
@@ -149,7 +149,7 @@ def published_way(
 ) -> Design:
     """Design a law as it was published for a structure, for a loop of this rate [Hz]; on another model if one is named."""
     model = model or default_model(structure, law)
-    return design_law(build_reduced_model(structure, model, variant), law, asked_of(structure, model, rate=rate))
+    return design_law(build_reduced_model(structure, model, variant), law, requested_of(structure, model, rate=rate))
 
 
 def as_plain(asked: Asked) -> dict[str, Any]:

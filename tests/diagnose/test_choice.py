@@ -96,7 +96,7 @@ def test_a_law_whose_size_may_as_well_be_none_is_nil():
     offset = Term(effect=EFFECTS["force-offset"], place=place, values={"force": -0.2})
     sd = {"jenkins-slip@joint:a:force": 30.0, "jenkins-slip@joint:a:slip": 0.1, "force-offset@joint:a:force": 0.05}
     fit = Fit(terms=(slip, offset), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd=sd)
-    assert fit.nil == ("jenkins-slip@joint:a",)
+    assert fit.unidentified == ("jenkins-slip@joint:a",)
 
 
 def test_a_law_of_which_a_part_is_nothing_is_the_plainer_one():

@@ -88,7 +88,7 @@ def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
     worse = replace(done.before, sensor_gain=3 * done.before.sensor_gain)
     ablate = Ablations(names=("mass",), models=(done.before,))
     (held,) = check_frequency([given, worse, done.after], done.problem.read_holdout, ablate=ablate)
-    assert held.refitted > held.nominal == held.before == held.without_findings().after
+    assert held.calibrated > held.nominal == held.before == held.without_findings().after
     assert held.standing is held.answers[0]
     assert held.bare == held.parts[0].left
     assert not held.is_idle

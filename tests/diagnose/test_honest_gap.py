@@ -27,11 +27,11 @@ from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 
 
-def distance(*, nominal=0.5, refitted=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
+def distance(*, nominal=0.5, calibrated=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
     """How far three models are from one recording, as `check` has it."""
-    before = min(nominal, refitted)
+    before = min(nominal, calibrated)
     return Distance(
-        name=name, role=role, nominal=nominal, before=before, after=after, noise=noise, refitted=refitted,
+        name=name, role=role, nominal=nominal, before=before, after=after, noise=noise, calibrated=calibrated,
         channels={"y": (nominal, before, after, noise)}, **others,
     )  # fmt: skip
 
@@ -74,7 +74,7 @@ def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet)
     rig, nominal, runs = quiet
     worse = with_stop(nominal, replace(rig, parameters={"stiffness": STOP, "gap": 0.002}))  # a refit that went wrong
     (second,) = check(runs[1:], worse, with_stop(nominal, rig), nominal=nominal)
-    assert second.refitted > 2 * second.nominal == 2 * second.before
+    assert second.calibrated > 2 * second.nominal == 2 * second.before
     assert second.is_spoilt
     assert second.standing is second.simulated[0]
     assert {name: errors[1] for name, errors in second.channels.items()} == {
@@ -82,27 +82,27 @@ def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet)
     }
     without_findings = second.without_findings()
     assert without_findings.after == second.nominal
-    assert without_findings.amended is None
+    assert without_findings.extended is None
     (good,) = check(runs[1:], nominal, None, nominal=worse)
     assert not good.is_spoilt
-    assert good.before == good.refitted == good.after
+    assert good.before == good.calibrated == good.after
 
 
 @pytest.mark.parametrize(("nominal", "refitted"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
-def test_before_is_never_worse_than_nominal(nominal, refitted):
-    document = errors_to_json([distance(nominal=nominal, refitted=refitted), distance(nominal=0.3, refitted=0.2)])
+def test_before_is_never_worse_than_nominal(nominal, calibrated):
+    document = errors_to_json([distance(nominal=nominal, calibrated=calibrated), distance(nominal=0.3, calibrated=0.2)])
     for errors in (document, *document["per_recording"]):
         assert errors["nrmse_nominal"] is None or errors["nrmse_before"] <= errors["nrmse_nominal"]
-    assert document["per_recording"][0]["nrmse_before"] == min(nominal, refitted)
+    assert document["per_recording"][0]["nrmse_before"] == min(nominal, calibrated)
     json.dumps(document, allow_nan=False)
 
 
 def test_that_a_refit_spoils_recordings_is_said_once():
     runs = [
-        distance(nominal=0.0072, refitted=0.953, name="r1"),
-        distance(nominal=0.1, refitted=np.inf, name="r2"),
+        distance(nominal=0.0072, calibrated=0.953, name="r1"),
+        distance(nominal=0.1, calibrated=np.inf, name="r2"),
         distance(name="r3"),
-        distance(nominal=0.1, refitted=0.1005, name="r4"),  # no more than fits converge to
+        distance(nominal=0.1, calibrated=0.1005, name="r4"),  # no more than fits converge to
     ]
     (line,) = spoilt_note(runs)
     assert "r1 (error 0.953, as given 0.0072)" in line
@@ -136,7 +136,7 @@ def test_a_finding_is_told_from_nothing_by_the_energy_of_what_it_does_over_that_
 
 def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     """The stop is grazed: of what is better with it its removal takes away a tenth."""
-    grazed = distance(nominal=0.072, refitted=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
+    grazed = distance(nominal=0.072, calibrated=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
     assert grazed.gap_closed > 0.8
     assert not closes_gap([grazed], is_structure=False)
     assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
@@ -151,7 +151,7 @@ def verdict(checked, fitted):
 def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     fitted = [distance(role="fit", after=0.011)]
     idle_note = distance(
-        nominal=0.0072, refitted=0.95, after=0.005, noise=0.0046, bare=0.005, parts=(part(0.0, 0.005),)
+        nominal=0.0072, calibrated=0.95, after=0.005, noise=0.0046, bare=0.005, parts=(part(0.0, 0.005),)
     )
     near = replace(
         idle_note, nominal=0.006, before=0.006
@@ -185,7 +185,7 @@ def test_a_fit_that_ran_away_is_no_attempt():
     assert attempt(distance(after=0.2)).holds
     assert not attempt(distance(after=0.41)).holds  # worse than before
     assert not attempt(distance(after=np.inf)).holds
-    assert not attempt(distance(nominal=68.0, refitted=68.0, after=66.0)).holds
+    assert not attempt(distance(nominal=68.0, calibrated=68.0, after=66.0)).holds
     idle_note = distance(nominal=0.02, after=0.03, parts=(part(0.0),))
     assert attempt(idle_note).holds  # it is the refit that is worse there
     assert attempt(idle_note).is_of_the_fit_alone
@@ -310,12 +310,12 @@ def test_a_law_at_values_where_it_is_a_plainer_one_gives_way_to_it(values, coulo
     best = Hypothesis(fit=own, normalised_residual=1.0, log_rms_residual=0.0, negative_log_prior=0.0)
     known = fit_of(Term(effect=EFFECTS["coulomb-friction"], place=place, values={"force": 0.1}), cost=300.0)
     fitted_worse = Hypothesis(fit=known, normalised_residual=2.0, log_rms_residual=0.7, negative_log_prior=0.0)
-    settling = Confirmation(
+    confirmation = Confirmation(
         problem=None, whole=Whole(coulomb_friction=coulomb), start=own, seen=None, effects=list(EFFECTS.values()),
         is_linear=True,
     )  # fmt: skip
     found = SearchFound(before=hypothesis(9.0), hypotheses=(best, fitted_worse))
-    after = settling._simpler(found, best, own)
+    after = confirmation._simpler(found, best, own)
     assert after.hypotheses[0].terms[0].effect.name == left
     assert [h.label for h in after.hypotheses].count("coulomb-friction@joint:a") == 1
     assert after.hypotheses[0].normalised_residual == pytest.approx(1.0, rel=0.01)

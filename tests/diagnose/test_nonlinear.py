@@ -255,18 +255,18 @@ def test_what_an_actuator_with_a_state_does_is_known(tmp_path, dynamics):
     assert screen.driven_force(0)[10:-10, 0] == pytest.approx(
         np.tile([3.0, 0.0], (len(moving.trajectories[0]) - 20, 1)), rel=1e-4
     )
-    (course,) = moving.trajectories
-    np.testing.assert_array_equal(screen.commands(0)[:, 0], course.act[:, 0])
+    (trajectory,) = moving.trajectories
+    np.testing.assert_array_equal(screen.commands(0)[:, 0], trajectory.act[:, 0])
     data, model = case.plant.new_data(), copy.copy(case.plant.model)
-    model.opt.timestep, states = course.h[0] / 64, []
+    model.opt.timestep, states = trajectory.h[0] / 64, []
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # with Runge and Kutta's method its exact filter is not
-    for command in course.u[:200, 0]:
+    for command in trajectory.u[:200, 0]:
         states.append(data.act[0])
         data.ctrl[:] = command
         mujoco.mj_step(model, data, 64)
     # the exact filter and the integral are exact; the other goes on by Euler's method, off by half a step over its time constant
     tolerance = {"filterexact": 1e-9, "integrator": 1e-9, "filter": 1e-3}[dynamics] * np.abs(states).max()
-    np.testing.assert_allclose(course.act[:200, 0], states, atol=tolerance)
+    np.testing.assert_allclose(trajectory.act[:200, 0], states, atol=tolerance)
     lag, change = screen.stepper.lags[0], np.sin(np.arange(200.0))[:, None, None]
-    both = actuator_states(case.plant, course.u[:200] + change[:, 0], course.h[:200]) - course.act[:200]
+    both = actuator_states(case.plant, trajectory.u[:200] + change[:, 0], trajectory.h[:200]) - trajectory.act[:200]
     np.testing.assert_allclose(screen.acted(0, change)[:, 0, 0], both[:, lag.address], atol=1e-12 * np.abs(both).max())

@@ -10,7 +10,7 @@ from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.locations import Place, admissible, reported_name
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_problem import prepare
-from vlab.diagnose.validation.simulation import amended
+from vlab.diagnose.validation.simulation import extended
 from vlab.physics.catalogue import EFFECTS
 
 SHARE = {"crosstalk": 5e-4, "cross-axis": 0.2, "misplaced-sensor": 0.2}
@@ -38,7 +38,7 @@ def test_twin_and_mujoco_pick_up_the_same(screen, name):
     )[:, 0, 0, 1]
     without = refiner.simulate([run], (), fit.theta[None], (), refiner_start(refiner))[:, 0, 0, 1]
     plain, picked = (
-        amended(problem, fit if terms is None else type(fit)(**{**vars(fit), "terms": terms})).simulated(recorded)
+        extended(problem, fit if terms is None else type(fit)(**{**vars(fit), "terms": terms})).simulated(recorded)
         for terms in (None, (term,))
     )
     column = recorded.measured.index(problem.names[1])

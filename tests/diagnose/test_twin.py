@@ -53,7 +53,7 @@ NESTED = """<mujoco><option timestep="0.002" integrator="implicitfast" gravity="
 </body></worldbody></mujoco>"""
 
 
-def marched(problem, signals):
+def integrated(problem, signals):
     """March the twin from rest by its sampled matrices alone, its uncertain parameters at zero; (n, n_channels)."""
     reduced_model = problem.reduced_model
     M, C, K, gain, sensor = (part[0] for part in reduced_model.matrices(np.zeros((1, len(reduced_model.changes)))))
@@ -72,7 +72,7 @@ def reduced_model_and_mujoco(problem):
     errors = []
     for run, signals in zip(problem.runs, problem.signals, strict=True):
         exact = simulate(problem.plant, run).recording
-        ours = marched(problem, signals)
+        ours = integrated(problem, signals)
         assert len(ours) == len(exact)  # not thinned
         theirs = np.column_stack([exact[name] for name in problem.names])
         errors.append(np.sqrt(np.mean((ours - theirs) ** 2, axis=0)) / theirs.std(axis=0))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, multisine, write_case
-from test_twin import marched
+from test_twin import integrated
 
 from vlab.cases import load_case, simulate
 from vlab.cases.initial_state import find_initial_state
@@ -13,7 +13,7 @@ from vlab.diagnose.data.runs import windows
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted
-from vlab.diagnose.parameters.observation import actuator_forces, command_readings
+from vlab.diagnose.parameters.observation import actuator_forces, command_feedthrough
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal import _inputs
 from vlab.diagnose.predictors.modal_problem import prepare
@@ -72,7 +72,7 @@ def reduced_model_error(case):
     problem = prepare(case)
     (signals,) = problem.signals
     assert signals.h == pytest.approx(1 / RATE)
-    return float(np.max(np.sqrt(np.mean((marched(problem, signals) - signals.y) ** 2, axis=0)) / signals.scale))
+    return float(np.max(np.sqrt(np.mean((integrated(problem, signals) - signals.y) ** 2, axis=0)) / signals.scale))
 
 
 # The twin is exact for held inputs. Between samples of a smooth one it holds the mean: (2 pi 20 Hz 2 ms)^2/24 = .3 % of its
@@ -88,7 +88,7 @@ def test_an_acceleration_shows_the_input_of_its_own_moment(tmp_path, at, hold, t
 
 def test_a_measured_force_shows_the_command(tmp_path):
     case = recorded(tmp_path, reads=(ENCODER, ("torque", "force", "N")))
-    assert command_readings(case.plant, case.runs()[0].compared) == pytest.approx(np.array([[0.0], [1.0]]))
+    assert command_feedthrough(case.plant, case.runs()[0].compared) == pytest.approx(np.array([[0.0], [1.0]]))
     assert reduced_model_error(case) < 1e-6
 
 

@@ -67,8 +67,8 @@ def test_a_copy_of_what_is_fitted_verifies_nothing(tmp_path):
 
 
 def test_what_a_sensor_reads_at_rest_beyond_the_model_is_taken_off_and_said(tmp_path):
-    def run(standoff):
-        return ("fit", ALL, (SWEEP, 0.01 * SWEEP + standoff, 0.1 * SWEEP))
+    def run(static_offset):
+        return ("fit", ALL, (SWEEP, 0.01 * SWEEP + static_offset, 0.1 * SWEEP))
 
     case, found = remove_static_offsets(write(tmp_path, [run(0.5), run(0.5)]))
     assert [(s.channel, s.unit) for s in found] == [("x", "m")]

@@ -67,24 +67,24 @@ def both(effect: PortEffect) -> tuple[np.ndarray, np.ndarray]:
     graph = trace_expression(effect, H, ("z", "v", "t"))
     assert graph is not None
     memory = effect.memory((WIDTH,))
-    played = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
+    evaluated = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
     written = np.empty_like(z)
     for k in range(N):
         written[k], memory = effect.force(z[k], v[k], values, Step(h=H, t=t[k]), memory)
-    return played, written
+    return evaluated, written
 
 
 @pytest.mark.parametrize("effect", ALONG_MOTION, ids=lambda e: e.name)
 def test_a_tape_plays_what_the_law_says(effect):
     """To rounding: compiled functions and numpy's differ in the last bit."""
-    played, written = both(effect)
+    evaluated, written = both(effect)
     assert np.abs(written).max() > 0
-    np.testing.assert_allclose(played, written, rtol=1e-9, atol=1e-12 * np.abs(written).max())
+    np.testing.assert_allclose(evaluated, written, rtol=1e-9, atol=1e-12 * np.abs(written).max())
 
 
 def test_every_operation_plays_as_numpy_has_it():
-    played, written = both(Functions())
-    np.testing.assert_allclose(played, written, rtol=1e-12)
+    evaluated, written = both(Functions())
+    np.testing.assert_allclose(evaluated, written, rtol=1e-12)
 
 
 @pytest.mark.parametrize("effect", PORTS, ids=lambda e: e.name)

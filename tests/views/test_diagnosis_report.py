@@ -23,7 +23,7 @@ from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.validation.gap import total
-from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -35,7 +35,7 @@ from vlab.recordings import write_recording
 from vlab.structure.reader import load_structure
 from vlab.views.figures import to_svg
 from vlab.views.figures.model_drawing import model_figure, place_position
-from vlab.views.figures.restoring_force import missing_force
+from vlab.views.figures.restoring_force import restoring_force
 from vlab.views.reports import diagnosis as diagnosis_report
 from vlab.views.reports.diagnosis_summary import verdict_sentence
 
@@ -198,8 +198,8 @@ def test_the_scene_holds_recording_old_and_new_simulation(found):
 
 def test_the_force_found_without_a_law_is_the_hidden_one(found):
     done, _ = found
-    free, law = (missing_force(done, done.fit.terms[0]).curves[1][k] for k in (3, 4))
-    v = missing_force(done, done.fit.terms[0]).curves[1][2]
+    free, law = (restoring_force(done, done.fit.terms[0]).curves[1][k] for k in (3, 4))
+    v = restoring_force(done, done.fit.terms[0]).curves[1][2]
     fast = np.abs(v) > 0.5 * np.std(v)
     # noise and the smoothing's shrinking leave a fifth; the law itself is within its fit's accuracy
     assert -np.mean(free[fast] * np.sign(v[fast])) == pytest.approx(FRICTION, rel=0.2)
@@ -369,7 +369,7 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
     fit = Fit(
         terms=(term,), theta=theta, offsets=np.array([1e-4]), starts={}, error=np.zeros((1, 1)), chi2=0.0, cost=0.0
     )
-    before, after = amended(problem, dataclasses.replace(fit, terms=())), amended(problem, fit)
+    before, after = extended(problem, dataclasses.replace(fit, terms=())), extended(problem, fit)
     checked = check(case.runs(("holdout",)), before, after, nominal=ExtendedModel(plant=case.plant))
     done = SimpleNamespace(
         problem=problem,

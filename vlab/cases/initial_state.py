@@ -528,9 +528,9 @@ def _input_matrices(problem: _Problem) -> tuple[Array, Array]:
 def _residual(problem: _Problem, x: Array, offset: Array) -> Array:
     """Return the weighted difference between the window and the model's own response."""
     run, clock = problem.run, problem.clock
-    played = play(problem.bench, run, clock, problem.state(x), None)
+    replayed = play(problem.bench, run, clock, problem.state(x), None)
     time = run.measured.time - run.measured.time[0]
-    model = np.column_stack([played.at(time, clock, i) for i in range(len(run.compared))])
+    model = np.column_stack([replayed.at(time, clock, i) for i in range(len(run.compared))])
     return np.asarray(((model - offset - problem.measured) * problem.weight).ravel())
 
 

@@ -78,11 +78,11 @@ def simulate(
     if initial is None:
         initial = find_initial_state(plant, run, law)
     try:
-        played = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
+        replayed = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
     except Diverged as error:
         raise Diverged(f"{run.name}: {error}; are the inputs in the right unit?") from error
     return Simulation(
-        recording=_record(bench, run, clock, played), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
+        recording=_record(bench, run, clock, replayed), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
     )
 
 
@@ -111,11 +111,11 @@ def warmed_up(law: Law, run: Run, bench: Bench) -> tuple[Law, str]:
     return law, f"the law's memory at the start comes from the {count} samples before it"
 
 
-def _record(bench: Bench, run: Run, clock: Clock, played: Played) -> Recording:
+def _record(bench: Bench, run: Run, clock: Clock, replayed: Played) -> Recording:
     time = run.measured.time - run.measured.time[0]
     data = run.measured.data.copy()
     rest = bench.rest_values(run.compared)
     for i, c in enumerate(run.compared):
-        values = played.at(time, clock, i, is_held=c.actuator is not None)
+        values = replayed.at(time, clock, i, is_held=c.actuator is not None)
         data[:, run.measured.index(c.channel)] = values - (rest[i] if c.from_rest else 0.0)
     return replace(run.measured, data=data, meta={"simulated": run.name})

@@ -15,7 +15,7 @@ from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.cli.law_argument import file_of, is_given, laboratory_for, linear_gains, load_law_argument
 from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
-from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
+from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, default_model, design_law, requested_of
 from vlab.controllers.law_file import write_law
 from vlab.controllers.lqdrf import KINDS, LqdrfDesign
 from vlab.controllers.lqg import LqgDesign
@@ -159,7 +159,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
     model = arguments.model or default_model(structure, arguments.law)
     names = ("weights", "q", "r", "v1", "v2", "alpha", "damping", "modes", "shapes", "starts", "seed", "rate")
     changes = {name: getattr(arguments, name) for name in names} | {"kind": arguments.objective}
-    asked = asked_of(structure, model, **changes)
+    asked = requested_of(structure, model, **changes)
     fe = build_reduced_model(structure, model, arguments.variant)
     if arguments.with_delay:
         return _with_delay(fe, model, asked)
@@ -220,7 +220,9 @@ def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
     """Take a law that was made elsewhere, and see what it achieves in the laboratory's sampled loop."""
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
-    asked = asked_of(structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")})
+    asked = requested_of(
+        structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")}
+    )
     modes, given = _shown(fe, asked), load_law_argument(fe, arguments.law, arguments.rate)
     document: dict[str, Any] = {"law": arguments.law, "structure": structure.name, "model": model}
     document |= given.describe(modes, asked)

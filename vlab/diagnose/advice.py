@@ -91,10 +91,10 @@ def before_heading(checked: Sequence[Distance]) -> str:
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
-    worse = [c for c in checked if c.refitted > NO_WORSE * c.nominal]
+    worse = [c for c in checked if c.calibrated > NO_WORSE * c.nominal]
     if not worse:
         return ()
-    each = ", ".join(f"{c.name} (error {_error(c.refitted)}, as given {_error(c.nominal)})" for c in worse)
+    each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, as given {_error(c.nominal)})" for c in worse)
     return (
         f"a refit takes the model further from {each}: there the model as given stands, and the gap counts from it",
     )

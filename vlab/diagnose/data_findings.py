@@ -81,8 +81,10 @@ class DataFindings:
         units = {c.name: c.unit for c in problem.runs[0].measured.channels}
         out = [finding_of_stop(stop, units[stop.channel]) for stop in self.stops]
         out += [finding_of_step(step, units[step.channel]) for step in self.steps]
-        out += [finding_of_interference(hum, units[hum.channel]) for hum in self.interferences]
-        return out + [finding_of_offset(zero, units[zero.channel]) for zero in self.zeros]
+        out += [
+            finding_of_interference(interference, units[interference.channel]) for interference in self.interferences
+        ]
+        return out + [finding_of_offset(offset, units[offset.channel]) for offset in self.zeros]
 
 
 def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
@@ -90,10 +92,10 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
     runs = problem.runs
     big: list[MainsInterference] = []
     small: list[MainsInterference] = []
-    for hum in problem.interferences:
-        noise = float(np.median([noise_levels(run, [hum.channel]) for run in runs]))
-        matters = hum.share > BENIGN_INTERFERENCE and hum.rms > INTERFERENCE_OVER_NOISE * noise
-        (big if matters else small).append(hum)
+    for interference in problem.interferences:
+        noise = float(np.median([noise_levels(run, [interference.channel]) for run in runs]))
+        matters = interference.share > BENIGN_INTERFERENCE and interference.rms > INTERFERENCE_OVER_NOISE * noise
+        (big if matters else small).append(interference)
     stops = tuple(
         stop
         for stop in sensor_limits(runs)

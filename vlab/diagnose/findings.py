@@ -222,17 +222,15 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def finding_of_interference(hum: MainsInterference, unit: str) -> Finding:
+def finding_of_interference(interference: MainsInterference, unit: str) -> Finding:
     """Return the finding of hum on a sensor's leads."""
-    lines = " and ".join(f"{k * hum.frequency:.2f} Hz" for k in hum.harmonics)
-    words = (
-        f"at {lines}, {100 * hum.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
-    )
+    lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
+    words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
     parameters = {
-        "amplitude": _known(np.sqrt(2) * hum.rms, 0.05, unit),
-        "frequency": _known(hum.frequency, 1e-3, "Hz"),
+        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
+        "frequency": _known(interference.frequency, 1e-3, "Hz"),
     }
-    return _seen("mains-hum", hum.channel, parameters, words)
+    return _seen("mains-hum", interference.channel, parameters, words)
 
 
 def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
@@ -250,12 +248,12 @@ def finding_of_step(step: SensorStep, unit: str) -> Finding:
     return _seen("sensor-quantisation", step.channel, parameters, words)
 
 
-def finding_of_offset(zero: SensorOffset, unit: str) -> Finding:
+def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
     """Return the finding of a sensor's zero that is off."""
-    spread = 1.645 * zero.sd
-    interval = [zero.offset - spread, zero.offset + spread]
-    parameters = {"offset": {"value": zero.offset, "unit": unit, "ci90": interval}}
-    return _seen("sensor-offset", zero.channel, parameters, "the fit to all recordings puts its zero there")
+    spread = 1.645 * offset.sd
+    interval = [offset.offset - spread, offset.offset + spread]
+    parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
+    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts its zero there")
 
 
 def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:

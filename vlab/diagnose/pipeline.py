@@ -31,7 +31,7 @@ from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
-from vlab.diagnose.validation.simulation import Checked, ExtendedModel, amended, check, coarse_steps, with_finer_steps
+from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import closes_gap, coloured_noise_note, decide_verdict, is_needed, residual_note
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
@@ -100,7 +100,7 @@ def _diagnosed(
     """
     report(0.0, "reading")
     given = whole_case.plant
-    case, standoffs = remove_static_offsets(with_modes_of_fe(whole_case))
+    case, static_offsets = remove_static_offsets(with_modes_of_fe(whole_case))
     file = check_recordings(case) if checked_file is None else checked_file
     if file.of("fatal"):
         return reject_case(whole_case, file, time.monotonic() - began)
@@ -113,7 +113,7 @@ def _diagnosed(
     other = choose_convention(model_class, found) if not (told or seen.damage.fatal) else None
     if other is not None:
         return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]), file)
-    settling = Confirmation(
+    confirmation = Confirmation(
         problem=problem,
         whole=found.whole,
         start=found.before.long_fit,
@@ -121,12 +121,12 @@ def _diagnosed(
         effects=effects,
         is_linear=model_class.is_linear,
     )
-    settled = settling.settled(found)
-    choice, fit_before, fit_after = settled.choice, settled.before, settled.after
-    seen = replace(seen, zeros=find_sensor_offsets(problem, fit_after, [s.channel for s in standoffs]))
-    wrong_zeros = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit_after)}
-    before, after = amended(problem, fit_before, wrong_zeros), seen.on(amended(problem, fit_after))
-    without = seen.on(amended(problem, fit_before))
+    confirmed = confirmation.confirmed(found)
+    choice, fit_before, fit_after = confirmed.choice, confirmed.before, confirmed.after
+    seen = replace(seen, zeros=find_sensor_offsets(problem, fit_after, [s.channel for s in static_offsets]))
+    wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit_after)}
+    before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit_after))
+    without = seen.on(extended(problem, fit_before))
     is_structure = case.structure is not None
     if seen.is_missing and fit_after.terms:
         on_fitted = check(problem.runs, without, after)
@@ -174,10 +174,10 @@ def _diagnosed(
         *idle_note(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
         *([coarse] if coarse else []),
         *([told] if told else []),
-        *(s.line for s in standoffs),
+        *(s.line for s in static_offsets),
         *holdout.notes,
         *problem.notes,
-        *settled.rejected,
+        *confirmed.rejected,
         *model_class.notes,
     )
     findings = by_what_they_explain(tried.findings, checked) if verdict == "missing-physics" else ()

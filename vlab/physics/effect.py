@@ -264,7 +264,7 @@ class SensorEffect(Effect):
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """Return the true signals to recorded ones: the inverse of `sense`, as far as there is one."""
 
-    def settling(self, p: Values, h: float) -> int:
+    def settling_samples(self, p: Values, h: float) -> int:
         """Return after how many samples, `h` seconds apart, nothing shows any more of what the true signal was."""
         return SETTLING
 

@@ -303,7 +303,7 @@ class SensorHighPass(SensorEffect):
         a = float(np.exp(-h / float(p["time_constant"])))
         return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
 
-    def settling(self, p: Values, h: float) -> int:
+    def settling_samples(self, p: Values, h: float) -> int:
         """See `SensorEffect`: to e^-8, a thirtieth of a percent."""
         return int(np.ceil(8.0 * float(p["time_constant"]) / h))
 

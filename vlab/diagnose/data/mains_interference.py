@@ -136,7 +136,7 @@ def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...
                     _sized(MainsInterference(channel=channel, frequency=frequency, harmonics=tuple(found)), runs)
                 )
         if options:
-            out.append(max(options, key=lambda hum: hum.rms))
+            out.append(max(options, key=lambda interference: interference.rms))
     return tuple(out)
 
 
@@ -146,15 +146,15 @@ def remove_mains_interference(run: Run, interferences: Sequence[MainsInterferenc
         return run
     run = marked(run)
     data = run.measured.data.copy()
-    for hum in interferences:
-        data[:, run.measured.index(hum.channel)] -= hum.on(run)
+    for interference in interferences:
+        data[:, run.measured.index(interference.channel)] -= interference.on(run)
     return replace(run, measured=replace(run.measured, data=data))
 
 
-def _sized(hum: MainsInterference, runs: Sequence[Run]) -> MainsInterference:
-    rms = float(np.sqrt(np.mean([np.mean(hum.on(run) ** 2) for run in runs])))
-    whole = float(np.sqrt(np.mean([np.var(run.measured[hum.channel]) for run in runs])))
-    return replace(hum, rms=rms, share=rms / whole if whole > 0 else 0.0)
+def _sized(interference: MainsInterference, runs: Sequence[Run]) -> MainsInterference:
+    rms = float(np.sqrt(np.mean([np.mean(interference.on(run) ** 2) for run in runs])))
+    whole = float(np.sqrt(np.mean([np.var(run.measured[interference.channel]) for run in runs])))
+    return replace(interference, rms=rms, share=rms / whole if whole > 0 else 0.0)
 
 
 def _line(run: Run, channel: str, nominal: float) -> float | None:

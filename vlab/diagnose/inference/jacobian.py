@@ -100,14 +100,14 @@ def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -
         That scale, in standard deviations of the uncertain parameters.
     """
     size = float(np.linalg.norm(scale))
-    along = np.zeros(x.size)
-    along[: vector.r] = (vector.directions / vector.prior[:, None]).T @ scale / size
+    project_prior = np.zeros(x.size)
+    project_prior[: vector.r] = (vector.directions / vector.prior[:, None]).T @ scale / size
     exact = np.zeros(len(slopes))
     for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
         if vector.terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
             exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
-    exact[: vector.priors] = along[: vector.priors]
-    return np.asarray(slopes + np.outer(exact - slopes @ along, along))
+    exact[: vector.priors] = project_prior[: vector.priors]
+    return np.asarray(slopes + np.outer(exact - slopes @ project_prior, project_prior))
 
 
 def update_broyden(slopes: Array, step: Array, change: Array) -> Array:

@@ -284,7 +284,7 @@ class LeastSquares:
             for j, run in enumerate(runs):
                 column, before = y[:, s, j, index], y[:0, s, j, index]
                 if run.shown is not None and len(run.shown):
-                    before = gains[s, index] * run.shown[-effect.settling(p, run.h) :, index]
+                    before = gains[s, index] * run.shown[-effect.settling_samples(p, run.h) :, index]
                 elif not run.at_rest:
                     before = 2.0 * column[0] - column[SETTLING:0:-1]
                 lead = len(before)
@@ -299,7 +299,7 @@ class LeastSquares:
         start: Fit | None = None,
         iterations: int = ITERATIONS,
         thetas: Sequence[Array] = (),
-        settled: float = NEAR_ENOUGH,
+        tolerance: float = NEAR_ENOUGH,
     ) -> Fit:
         """Fit a hypothesis.
 
@@ -315,14 +315,14 @@ class LeastSquares:
         """
         vector = self.vector(terms)
         first, *others = self._starts(vector, start, thetas)
-        best = self._descend(vector, first, iterations, settled)
+        best = self._descend(vector, first, iterations, tolerance)
         samples = sum(run.y.size for run in self.runs)
         for x in (
             others
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
             if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * vector.r:
                 break
-            best = min(best, self._descend(vector, x, iterations, settled), key=self.negative_log_posterior)
+            best = min(best, self._descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
 
     def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
@@ -340,7 +340,7 @@ class LeastSquares:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
         return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = NEAR_ENOUGH) -> Fit:
         damping, raw = 1e-3, self.residual(vector, x[None])[0]
         if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
             return self._result(vector, x, raw, np.zeros((0, 0)))
@@ -375,7 +375,7 @@ class LeastSquares:
                 if damping > 1e6:
                     break
                 continue
-            small = small + 1 if costs[pick] > cost - settled else 0
+            small = small + 1 if costs[pick] > cost - tolerance else 0
             step, change = trials[pick] - x, residuals[pick] - raw
             promised = -float(step @ (2.0 * gradient + normal @ step))
             slopes = update_broyden(slopes, step, change)
@@ -386,13 +386,13 @@ class LeastSquares:
             is_cheap = cost - costs[pick] < CHEAPER  # no longer do the uncertain parameters come nearer to their priors
             if small >= 2 and shapes_too:
                 break
-            if settled <= EXACT:
+            if tolerance <= EXACT:
                 continue
             if is_cheap and self._is_noise(vector, raw):
                 break
             if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < EXPLAINED:
                 last = min(max(last, done + 2), iterations + MORE)
-        if settled <= EXACT:  # what is carried on is good for steps, not for intervals
+        if tolerance <= EXACT:  # what is carried on is good for steps, not for intervals
             vector, x, raw = self._with_unidentifiable(vector, x, raw)
             slopes = forward_differences(self, vector, x, raw)
             for _ in range(PASSES):
@@ -404,10 +404,10 @@ class LeastSquares:
 
     def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
         """Return an entry with all motions on the scale that the priors like best; see `scales`."""
-        along, ours = vector.along(motion_scale(self.problem)), slice(0, vector.r)
-        grown = -float(along @ x[ours]) / max(float(along @ along), 1e-12)
+        project_prior, ours = vector.project_prior(motion_scale(self.problem)), slice(0, vector.r)
+        grown = -float(project_prior @ x[ours]) / max(float(project_prior @ project_prior), 1e-12)
         out = x.copy()
-        out[ours] += grown * along
+        out[ours] += grown * project_prior
         out[vector.priors : vector.first_effect] *= np.exp(grown)
         for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
             power = grown * exponent(vector.terms[i].effect, parameter)

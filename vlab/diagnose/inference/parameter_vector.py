@@ -95,7 +95,7 @@ class ParameterVector:
         speed = max(speed, 1e-9)
         return START_SIZE * np.concatenate([speed / omega, np.full(len(a), speed)])
 
-    def along(self, theta: Array) -> Array:
+    def project_prior(self, theta: Array) -> Array:
         """Return log-factors along the directions, in standard deviations of their prior; the rest is left out."""
         return np.asarray((self.directions / self.prior[:, None] ** 2).T @ theta)
 
@@ -104,7 +104,7 @@ class ParameterVector:
     ) -> Array:
         """Return the vector, within its bounds, of log-factors, offsets, free runs' first states and terms' values."""
         m = len(self.omega)
-        parts = [self.along(theta), offsets / self.offset_sd]
+        parts = [self.project_prior(theta), offsets / self.offset_sd]
         parts += [np.concatenate([x[self.active], x[m + self.active]]) / self.start_scale for x in states]
         parts.append(np.array([to_unbounded(p, values[i][p.name]) for i, p in self.parameters]))
         return np.asarray(self.bounded(np.concatenate(parts)[None])[0])

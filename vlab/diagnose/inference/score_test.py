@@ -125,7 +125,7 @@ class ScoreTest:
         self.runs = list(signals if signals is not None else problem.in_role("fit"))
         self.runs = self._shortened(self.runs)
         self._cache: dict[str, _Plan] = {}
-        self._marched: dict[tuple[Any, ...], Array] = {}
+        self._integrated: dict[tuple[Any, ...], Array] = {}
         self._spectra: tuple[Group, Array, Any] | None = None
         self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
         start = np.zeros(len(self.reduced_model.changes)) if like is None else like.theta
@@ -161,10 +161,10 @@ class ScoreTest:
         step = self._gram @ (self.nuisance.T @ self.e - precision * present)
         self.base = self.e - self.nuisance @ step
         self.variance = float(np.mean(self.base**2))
-        self._step = self._believed(precision, precision * present)[: len(self.theta)]
+        self._step = self._estimate_changes(precision, precision * present)[: len(self.theta)]
         self._plain = (self.nuisance, precision)
 
-    def _believed(self, precision: Array, pull: Array) -> Array:
+    def _estimate_changes(self, precision: Array, pull: Array) -> Array:
         """Return the coefficients of the uncertain parameters' columns, the innovations taken as few independent values.
 
         What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
@@ -190,7 +190,7 @@ class ScoreTest:
         other.base = self.e - other.nuisance @ solution
         other.variance = float(np.mean(other.base**2))
         other.estimate = self._estimate(candidates, solution)
-        other.cautious = self._estimate(candidates, other._believed(free, pull))
+        other.cautious = self._estimate(candidates, other._estimate_changes(free, pull))
         return other
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
@@ -226,7 +226,7 @@ class ScoreTest:
 
     def forget(self) -> None:
         """Drop what only the table of candidates is made of."""
-        self._marched.clear()
+        self._integrated.clear()
         if not self.keeps_plans:
             self._cache.clear()
 
@@ -286,10 +286,10 @@ class ScoreTest:
             gains = FilterGains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
-        settled = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
+        converged = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
         group = Group(runs, system, gains, smoothed, u, forces, y, lengths, usable, e=smoothed.e)
         group.motion = middles(reduced_model, group)
-        group.first = min(settled[0] if settled else 0, int(lengths.min()) // 4)
+        group.first = min(converged[0] if converged else 0, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(gains.S[-1]))
         group.impulses = impulses_of(system, gains.K[-1], len(y))
         return group
@@ -708,17 +708,17 @@ class ScoreTest:
             return port_series(effect, z, v, values, group.h, command, group.starts)
         which = shapes[at].index(shape)
         key = (id(group), effect.name, unit)
-        if key not in self._marched:  # of all ports and shapes side by side: samples are what takes time
+        if key not in self._integrated:  # of all ports and shapes side by side: samples are what takes time
             motion = [self.motion(group, p) for p in ports]
             both = [np.stack([m[i] for m in motion], axis=-1)[..., None] for i in range(2)]
             own = {p.name: np.array([[s[p.name] for s in of_port] for of_port in shapes]) for p in effect.shapes}
             amplitudes = {p.name: values[p.name] for p in effect.amplitudes}
             wide = np.zeros((1, 1, 1, len(shapes[at])))
             starts = group.starts[:, None, None]
-            self._marched[key] = port_series(
+            self._integrated[key] = port_series(
                 effect, both[0] + wide, both[1] + wide, {**own, **amplitudes}, group.h, starts=starts
             )
-        return np.asarray(self._marched[key][..., at, which])
+        return np.asarray(self._integrated[key][..., at, which])
 
     def _linear_causes(self, group: Group, place: Place, effect: LinearPortEffect) -> list[Cause]:
         p, v, a = group.motion

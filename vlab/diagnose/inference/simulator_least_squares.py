@@ -43,17 +43,17 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         start: Fit | None = None,
         iterations: int = ITERATIONS,
         thetas: Sequence[Array] = (),
-        settled: float = NEAR_ENOUGH,
+        tolerance: float = NEAR_ENOUGH,
     ) -> Fit:
         """See `LeastSquares`."""
         self._compare_with(self.recorded)
-        best = super().fit(terms, start, iterations, thetas, settled)
+        best = super().fit(terms, start, iterations, thetas, tolerance)
         left, bias = self._missed(best)
         for _ in range(CORRECTIONS):
             if bias is None:
                 break
             self._compare_with([y - b for y, b in zip(self.recorded, bias, strict=True)])
-            tried = super().fit(best.terms, best, STEPS, settled=settled)
+            tried = super().fit(best.terms, best, STEPS, tolerance=tolerance)
             missed, more = self._missed(tried)
             if not missed < left:
                 break
@@ -69,7 +69,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
 
     def _missed(self, fit: Fit) -> tuple[float, list[Array] | None]:
         """Return by how much MuJoCo's run of a fit misses the recordings, over their noise, and its difference to the system's."""
-        along, states = self._along(fit)
+        system, states = self._along(fit)
         plant = self.problem.adjusted(fit.theta)
         effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
         try:
@@ -84,17 +84,17 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             missed = (y - self.recorded[i]) * run.usable
             left += float(np.sum((missed / self.sigma[i]) ** 2))
             worst = max(worst, float(np.max(np.sqrt(np.mean(missed**2, axis=0)) / run.scale)))
-            bias.append(y - along[i])
+            bias.append(y - system[i])
         return left, bias if worst < FOLLOWS else None
 
     def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
         """Return what MuJoCo's run of a plant gives at a course's samples."""
-        course, whole = self.moving.moving.trajectories[run], self.problem.runs[run]
-        first = whole.measured.time[0] + course.time[0] - 1e-9  # the search may have looked at a later part alone
+        trajectory, whole = self.moving.moving.trajectories[run], self.problem.runs[run]
+        first = whole.measured.time[0] + trajectory.time[0] - 1e-9  # the search may have looked at a later part alone
         part = whole.measured.between(first, np.inf)
         recording = simulate(plant, replace(whole, measured=part), initial=start).recording
         rest = self.reduced_model.rows.rest
-        time, at = recording.time - recording.time[0], course.time - course.time[0]
+        time, at = recording.time - recording.time[0], trajectory.time - trajectory.time[0]
         columns = [
             np.interp(at, time, recording[c.channel] + (rest[j] if c.from_rest else 0.0))
             for j, c in enumerate(self.problem.channels)
@@ -109,7 +109,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
 
     def _along(self, fit: Fit) -> tuple[list[Array], list[InitialState]]:
         """Return what the system along the motion makes of a fit, from its best starts, and those starts."""
-        y = self.settle(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
+        y = self.move_starts(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
         out, states, nv = [], [], self.reduced_model.m
         for i, run in enumerate(self.runs):
             motion = self.moving.systems[i].motion

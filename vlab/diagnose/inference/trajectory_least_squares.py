@@ -140,9 +140,9 @@ class TrajectoryLeastSquares(LeastSquares):
 
     def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
         """See `LeastSquares`; the spread of starts is that of the filter's predictions."""
-        return self._loose((), self.moving.theta, [])[1]
+        return self._free_starts((), self.moving.theta, [])[1]
 
-    def _loose(
+    def _free_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]]
     ) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
         """Return what a hypothesis gives, (n, n_windows, p), and for every window what its start can explain, see `LeastSquares`."""
@@ -161,13 +161,13 @@ class TrajectoryLeastSquares(LeastSquares):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, settled: float = NEAR_ENOUGH) -> Fit:
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = NEAR_ENOUGH) -> Fit:
         theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
-        self.settle(vector.terms, theta[0], own, offsets[0])
-        return super()._descend(vector, x, iterations, settled)
+        self.move_starts(vector.terms, theta[0], own, offsets[0])
+        return super()._descend(vector, x, iterations, tolerance)
 
-    def settle(
+    def move_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array
     ) -> Array:
         """Move the starts of whole runs to where a hypothesis fits best, and return what it then gives, (n, n_windows, p).
@@ -175,7 +175,7 @@ class TrajectoryLeastSquares(LeastSquares):
         Windows are so short that what their starts explain is as good as linear in them.
         """
         self.runs = [replace(run, start=start) for run, start in zip(self.runs, self.first_starts, strict=True)]
-        y, self.free_starts = self._loose(terms, theta, values)
+        y, self.free_starts = self._free_starts(terms, theta, values)
         for _ in range(SETTLINGS if self.whole else 0):
             starts = []
             for w, run in enumerate(self.runs):
@@ -183,7 +183,7 @@ class TrajectoryLeastSquares(LeastSquares):
                 move = self.free_starts[w][1] @ np.clip(missed, -FAR, FAR)
                 starts.append(run.start - self.start_scale[w] @ np.clip(move, -MOST_MOVE, MOST_MOVE))
             self.runs = [replace(run, start=start) for run, start in zip(self.runs, starts, strict=True)]
-            y, self.free_starts = self._loose(terms, theta, values)
+            y, self.free_starts = self._free_starts(terms, theta, values)
         return y
 
     # ---- simulation -------------------------------------------------------------------------------------------------
@@ -199,10 +199,10 @@ class TrajectoryLeastSquares(LeastSquares):
         """See `LeastSquares`; `starts` are deviations from the motion."""
         assert len(runs) == len(self.parts)
         with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
-            y = self._marched(terms, theta, values, starts)
+            y = self._integrated(terms, theta, values, starts)
         return self._read(y, runs, terms, theta, values)
 
-    def _marched(
+    def _integrated(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
     ) -> Array:
         """Return what the channels are before sensor effects, (n, n_sets, n_windows, p)."""
@@ -316,12 +316,12 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> None:
         """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
         h = self.moving.runs[0].h
-        for r, course in enumerate(self.moving.moving.trajectories):
+        for r, trajectory in enumerate(self.moving.moving.trajectories):
             mine = [(w, part) for w, part in enumerate(self.parts) if part.run == r]
             if not mine:
                 continue
             first, end = min(p.first for _, p in mine), max(p.end for _, p in mine)
-            t = course.time[first:end]
+            t = trajectory.time[first:end]
             is_even = bool(np.ptp(np.diff(t)) < 1e-6 * h)
             for s in range(y.shape[1]):
                 p = {k: float(v[s]) for k, v in given.items()}

@@ -101,14 +101,14 @@ class TrajectoryScoreTest(ScoreTest):
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
-        self._cache, self._marched, self._spectra, self._tones = {}, {}, None, {}
+        self._cache, self._integrated, self._spectra, self._tones = {}, {}, None, {}
         self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
 
     def trusting(self, trust: float) -> "TrajectoryScoreTest":
         """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
         other = copy.copy(self)
-        other.trust, other._cache, other._marched = trust, {}, {}
+        other.trust, other._cache, other._integrated = trust, {}, {}
         other._spectra, other._tones = None, {}
         other._linearise()
         return other
@@ -128,8 +128,8 @@ class TrajectoryScoreTest(ScoreTest):
         self.systems, self.stack, _, self.near = smoothed_motions(
             self.moving.trajectories, self.motions, self.stepper, self.moving.driven, passes, self.near
         )
-        self.motions = [along.motion for along in self.systems]
-        self.lines, self._cache, self._marched = {}, {}, {}
+        self.motions = [system.motion for system in self.systems]
+        self.lines, self._cache, self._integrated = {}, {}, {}
         self._spectra, self._tones = None, {}
         self.changes = self._changes()
         self._linearise()
@@ -228,7 +228,7 @@ class TrajectoryScoreTest(ScoreTest):
         """See `ScoreTest`."""
         u, _ = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
-        given, _ = stack_runs(runs, [course.load for course in self.moving.trajectories])
+        given, _ = stack_runs(runs, [trajectory.load for trajectory in self.moving.trajectories])
         out = np.zeros((*u.shape[:2], self.reduced_model.m))
         for i in self.moving.driven:
             out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
@@ -258,9 +258,9 @@ class TrajectoryScoreTest(ScoreTest):
             z = pad_and_stack([a.motion.q[:, address] - rest[0] for a in self.systems])
             return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
         rows, values = [], []
-        for along in self.systems:
-            own, z = np.zeros((len(along.M), len(ports), model.nv)), np.zeros((len(along.M), len(ports)))
-            for k, q in enumerate(along.motion.q):
+        for system in self.systems:
+            own, z = np.zeros((len(system.M), len(ports), model.nv)), np.zeros((len(system.M), len(ports)))
+            for k, q in enumerate(system.motion.q):
                 data.qpos[:] = q
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
@@ -343,22 +343,22 @@ class TrajectoryScoreTest(ScoreTest):
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
     ) -> Array:
         t = pad_and_stack([c.time for c in self.moving.trajectories]) + 0.5 * self.stack.h
-        return forces_along(effect, z, v, values, self.stack.h, t, command)
+        return forces_on_trajectory(effect, z, v, values, self.stack.h, t, command)
 
     def states_without(self, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]) -> Array:
         """Return smoothed deviations (n, n_runs, 2 nv) from recordings that sensor effects are taken off."""
         trajectories = []
-        for course in self.moving.trajectories:
-            y, t = course.y.copy(), course.time
+        for trajectory in self.moving.trajectories:
+            y, t = trajectory.y.copy(), trajectory.time
             for effect, place, values in effects:
-                y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(course.h)), t)
-            trajectories.append(with_signals(course, y))
+                y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(trajectory.h)), t)
+            trajectories.append(with_signals(trajectory, y))
         e = pad_and_stack([c.y - a.read for c, a in zip(trajectories, self.systems, strict=True)])
         left, predicted = innovations(self.stack, self.gains, e)
         return smoothed(self.stack, self.gains, left, predicted)
 
 
-def forces_along(
+def forces_on_trajectory(
     effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
 ) -> Array:
     """Return an effect's force along given motion (n, n_runs) with intervals of its own."""
@@ -380,9 +380,9 @@ def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
     return model
 
 
-def _middle(stepper: Stepper, along: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
+def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
     """Return configurations, velocities and accelerations of a motion in the middle of its steps."""
-    q, v = along.motion.q, along.motion.v
+    q, v = system.motion.q, system.motion.v
     later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
     if stepper.is_flat:
         middle = 0.5 * (q + q[later])

@@ -191,7 +191,7 @@ def integrate_with_laws(
     inputs: Array,
     state: Array,
     substeps: int,
-    seen_rows: Array,
+    observed_rows: Array,
     seen: Array,
     last: Array,
     clock: tuple[float, Array],
@@ -244,7 +244,7 @@ def integrate_with_laws(
                     for i in range(sees):
                         total = 0.0
                         for j in range(size):
-                            total += state[s, r, j] * seen_rows[s, i, j]
+                            total += state[s, r, j] * observed_rows[s, i, j]
                         after[s, r, i] = total
                         # forces change by little in a step: the last ones stand for those not known yet
                         known[s, r, i] = 0.0

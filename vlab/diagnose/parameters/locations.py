@@ -229,14 +229,14 @@ def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> li
         if np.abs(rows).max(initial=0.0) == 0.0:
             continue
         moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
-        if len(moving) == 1 and any(_is_along(p.rows[0], moving[0]) for p in ports if not p.angular):
+        if len(moving) == 1 and any(_is_parallel(p.rows[0], moving[0]) for p in ports if not p.angular):
             continue
-        if any(p.rows.shape == moving.shape and _is_along(p.rows, moving) for p in out):
+        if any(p.rows.shape == moving.shape and _is_parallel(p.rows, moving) for p in out):
             continue  # a site at a body's centre
         out.append(Place(name=name, kind="body", rows=moving))
     return out[:MOST_PORTS]
 
 
-def _is_along(a: Array, b: Array) -> bool:
+def _is_parallel(a: Array, b: Array) -> bool:
     """Return whether rows are the same but for their sense."""
     return bool(np.abs(np.abs(a) - np.abs(b)).max() <= SAME * np.abs(b).max())

@@ -136,7 +136,7 @@ def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
     return np.asarray(out)
 
 
-def command_readings(plant: Plant, compared: Sequence[Compared]) -> Array:
+def command_feedthrough(plant: Plant, compared: Sequence[Compared]) -> Array:
     """Return what channels read of a unit command while nothing accelerates, (n_channels, n_actuators): measured forces."""
     plant = without_limits(plant)
     bench, channels = Bench(plant), tuple(compared)

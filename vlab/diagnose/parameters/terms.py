@@ -89,13 +89,13 @@ class Fit:
     sd: dict[str, float] = field(default_factory=dict)
 
     @property
-    def nil(self) -> tuple[str, ...]:
+    def unidentified(self) -> tuple[str, ...]:
         """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
         return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
 
     def nested_model(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
         """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
-        return tuple(self._plainer(term, effects) for term in self.terms)
+        return tuple(self._nested_model(term, effects) for term in self.terms)
 
     def nested(self, effects: Sequence[Effect]) -> list[tuple[Term, ...]]:
         """Return the terms with one of them as a law of its family that has some of its parameters alone, the plainest first.
@@ -117,7 +117,7 @@ class Fit:
                 out.append((*self.terms[:i], replace(term, effect=effect, values=values), *self.terms[i + 1 :]))
         return out
 
-    def _plainer(self, term: Term, effects: Sequence[Effect]) -> Term:
+    def _nested_model(self, term: Term, effects: Sequence[Effect]) -> Term:
         nothing = {p.name for p in term.effect.amplitudes if self._is_nothing(term, p)}
         if not nothing or len(nothing) == len(term.effect.amplitudes):
             return term

@@ -65,12 +65,12 @@ def actuator_states(plant: Plant, u: Array, h: Array) -> Array:
     if len(lags) == model.na:
         return out
     known = [lag.address for lag in lags.values()]
-    marched = _marched(plant, u, h)
-    marched[:, known] = out[:, known]
-    return marched
+    integrated = _integrated(plant, u, h)
+    integrated[:, known] = out[:, known]
+    return integrated
 
 
-def _marched(plant: Plant, u: Array, h: Array) -> Array:
+def _integrated(plant: Plant, u: Array, h: Array) -> Array:
     """Return the same by MuJoCo's own steps, the plant held at rest: for dynamics of other kinds."""
     model, start = copy.copy(plant.model), plant.new_data()
     data = mujoco.MjData(model)

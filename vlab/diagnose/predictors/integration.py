@@ -16,7 +16,7 @@ from vlab.diagnose.data.runs import LONG_PREROLL, PREROLL, Signals
 from vlab.diagnose.kernels.expression_graph import CHECKED, MOST, RUNAWAY
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, march_modes
+from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, integrate_modes
 from vlab.physics.effect import PortEffect, Step
 from vlab.physics.expression import trace_expression
 from vlab.signals import Array
@@ -49,7 +49,7 @@ class _Law:
     memory: Any
 
 
-def march(
+def integrate(
     system: Discrete,
     forces: Array,
     known: int,
@@ -133,7 +133,7 @@ class _Marcher:
             law.push = np.concatenate([law.push, np.zeros((*law.push.shape[:2], size - m2))], axis=-1)
 
     def through(self, forces: Array, starts: Array) -> Array:
-        """Return the channels through all samples; see `march`."""
+        """Return the channels through all samples; see `integrate`."""
         memories = [m[..., None] for j in self.linear for m in self.laws[j].memory]
         x = np.concatenate([starts, *memories], axis=-1)
         h = self.h / self.substeps
@@ -154,7 +154,7 @@ class _Marcher:
             if graph is not None and (law := self.laws[j])
         ]
         system = Marched(step=self.AT, into=self.into, channels=self.CT, direct=self.direct, seen=self.seen)
-        return march_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)
+        return integrate_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)
 
     def _given(self, first: int, count: int) -> Array:
         """Return the forces that depend on time alone, (count, substeps, n_sets, n_runs, n_given)."""

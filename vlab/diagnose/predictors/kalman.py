@@ -86,9 +86,9 @@ def _riccati(
         count += 1
         new = np.dot(AP, AT) + Q - np.dot(np.dot(K, S), KT)
         new = 0.5 * (new + new.T)
-        settled = np.abs(new - P).max() <= SETTLED * np.abs(new).max()
+        converged = np.abs(new - P).max() <= SETTLED * np.abs(new).max()
         P = new
-        if settled:
+        if converged:
             break
     return Ks[:count].copy(), Ss[:count].copy(), Ps[:count].copy()
 
@@ -159,18 +159,18 @@ def run_filter(
     predicted, e = np.zeros((n, n_runs, A.shape[0])), np.zeros((n, n_runs, p))
     AT, CT = A.T.copy(), C.T.copy()
     KT = np.transpose(gains.K, (0, 2, 1)).copy()
-    settled = min(len(gains.K) - 1, n) if usable is None else n  # from then on one gain
-    for k in range(settled):
+    converged = min(len(gains.K) - 1, n) if usable is None else n  # from then on one gain
+    for k in range(converged):
         predicted[k] = x
         innovation = direct[k] - x @ CT
         innovation *= alive[k][:, None] if usable is None else alive[k][:, None] * usable[k]
         e[k] = innovation
         x = x @ AT + innovation @ KT[gains.at(k)] + driven[k]
     L = A[None] - gains.K @ C
-    if settled < n:
-        drive = direct[settled:] @ KT[-1] + driven[settled:]
-        predicted[settled:] = states_of(L[-1].T[None], drive[:, None], x[None])[:, 0]
-        e[settled:] = (direct[settled:] - predicted[settled:] @ CT) * alive[settled:, :, None]
+    if converged < n:
+        drive = direct[converged:] @ KT[-1] + driven[converged:]
+        predicted[converged:] = states_of(L[-1].T[None], drive[:, None], x[None])[:, 0]
+        e[converged:] = (direct[converged:] - predicted[converged:] @ CT) * alive[converged:, :, None]
     inverse = np.linalg.inv(gains.S)
     which = np.minimum(np.arange(n), len(gains.S) - 1)
     logdet = np.linalg.slogdet(gains.S)[1]
@@ -182,15 +182,15 @@ def run_filter(
     filtered = predicted + np.einsum("kap,krp->kra", own[which], e)
     guess = predicted @ C.T + forces @ D.T
     weighted = np.einsum("krp,kpq->krq", e, inverse[which])
-    if settled < n:  # backwards: r(k-1) = weighted(k) C + r(k) L(k)
-        later = (weighted[settled:] @ C)[::-1]
+    if converged < n:  # backwards: r(k-1) = weighted(k) C + r(k) L(k)
+        later = (weighted[converged:] @ C)[::-1]
         back = states_of(L[-1][None], later[:, None], np.zeros((1, *x.shape)))[:, 0]
         back = np.concatenate([back[1:], (back[-1] @ L[-1] + later[-1])[None]])[::-1]
-        predicted[settled:] += back @ gains.P[-1]
+        predicted[converged:] += back @ gains.P[-1]
         r = back[0]
     else:
         r = np.zeros_like(x)
-    for k in range(settled - 1, -1, -1):
+    for k in range(converged - 1, -1, -1):
         i = which[k]
         r = weighted[k] @ C + r @ L[i]
         predicted[k] += r @ gains.P[i]

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.integration import acting_order, march
+from vlab.diagnose.predictors.integration import acting_order, integrate
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
@@ -68,7 +68,7 @@ def channels(
     known = inputs.shape[2] - len(ports)
     forces = _inputs(runs, terms, values, n_sets)
     with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
-        return march(system, forces, known, terms, values, ports, starts, runs, substeps)
+        return integrate(system, forces, known, terms, values, ports, starts, runs, substeps)
 
 
 def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:

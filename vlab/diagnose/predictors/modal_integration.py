@@ -109,7 +109,7 @@ class Marched:
     seen: Array
 
 
-def march_modes(
+def integrate_modes(
     system: Marched,
     laws: Sequence[LoopLaw],
     part: Array,
@@ -181,8 +181,8 @@ def march_modes(
         np.array([law.graph.force for law in laws]),
     )
     seen = np.ascontiguousarray(starts @ system.seen)
-    seen_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
+    observed_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
     last = np.zeros((len(laws), *seen.shape))
     clock = (h, np.ascontiguousarray(late, dtype=float))
-    integrate_with_laws(*common, seen_rows, seen, last, clock, acting, graphs, registers, y)
+    integrate_with_laws(*common, observed_rows, seen, last, clock, acting, graphs, registers, y)
     return y.transpose(2, 0, 1, 3)

@@ -11,7 +11,7 @@ from vlab.diagnose.data.runs import Feedthrough, signals_of, uniform
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.mode_selection import SEEN, KeptModes, as_stepped, kept_modes
-from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_readings
+from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
 from vlab.diagnose.parameters.structure import (
@@ -172,5 +172,5 @@ def _feedthrough(
 ) -> Feedthrough:
     into = np.linalg.solve(reduced_model.M, np.hstack([reduced_model.forces, reduced_model.loads]))
     still, moving = modes.compliance(pushes)
-    still[:, : len(case.plant.actuators)] += command_readings(case.plant, recorded.channels)
+    still[:, : len(case.plant.actuators)] += command_feedthrough(case.plant, recorded.channels)
     return Feedthrough(direct=reduced_model.rows.at_a @ into, still=still, moving=moving)

@@ -58,10 +58,10 @@ class TimeVaryingSystem:
 
 
 def linearise_along(
-    course: TrajectoryData, motion: Motion, stepper: Stepper, driven: Sequence[int]
+    trajectory: TrajectoryData, motion: Motion, stepper: Stepper, driven: Sequence[int]
 ) -> TimeVaryingSystem:
     """Linearise a plant along a motion by finite differences of its steps."""
-    n, nv, p = len(course), stepper.nv, course.y.shape[1]
+    n, nv, p = len(trajectory), stepper.nv, trajectory.y.shape[1]
     L, M = np.zeros((n, 2 * nv, 2 * nv)), np.zeros((n, nv, nv))
     C, D = np.zeros((n, p, 2 * nv)), np.zeros((n, p, nv))
     defect, read = np.zeros((n, 2 * nv)), np.zeros((n, p))
@@ -69,16 +69,16 @@ def linearise_along(
     columns = stepper.plant.control_matrix[:, list(driven)]
     for k in range(n):
         q, v = motion.q[k], motion.v[k]
-        u, load = course.inputs(k)
-        act = None if course.act is None else course.act[k]
+        u, load = trajectory.inputs(k)
+        act = None if trajectory.act is None else trajectory.act[k]
         L[k], M[k], by_control, sensors = stepper.slopes(q, v, u, load, act)
         drives[k] = M[k] @ (by_control @ columns)
         read[k], C[k], D[k] = stepper.reading(q, v, u, load, act, M[k], sensors)
-        q1, v1 = stepper.advance(q, v, u, load, float(course.h[k]), act)
+        q1, v1 = stepper.advance(q, v, u, load, float(trajectory.h[k]), act)
         if k + 1 < n:
             defect[k] = np.concatenate([stepper.between(q1, motion.q[k + 1]), motion.v[k + 1] - v1])
     later = np.minimum(np.arange(1, n + 1), n - 1)
-    fine_A, fine_G = sampled(0.5 * (L + L[later]), 0.5 * (M + M[later]), course.h / FINE)
+    fine_A, fine_G = sampled(0.5 * (L + L[later]), 0.5 * (M + M[later]), trajectory.h / FINE)
     A, G = fine_A, fine_G
     for _ in range(FINE - 1):
         A, G = fine_A @ A, fine_A @ G + fine_G
@@ -135,12 +135,12 @@ def pad_and_stack(parts: Sequence[Array]) -> Array:
 def stack(trajectories: Sequence[TrajectoryData], systems: Sequence[TimeVaryingSystem]) -> SystemBatch:
     """Put runs side by side."""
     spread = []
-    for course, along in zip(trajectories, systems, strict=True):
+    for trajectory, along in zip(trajectories, systems, strict=True):
         largest = np.concatenate(
             [np.ptp(along.motion.q, axis=0).max(keepdims=True), np.abs(along.motion.v).max(axis=0)]
         )
         size = np.concatenate([np.full(along.M.shape[1], largest[0]), np.maximum(largest[1:], 1e-6)])
-        spread.append((AT_REST if course.at_rest else UNKNOWN) * np.maximum(size, 1e-9))
+        spread.append((AT_REST if trajectory.at_rest else UNKNOWN) * np.maximum(size, 1e-9))
     return SystemBatch(
         **{
             name: pad_and_stack([getattr(a, name) for a in systems])

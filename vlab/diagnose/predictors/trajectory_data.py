@@ -168,7 +168,7 @@ def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
 # ---- the first motion ------------------------------------------------------------------------------------------------
 
 
-def first_motion(course: TrajectoryData, stepper: Stepper, rest: Array) -> Motion:
+def first_motion(trajectory: TrajectoryData, stepper: Stepper, rest: Array) -> Motion:
     """Return a motion to linearise about: measured joints smoothed by splines, the others by an extended Kalman filter.
 
     Parameters
@@ -180,23 +180,23 @@ def first_motion(course: TrajectoryData, stepper: Stepper, rest: Array) -> Motio
     positions = {j[0]: i for i, j in enumerate(joints) if j is not None and j[1] == 0}
     splines = {}
     for dof, i in positions.items():
-        splines[dof] = _spline(course, i)
-    q, v = np.repeat(rest[None], len(course), axis=0), np.zeros((len(course), stepper.nv))
+        splines[dof] = _spline(trajectory, i)
+    q, v = np.repeat(rest[None], len(trajectory), axis=0), np.zeros((len(trajectory), stepper.nv))
     for dof, (position, rate) in splines.items():
         q[:, _address(stepper, dof)], v[:, dof] = position, rate
     if len(splines) == stepper.nv:
         return Motion(q=q, v=v)
-    return _filtered(course, stepper, q[0], v[0], list(splines))
+    return _filtered(trajectory, stepper, q[0], v[0], list(splines))
 
 
 def _address(stepper: Stepper, dof: int) -> int:
     return int(stepper.model.jnt_qposadr[stepper.model.dof_jntid[dof]])
 
 
-def _spline(course: TrajectoryData, i: int) -> tuple[Array, Array]:
+def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
     """Return a smoothed position and its rate; the penalty is the one whose remainder is the channel's noise."""
-    y, t = course.y[:, i], course.time
-    noise = float(course.noise[i])
+    y, t = trajectory.y[:, i], trajectory.time
+    noise = float(trajectory.noise[i])
     low, high = -8.0, 4.0
     size = float(np.mean(np.diff(t))) ** 3
     best = make_smoothing_spline(t, y, lam=size * 10.0**low)
@@ -210,23 +210,23 @@ def _spline(course: TrajectoryData, i: int) -> tuple[Array, Array]:
     return best(t), best.derivative()(t)
 
 
-def _filtered(course: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
+def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
     """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
     nv = stepper.nv
     spread = np.concatenate([np.full(nv, WIDE), np.full(nv, 5 * WIDE)])
     for dof in known:
         spread[dof] *= 0.1
-    P = np.diag(spread**2) if not course.at_rest else 1e-8 * np.eye(2 * nv)
-    R = np.diag((course.noise + 0.01 * course.scale) ** 2)
-    out_q, out_v = np.zeros((len(course), len(q))), np.zeros((len(course), nv))
-    for k in range(len(course)):
-        (u, load), h = course.inputs(k), float(course.h[k])
-        act = None if course.act is None else course.act[k]
+    P = np.diag(spread**2) if not trajectory.at_rest else 1e-8 * np.eye(2 * nv)
+    R = np.diag((trajectory.noise + 0.01 * trajectory.scale) ** 2)
+    out_q, out_v = np.zeros((len(trajectory), len(q))), np.zeros((len(trajectory), nv))
+    for k in range(len(trajectory)):
+        (u, load), h = trajectory.inputs(k), float(trajectory.h[k])
+        act = None if trajectory.act is None else trajectory.act[k]
         for _ in range(3 if k == 0 else 1):  # the first sample may be far from where it was thought to be
             L, M, _, sensors = stepper.slopes(q, v, u, load, act)
             here, C, _ = stepper.reading(q, v, u, load, act, M, sensors)
             gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-            change = gain @ (course.y[k] - here)
+            change = gain @ (trajectory.y[k] - here)
             q, v = stepper.moved(q, change[:nv]), v + change[nv:]
         P = P - gain @ C @ P
         out_q[k], out_v[k] = q, v
@@ -261,6 +261,6 @@ def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
     return whole[..., :s, :s], whole[..., :s, s:]
 
 
-def with_signals(course: TrajectoryData, y: Array) -> TrajectoryData:
+def with_signals(trajectory: TrajectoryData, y: Array) -> TrajectoryData:
     """Return a course with other channels: recordings that a sensor's effect is taken off."""
-    return replace(course, y=y)
+    return replace(trajectory, y=y)

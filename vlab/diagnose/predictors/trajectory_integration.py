@@ -70,11 +70,11 @@ def integrate_trajectory(
         In a sample interval.
     """
     n, n_sets, n_windows, size = drive.shape
-    taped = [(law, graph) for law, graph in zip(laws, graphs, strict=True) if graph is not None]
-    own = [[law.p[p.name] for p in law.effect.parameters] for law, _ in taped]
-    memories = [law.memory or () for law, _ in taped]
-    held, registers = loaded([graph for _, graph in taped], own, memories, (n_sets, n_windows))
-    results = np.array([graph.force for _, graph in taped], dtype=np.int64)
+    traced = [(law, graph) for law, graph in zip(laws, graphs, strict=True) if graph is not None]
+    own = [[law.p[p.name] for p in law.effect.parameters] for law, _ in traced]
+    memories = [law.memory or () for law, _ in traced]
+    held, registers = loaded([graph for _, graph in traced], own, memories, (n_sets, n_windows))
+    results = np.array([graph.force for _, graph in traced], dtype=np.int64)
     lines = max((law.path.rows.shape[1] for law in laws), default=1)
 
     def padded(x: Array, axes: tuple[int, ...]) -> Array:
@@ -99,7 +99,7 @@ def integrate_trajectory(
     for i, law in enumerate(laws):
         if law.is_linear:
             impedance[i] = np.array(law.impedance)[..., 0]
-    which = iter(range(len(taped)))
+    which = iter(range(len(traced)))
     kinds = np.array(
         [
             (law.path.rows.shape[1], -1 if law.is_linear else next(which), law.memory is None and not law.is_last)
@@ -203,16 +203,16 @@ def _integrate(
                                 force[s, w, i] -= matrix[i, b] * force[s, w, b]
                             force[s, w, i] /= matrix[i, i]
                 if graph >= 0:
-                    played = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
+                    evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
                     if twice:  # the force acts on its own motion, that of stiff stops most
-                        evaluate(played, firsts[graph], own)
+                        evaluate(evaluated, firsts[graph], own)
                         for s in range(n_sets):
                             for w in range(n_windows):
                                 e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
                                 first = own[results[graph], e]
                                 own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
                                 own[AT_V, e] += 0.5 * own_gain * first
-                    evaluate(played, firsts[graph], own)
+                    evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
                         own[recalled[i]] = own[is_hysteretic[i]]
                     for s in range(n_sets):

@@ -93,7 +93,7 @@ def read_trajectory_signals(case: Case) -> tuple[Signals, ...]:
     """Return a case's fit recordings as the search along their motion has them, without that motion."""
     recorded = read_runs(case, ("fit",))
     stepper = Stepper(case.plant, recorded.channels, recorded.load_ports)
-    return _signals(_courses(case, recorded, stepper, _interference(recorded)))
+    return _signals(_trajectories(case, recorded, stepper, _interference(recorded)))
 
 
 def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
@@ -108,9 +108,9 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
     plant, channels, names = case.plant, recorded.channels, recorded.names
     load_ports, driven = recorded.load_ports, recorded.driven
     stepper, interferences = Stepper(plant, channels, load_ports), _interference(recorded)
-    trajectories = _courses(case, recorded, stepper, interferences)
+    trajectories = _trajectories(case, recorded, stepper, interferences)
     at_rest = plant.new_data().qpos.copy()
-    motions = side_by_side(lambda course: first_motion(course, stepper, at_rest), trajectories)
+    motions = side_by_side(lambda trajectory: first_motion(trajectory, stepper, at_rest), trajectories)
     substeps = stepper.find_substeps(
         [
             (m.q[k], m.v[k], c.u[k], c.load[k], float(c.h[k]))
@@ -160,7 +160,7 @@ def _interference(recorded: RecordedRuns) -> tuple[MainsInterference, ...]:
     return find_mains_interference([run for run in recorded.runs if run.measured.is_uniform])
 
 
-def _courses(
+def _trajectories(
     case: Case, recorded: RecordedRuns, stepper: Stepper, interferences: Sequence[MainsInterference]
 ) -> list[TrajectoryData]:
     """Return the runs at their samples, hum taken off."""
@@ -185,20 +185,20 @@ def _signals(trajectories: Sequence[TrajectoryData]) -> tuple[Signals, ...]:
     h = float(np.median([np.median(c.h) for c in trajectories]))
     return tuple(
         Signals(
-            name=course.name,
-            role=course.role,
+            name=trajectory.name,
+            role=trajectory.role,
             h=h,
-            u=course.u,
-            load=course.load,
-            y=course.y,
-            noise=course.noise,
-            scale=course.scale,
-            at_rest=course.at_rest,
-            t0=float(course.time[0]),
-            end=float(course.time[-1]),
-            valid=course.valid,
+            u=trajectory.u,
+            load=trajectory.load,
+            y=trajectory.y,
+            noise=trajectory.noise,
+            scale=trajectory.scale,
+            at_rest=trajectory.at_rest,
+            t0=float(trajectory.time[0]),
+            end=float(trajectory.time[-1]),
+            valid=trajectory.valid,
         )
-        for course in trajectories
+        for trajectory in trajectories
     )
 
 

@@ -12,7 +12,7 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
-from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.physics.effect import Effect
 
 MOST_ATTEMPTS = 3
@@ -48,7 +48,7 @@ class Trials:
         """
         problem, seen, change = self.problem, self.seen, self.change or _same
         findings = (*seen.of_law(problem), *terms, *seen.of_sensors(problem))
-        after = change(seen.on(amended(problem, fit))) if findings else None
+        after = change(seen.on(extended(problem, fit))) if findings else None
         checked = check(
             self.runs,
             change(self.before),

@@ -14,7 +14,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.gap import NO_WORSE, gap_closed, total
-from vlab.diagnose.validation.simulation import ExtendedModel, amended, check
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.diagnose.verdict import LEAST_TO_NOISE, errors_of
 from vlab.physics.effect import Effect
 
@@ -59,7 +59,7 @@ class Confirmation:
     effects: Sequence[Effect]
     is_linear: bool
 
-    def settled(self, found: TimeFound) -> Confirmed:
+    def confirmed(self, found: TimeFound) -> Confirmed:
         """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
 
         A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
@@ -75,10 +75,12 @@ class Confirmation:
             before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
             if best.terms:
                 on_reduced_model = self._exactly(best)
-                if on_reduced_model.nil:
-                    rejected.append((best.label, f"of {', '.join(on_reduced_model.nil)} the last fit leaves nothing"))
-                    rest = [t for t in on_reduced_model.terms if t.label not in on_reduced_model.nil]
-                    found = self._with(_without(found, best, on_reduced_model.nil), rest, on_reduced_model)
+                if on_reduced_model.unidentified:
+                    rejected.append(
+                        (best.label, f"of {', '.join(on_reduced_model.unidentified)} the last fit leaves nothing")
+                    )
+                    rest = [t for t in on_reduced_model.terms if t.label not in on_reduced_model.unidentified]
+                    found = self._with(_without(found, best, on_reduced_model.unidentified), rest, on_reduced_model)
                     continue
                 simpler = self._simpler(found, best, on_reduced_model) if best.label not in simplified else found
                 simplified.add(best.label)
@@ -94,12 +96,12 @@ class Confirmation:
                     after is not on_reduced_model
                 ):  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
                     before = self._plain_in_mujoco
-            settled = Confirmed(choice=choice, before=before, after=after, rejected=_dropped(rejected))
-            first = first or settled
+            confirmed = Confirmed(choice=choice, before=before, after=after, rejected=_dropped(rejected))
+            first = first or confirmed
             if not best.terms:
                 break
-            if not self.is_linear or self._is_confirmed(settled):
-                return self._with_fewer(found, settled)
+            if not self.is_linear or self._is_confirmed(confirmed):
+                return self._with_fewer(found, confirmed)
             rejected.append((best.label, "its law fits on the linear twin, but not in MuJoCo"))
             found = _without(found, best)
             unconfirmed += 1
@@ -119,7 +121,7 @@ class Confirmation:
     def _exactly(self, best: Hypothesis) -> Fit:
         """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
         iterations = ITERATIONS if self.is_linear else STEPS_ALONG_MOTION
-        return self.whole.fit(best.terms, best.long_fit, iterations, settled=EXACT)
+        return self.whole.fit(best.terms, best.long_fit, iterations, tolerance=EXACT)
 
     def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
         """Return what was found with the plainer law that a hypothesis' law is at its last fit's values; the same where it is none.
@@ -155,40 +157,40 @@ class Confirmation:
         worse = [h for h in found.hypotheses if h.label == own.label]
         return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
 
-    def _with_fewer(self, found: TimeFound, settled: Confirmed) -> Confirmed:
+    def _with_fewer(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
         """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
         second one then makes up for what the twin does not do as MuJoCo does."""
-        both = settled.choice.best
+        both = confirmed.choice.best
         if len(both.terms) < 2:
-            return settled
+            return confirmed
         parts = {t.label for t in both.terms}
         alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
         single = choose_model(alone).best
         if not single.terms:
-            return settled
+            return confirmed
         if self.problem.case.structure is None and is_prior_driven(both, single):
-            return settled  # one alone leaves as little, but with uncertain parameters that nobody believes
-        one = self.settled(alone)
+            return confirmed  # one alone leaves as little, but with uncertain parameters that nobody believes
+        one = self.confirmed(alone)
         left = []
-        for which in (settled, one):
+        for which in (confirmed, one):
             left.append(total(check(self.problem.runs, *self._models(which)), "after"))
         if not left[1] <= NO_WORSE * left[0]:
-            return settled
+            return confirmed
         why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
-        return replace(one, rejected=(*settled.rejected, *_dropped([(both.label, why)])))
+        return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
 
-    def _is_confirmed(self, settled: Confirmed) -> bool:
+    def _is_confirmed(self, confirmed: Confirmed) -> bool:
         """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
-        checked = check(loudest_and_quietest(self.problem), *self._models(settled), self.seen.benign_interferences)
+        checked = check(loudest_and_quietest(self.problem), *self._models(confirmed), self.seen.benign_interferences)
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= LEAST_TO_NOISE
 
-    def _models(self, settled: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
+    def _models(self, confirmed: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
         """Return the refitted and the amended model, both with what the recordings show without a model."""
         return (
-            self.seen.on(amended(self.problem, settled.before)),
-            self.seen.on(amended(self.problem, settled.after)),
+            self.seen.on(extended(self.problem, confirmed.before)),
+            self.seen.on(extended(self.problem, confirmed.after)),
         )
 
 
@@ -197,13 +199,13 @@ def _instead(found: TimeFound, own: Hypothesis, others: Sequence[Hypothesis]) ->
     return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in others])))
 
 
-def _without(found: TimeFound, hypothesis: Hypothesis, nil: Sequence[str] = ()) -> TimeFound:
+def _without(found: TimeFound, hypothesis: Hypothesis, unidentified: Sequence[str] = ()) -> TimeFound:
     """Return what was found without a hypothesis; where a part of it is nothing, without any that adds to the rest of it."""
-    rest = {t.label for t in hypothesis.terms} - set(nil)
+    rest = {t.label for t in hypothesis.terms} - set(unidentified)
 
     def stays(h: Hypothesis) -> bool:
         labels = {t.label for t in h.terms}
-        return h is not hypothesis and not (nil and rest and rest < labels)
+        return h is not hypothesis and not (unidentified and rest and rest < labels)
 
     return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
 

@@ -22,7 +22,7 @@ from vlab.diagnose.inference.parameter_vector import from_unbounded, to_unbounde
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.validation.simulation import amended
+from vlab.diagnose.validation.simulation import extended
 from vlab.errors import VlabError
 from vlab.signals import Array, Recording
 
@@ -82,7 +82,7 @@ def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandL
     moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
     x = np.zeros(moves.count)
     prior = np.zeros(moves.count)
-    prior[: moves.r] = refiner.vector(fit.terms).along(fit.theta)[: moves.r]
+    prior[: moves.r] = refiner.vector(fit.terms).project_prior(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
     slopes, age = np.zeros((len(base), moves.count)), -1
@@ -178,7 +178,7 @@ def _residuals(problem: Problem, targets: Sequence[_Target], fits: Sequence[Fit]
 
 def _difference(problem: Problem, fit: Fit, target: _Target) -> Array:
     try:
-        simulated = amended(problem, fit).simulated(target.run).data[:, list(target.columns)]
+        simulated = extended(problem, fit).simulated(target.run).data[:, list(target.columns)]
     except VlabError:  # it ran away, or no start was found
         return np.full(int(target.counts.sum()), FAR)
     out = ((simulated - target.measured) / target.sigma)[target.counts]

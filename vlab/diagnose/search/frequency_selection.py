@@ -66,10 +66,10 @@ def search_frequency(
     before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
     pairs = candidates(problem, effects)
 
-    def priced(fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
+    def penalised(fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
         return scored(fit, effective_samples, effective_samples, log_likelihood_gain, tried=len(pairs), floor=floor)
 
-    before = priced(before_fit)
+    before = penalised(before_fit)
     progress(0.1, "screening")
     by_lines = screened(ScoreTest(fitter, Point(theta=before_fit.theta, terms=())), pairs)
     by_bands: list[Trial] = []
@@ -80,18 +80,21 @@ def search_frequency(
     from_afar = {t.label for t in by_bands[:FAR]}
     fits = side_by_side(lambda item: _quick_fit(fitter, item, before_fit.theta, from_afar), shortlist)
     singles = sorted(
-        (priced(fit, t[0].log_likelihood_gain) for fit, t in zip(fits, shortlist, strict=True)), key=lambda h: -h.score
+        (penalised(fit, t[0].log_likelihood_gain) for fit, t in zip(fits, shortlist, strict=True)),
+        key=lambda h: -h.score,
     )
     fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[:FINISHED])
-    singles = [priced(fit, h.log_likelihood_gain) for fit, h in zip(fits, singles, strict=False)] + singles[FINISHED:]
+    singles = [penalised(fit, h.log_likelihood_gain) for fit, h in zip(fits, singles, strict=False)] + singles[
+        FINISHED:
+    ]
     singles.sort(key=lambda h: -h.score)
     hypotheses = list(singles)
     if singles and singles[0].normalised_residual > ENOUGH:
         progress(0.55, "fitting pairs of effects")
-        hypotheses += [priced(fit) for fit in _pairs(fitter, singles, pairs)]
+        hypotheses += [penalised(fit) for fit in _pairs(fitter, singles, pairs)]
         hypotheses.sort(key=lambda h: -h.score)
     progress(0.85, "comparing places")
-    places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, priced)
+    places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, penalised)
     return FrequencyFound(
         problem=problem,
         fitter=fitter,
@@ -156,7 +159,7 @@ def _places(
     hypotheses: Sequence[Hypothesis],
     tried: Sequence[Trial],
     theta: Array,
-    priced: Callable[[Fit], Hypothesis],
+    penalised: Callable[[Fit], Hypothesis],
 ) -> dict[str, Hypothesis]:
     """Fit the best hypothesis again with its first effect at the other places."""
     if not hypotheses:
@@ -181,4 +184,4 @@ def _places(
 
     fits = side_by_side(fitted, todo)
     out = {first.place.name: best, **{n: h for n, h in known.items() if n != first.place.name}}
-    return {**out, **{name: priced(fit) for name, fit in zip(todo, fits, strict=True)}}
+    return {**out, **{name: penalised(fit) for name, fit in zip(todo, fits, strict=True)}}

@@ -51,7 +51,7 @@ class LinearTimeInvariant:
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares | None:
         """Return what fits whole recordings of the same case read otherwise; None where that is far from linear."""
-        screen = _near_rest(case, "")
+        screen = _linearise_at_rest(case, "")
         return None if screen is None else LeastSquares(screen, screen.problem.in_role("fit"), model_error)
 
 
@@ -76,7 +76,7 @@ class TrajectoryLinearised:
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares:
         """Return what fits whole recordings of the same case read otherwise; the model's error is the screening's."""
-        return TrajectoryLeastSquares(_along_motion(case), whole=True)
+        return TrajectoryLeastSquares(_linearise_trajectory(case), whole=True)
 
 
 def choose_model_class(
@@ -98,13 +98,14 @@ def choose_model_class(
     if problem is not None:
         model_class = _as_nonlinear_as_recorded(problem)
         return replace(
-            model_class, screen=score_by_timing(model_class.screen, _signals, _near_rest, _left_near_rest, effects)
+            model_class,
+            screen=score_by_timing(model_class.screen, _signals, _linearise_at_rest, _residual_at_rest, effects),
         )
     check_scope(case)
-    screen = _along_motion(case)
+    screen = _linearise_trajectory(case)
     check_contacts(case, screen.moving.motions)
     return TrajectoryLinearised(
-        screen=score_by_timing(screen, read_trajectory_signals, _along_motion, _left_along_motion, effects)
+        screen=score_by_timing(screen, read_trajectory_signals, _linearise_trajectory, _residual_on_trajectory, effects)
     )
 
 
@@ -128,23 +129,23 @@ def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
 def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
     """Return what a refit leaves, see `_left`, and the uncertain parameters of the screening that it began with, (n_changes,)."""
     screen = ScoreTest(problem)
-    return _left_near_rest(screen), screen.theta
+    return _residual_at_rest(screen), screen.theta
 
 
 def _signals(case: Case) -> Sequence[Signals]:
     return prepare(case).signals
 
 
-def _near_rest(case: Case, timing: str) -> ScoreTest | None:
+def _linearise_at_rest(case: Case, timing: str) -> ScoreTest | None:
     problem = linear_problem(case)
     return None if problem is None else ScoreTest(replace(problem, timing=timing))
 
 
-def _left_near_rest(screen: ScoreTest) -> float:
+def _residual_at_rest(screen: ScoreTest) -> float:
     return _left(LeastSquares(screen, screen.problem.in_role("fit")))
 
 
-def _left_along_motion(screen: TrajectoryScoreTest) -> float:
+def _residual_on_trajectory(screen: TrajectoryScoreTest) -> float:
     return _left(TrajectoryLeastSquares(screen, whole=True))
 
 
@@ -153,6 +154,6 @@ def _left(refiner: LeastSquares) -> float:
     return refiner.fit((), None, WHOLE_ITERATIONS).cost / sum(run.y.size for run in refiner.runs)
 
 
-def _along_motion(case: Case, timing: str = "") -> TrajectoryScoreTest:
+def _linearise_trajectory(case: Case, timing: str = "") -> TrajectoryScoreTest:
     problem, moving = prepare_trajectory(case)
     return TrajectoryScoreTest(replace(problem, timing=timing), moving)

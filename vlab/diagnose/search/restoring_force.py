@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest, forces_along
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest, forces_on_trajectory
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.physics.effect import LinearPortEffect, PortEffect
@@ -64,4 +64,6 @@ def _law(screen: TrajectoryScoreTest, term: Term) -> tuple[Array, Array]:
     assert isinstance(term.effect, PortEffect)
     command = screen.groups[0].u[:-1, :, term.place.coil] if term.place.coil is not None else 0.0
     t = pad_and_stack([c.time for c in screen.moving.trajectories])[:-1] + 0.5 * screen.stack.h[:-1]
-    return rows[:1], forces_along(term.effect, z[0], v[0], dict(term.values), screen.stack.h[:-1], t, command)[None]
+    return rows[:1], forces_on_trajectory(term.effect, z[0], v[0], dict(term.values), screen.stack.h[:-1], t, command)[
+        None
+    ]

@@ -63,7 +63,7 @@ class _Convention:
         In log-likelihood, less its price.
     is_near : bool
         Whether they ask for it once, not for more or less of it.
-    is_believed : bool
+    is_conclusive : bool
         Whether they ask for it and for nothing else.
     """
 
@@ -72,7 +72,7 @@ class _Convention:
     skew_s: float
     log_likelihood_gain: float
     is_near: bool
-    is_believed: bool
+    is_conclusive: bool
 
     @property
     def lines(self) -> list[str]:
@@ -176,7 +176,7 @@ def _favoured_convention(
 ) -> _Convention | None:
     """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
     asked = [convention for convention in conventions if convention.log_likelihood_gain > GAIN]
-    effective_share = [convention for convention in asked if convention.is_believed]
+    effective_share = [convention for convention in asked if convention.is_conclusive]
     if effective_share or not asked:
         return max(effective_share, key=lambda convention: convention.log_likelihood_gain, default=None)
     candidates = screen.candidates(effects)[:BESIDE]
@@ -184,7 +184,7 @@ def _favoured_convention(
     for candidate in candidates:
         for convention in _conventions(screen.given([candidate]), left_open):
             if (
-                convention.is_believed
+                convention.is_conclusive
                 and convention.log_likelihood_gain > GAIN
                 and candidate.log_likelihood_gain + convention.log_likelihood_gain > most
             ):
@@ -221,7 +221,7 @@ def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
                 skew_s=skew * step,
                 log_likelihood_gain=log_likelihood_gain - GAIN_EACH * (len(shares) - 1),
                 is_near=is_near,
-                is_believed=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
+                is_conclusive=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
             )
 
 

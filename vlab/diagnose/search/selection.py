@@ -91,7 +91,7 @@ def search(
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "screening")
     candidates = _sharpened(screen, screen.candidates(effects))
-    narrow, before = _refitted(screen)
+    narrow, before = _calibrated_error(screen)
     whole = LeastSquares(screen, problem.in_role("fit"), narrow.model_error)
     rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
     in_windows = before
@@ -110,7 +110,7 @@ def search(
     hypotheses = singles = on_whole_runs(
         whole,
         narrow,
-        [*events, *_worth_long_runs(singles, adds_up=adds_up)],
+        [*events, *_reward_long_runs(singles, adds_up=adds_up)],
         most,
         plain,
         screened=[*shortlist, *candidates],
@@ -154,7 +154,7 @@ def search(
     )
 
 
-def _refitted(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
+def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
     """Return the fits in windows, and the first of them: the same physics with its uncertain parameters refitted.
 
     Where that leaves no more than the error that the simulation is allowed, the allowance is what hides the rest, so a smaller
@@ -181,7 +181,7 @@ def shows(problem: Problem, effect: Effect) -> bool:
     return effect.family in ("bias", "disturbance", "saturation", "resolution")
 
 
-def _worth_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
+def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
     """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
     what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
     what came before it."""

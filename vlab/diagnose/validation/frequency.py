@@ -276,7 +276,7 @@ def _checked(
         after=total[2],
         noise=noise[1],
         channels={n: tuple(float(e[n]) for e in (errors[0], errors[stands], errors[2], noise[0])) for n in names},  # type: ignore[misc]
-        refitted=total[1],
+        calibrated=total[1],
         bare=total[-1] if findings else float("nan"),
         parts=tuple(parts),
         measured=data,

@@ -67,14 +67,14 @@ class Distance:
     noise: float
     channels: dict[str, tuple[float, float, float, float]]
     incoherent: float = 0.0
-    refitted: float = float("nan")
+    calibrated: float = float("nan")
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()
 
     @property
     def is_spoilt(self) -> bool:
         """Whether the refitted model is further off than the model as given, which then stands in its place."""
-        return self.refitted > self.nominal
+        return self.calibrated > self.nominal
 
     @property
     def stands(self) -> str:

@@ -73,9 +73,9 @@ class ExtendedModel:
         data = recording.data.copy()
         for column, gain, offset, about in self._calibration(recording):
             data[:, column] = about + gain * (data[:, column] - about) + offset
-        for hum in self.interferences:
-            if hum.channel in recording.names:
-                data[:, recording.index(hum.channel)] += hum.expected(run)
+        for interference in self.interferences:
+            if interference.channel in recording.names:
+                data[:, recording.index(interference.channel)] += interference.expected(run)
         for step in self.steps:
             if step.channel in recording.names:
                 column = recording.index(step.channel)
@@ -104,7 +104,7 @@ class ExtendedModel:
                 yield recording.index(name), gain, offset, about
 
 
-def amended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
+def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
     """Return a problem's plant as a fit has it, but for the zeros of the channels named."""
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
@@ -161,7 +161,7 @@ class Checked(Distance):
         return self.simulated[0] if self.is_spoilt else self.simulated[1]
 
     @property
-    def amended(self) -> Recording | None:
+    def extended(self) -> Recording | None:
         """What the amended model does; None where it cannot follow or nothing was added."""
         return None if self.simulated[2] is self.standing else self.simulated[2]
 
@@ -170,8 +170,8 @@ class Checked(Distance):
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
-        nominal, refitted, _ = self.simulated
-        return replace(self, after=self.before, channels=channels, simulated=(nominal, refitted, self.standing))
+        nominal, calibrated, _ = self.simulated
+        return replace(self, after=self.before, channels=channels, simulated=(nominal, calibrated, self.standing))
 
 
 def check(
@@ -228,7 +228,7 @@ def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequen
             continue
         moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
         size = float(np.sqrt(np.mean(np.square(moved))))
-        if size >= max(own.noise, COARSE * own.refitted) and size > worst:
+        if size >= max(own.noise, COARSE * own.calibrated) and size > worst:
             worst, where = size, own.name
     if not where:
         return ""
@@ -255,10 +255,10 @@ def _checked(
         if step.channel in names:
             i = names.index(step.channel)
             noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
-    for hum in interferences:
-        if hum.channel in names:
-            i = names.index(hum.channel)
-            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(hum.on(run) ** 2))) / scale[i])
+    for interference in interferences:
+        if interference.channel in names:
+            i = names.index(interference.channel)
+            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i])
 
     def apart(one: Recording, other: Recording) -> Array:
         return np.array([_rms((one[n] - other[n])[kept]) for n in names]) / scale
@@ -289,7 +289,7 @@ def _checked(
         noise=_rms(noise),
         channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
         incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing) / scale)),
-        refitted=left[1],
+        calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
         measured=run.measured,

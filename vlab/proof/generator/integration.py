@@ -144,7 +144,7 @@ class _Way:
         return self._past[index] if index >= 0 else self._none
 
 
-def march(
+def integrate(
     bench: Bench,
     commands: Array,
     laws: Sequence[tuple[str, Law]],

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.proof.generator.bench import Bench
 from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.hidden import Hidden, Scale, Signals
-from vlab.proof.generator.integration import Feedback, Poles, march, port_rows
+from vlab.proof.generator.integration import Feedback, Poles, integrate, port_rows
 from vlab.signals import Array
 
 
@@ -63,7 +63,7 @@ class Setup:
                 bench = action.bench(bench, x.place)
         laws = [(x.place, action.law) for x, action in acts if action.law is not None]
         feedback = None if self.feedback is None else replace(self.feedback, output=self.output)
-        y = march(bench, forces, laws, step=step, substeps=self.substeps, feedback=feedback)
+        y = integrate(bench, forces, laws, step=step, substeps=self.substeps, feedback=feedback)
         for x, action in acts:
             if action.sensor is not None:
                 name, _, second = x.place.partition("/")

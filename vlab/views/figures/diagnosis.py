@@ -42,8 +42,8 @@ LOOKS: dict[str, dict[str, Any]] = {
 @styled
 def overlay_figure(
     measured: Recording,
-    refitted: Recording,
-    amended: Recording | None,
+    calibrated: Recording,
+    extended: Recording | None,
     channel: str,
     *,
     noise: float,
@@ -66,7 +66,7 @@ def overlay_figure(
     label = measured.channels[measured.index(channel)]
     curves = [
         (name, LOOKS[name], r[channel])
-        for name, r in (("measured", measured), (before, refitted), ("amended", amended))
+        for name, r in (("measured", measured), (before, calibrated), ("amended", extended))
         if r is not None
     ]
     figure = Figure(figsize=(7.2, 6.8), layout="constrained")

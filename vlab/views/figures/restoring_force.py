@@ -41,7 +41,7 @@ class Missing:
     words: str
 
 
-def missing_force(done: Diagnosed, term: Term) -> Missing:
+def restoring_force(done: Diagnosed, term: Term) -> Missing:
     """Return what one of the fitted effects does along the fit recordings."""
     if isinstance(term.effect, ActuatorEffect):
         return _at_actuator(done, term, term.effect)

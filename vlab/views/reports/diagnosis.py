@@ -32,7 +32,7 @@ from vlab.views.figures.diagnosis import (
 )
 from vlab.views.figures.diagnosis_response import responses
 from vlab.views.figures.model_drawing import model_figure
-from vlab.views.figures.restoring_force import missing_force
+from vlab.views.figures.restoring_force import restoring_force
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
 from vlab.views.reports.diagnosis_summary import summary, verdict_sentence
 from vlab.views.reports.page import Section, write_report
@@ -227,19 +227,19 @@ def _overlays(done: Diagnosed) -> Section:
     )
     pairs, drawn = _chosen(checked), set()
     for run, name in pairs[:OVERLAYS]:
-        refitted = run.standing
-        if refitted is None:
+        calibrated = run.standing
+        if calibrated is None:
             text.append(f"{run.name}: neither the model as given nor the refitted one can follow this recording.")
             continue
         errors = run.channels[name]
-        worst = misfit(run.measured, refitted, name)
+        worst = misfit(run.measured, calibrated, name)
         middle = float(worst.window_time_s[int(np.argmax(worst.window_nrmse))])
         noise = errors[3] * float(np.std(run.measured[name]))
         drawing = overlay_figure(
-            run.measured, refitted, run.amended, name, noise=noise, worst_s=middle, before=run.stands
+            run.measured, calibrated, run.extended, name, noise=noise, worst_s=middle, before=run.stands
         )
         caption = f"{run.name} ({run.role}), {name}. NRMSE: {run.stands} {errors[1]:.3g}, amended {errors[2]:.3g}, noise {errors[3]:.3g}."
-        if run.amended is not None and not done.diagnosis.findings:
+        if run.extended is not None and not done.diagnosis.findings:
             caption += " The amended model is the best attempt, which is not reported as a finding."
         figures.append((to_svg(drawing), caption))
         if run.name not in drawn:
@@ -267,7 +267,7 @@ def _forces(done: Diagnosed) -> Section:
     if attempt is not None and attempt.is_of_the_fit_alone:
         text = "The force law of the fit alone, in colour, which no recording kept aside verifies; the force itself, in grey."
     for term in _drawn_terms(done):
-        found = missing_force(done, term)
+        found = restoring_force(done, term)
         values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
         drawing = force_figure(found.curves, found.label, series=found.series)
         figures.append((to_svg(drawing), f"{found.words} Law: {term.effect.law}; {values}. Below: a stretch in time."))
@@ -369,7 +369,9 @@ def _mismatch(done: Diagnosed) -> Section:
     ]
     if done.diagnosis.findings:
         with_physics = [
-            (r, n, misfit(r.measured, r.amended, n, band_edges_hz=edges)) for r, n, _ in found if r.amended is not None
+            (r, n, misfit(r.measured, r.extended, n, band_edges_hz=edges))
+            for r, n, _ in found
+            if r.extended is not None
         ]
         if with_physics:
             figures.append(

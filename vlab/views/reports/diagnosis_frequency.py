@@ -66,10 +66,10 @@ def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
 
 
 def _caption(c: CheckedFrequency, name: str, is_extended: bool, done: FrequencyDiagnosed) -> str:
-    given, before, amended, noise = c.channels[name]
+    given, before, extended, noise = c.channels[name]
     text = f"{c.name} ({c.role}), {name}. Relative error: as given {given:.3g}"
     text += ", which a refit takes further off" if c.is_spoilt else f", refitted {before:.3g}"
-    text += f", amended {amended:.3g}" if is_extended else ""
+    text += f", amended {extended:.3g}" if is_extended else ""
     text += f", noise {noise:.3g}."
     if is_extended and not done.diagnosis.findings:
         text += " The amended model is the best attempt, which is not reported as a finding."

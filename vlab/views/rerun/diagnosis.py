@@ -65,12 +65,12 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
 
 
 def _recordings(checked: Sequence[Checked]) -> list[Recording]:
-    return [r for run in checked for r in (run.measured, run.standing, run.amended) if r is not None]
+    return [r for run in checked for r in (run.measured, run.standing, run.extended) if r is not None]
 
 
 def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
     time, truth = run.measured.time, run.measured[name]
-    shown = {"measured": run.measured, run.stands: run.standing, "amended": run.amended}
+    shown = {"measured": run.measured, run.stands: run.standing, "amended": run.extended}
     for label, colour, width in _CURVES:
         recording = shown.get(label)
         if recording is None:
