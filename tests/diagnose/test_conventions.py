@@ -12,10 +12,10 @@ from vlab.cases.description import ChannelTable
 from vlab.diagnose.prepare import prepare
 from vlab.diagnose.screen import Screen
 from vlab.diagnose.timing import (
-    WORDS,
     GAIN,
     HINT,
     MUCH_LESS,
+    WORDS,
     _asked_for,
     _Convention,
     _half_step,
