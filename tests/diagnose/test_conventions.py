@@ -172,6 +172,16 @@ def test_a_screening_takes_the_inputs_as_they_acted(written, truth, found):
     assert done.problem.timing == "".join(lines)
 
 
+def test_a_screening_takes_positions_as_the_steps_left_them(written):
+    """Half a step ahead of the velocities, which a loop of semi-implicit steps writes."""
+    model = MODEL.replace('timestep="0.0005"', f'timestep="{STEP}"')
+    done, lines = told(written("", rows=stepped(1), velocity=True, model=model))
+    _, position, velocity = done.problem.case.table.recording[0].channel
+    assert position.delay_s == pytest.approx(-0.5 * STEP, rel=0.1)
+    assert velocity.delay_s == 0.0
+    assert "ms ahead" in lines[-1]
+
+
 def test_a_screening_that_cannot_be_made_again_stays_as_it_is(written):
     screen = Screen(prepare(written("zero")))
     same = timed(screen, lambda c: prepare(c).signals, lambda c, line: None, lambda s: 1.0, ())

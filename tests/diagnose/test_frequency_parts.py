@@ -209,10 +209,14 @@ def test_trials_stay_within_the_catalogues_range_and_are_all_different(chain, na
                 assert p.signed or value > 0
                 if not p.reference and p.unit not in ("s", "Hz"):
                     assert abs(value) <= p.high * (1 + 1e-12)
-        for p in effect.parameters:
-            if p.signed and effect.kind == "port":
-                own = sorted(t.values[p.name] for t in tried)
-                np.testing.assert_allclose(own, -np.array(own)[::-1])  # both senses alike
+
+
+def test_a_force_that_may_have_either_sign_is_tried_with_both_alike(chain):
+    effect = EFFECTS["tension-error"]
+    place = replace(place_of(chain, "joint:mass2"), tag="tension")
+    own = sorted(t.values["tension"] for t in trials(chain, effect, place))
+    np.testing.assert_allclose(own, -np.array(own)[::-1])
+    assert own[0] < 0 < own[-1]
 
 
 @pytest.mark.parametrize(

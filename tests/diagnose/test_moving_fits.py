@@ -1,5 +1,6 @@
 """Fits far from rest in their parts: the force that a model lacks, the last fit in MuJoCo, the search along the motion."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -131,6 +132,20 @@ def test_the_last_fit_finds_the_hidden_size(polished):
     """Its own damper, 30 % uncertain and a sixth of it, is the same to these recordings."""
     _, fit, _ = polished
     assert fit.terms[0].values["damping"] == pytest.approx(SIZE, rel=0.1)
+
+
+def test_the_last_fit_is_that_of_mujocos_run_whatever_the_system_along_the_motion_does(screen, place):
+    """MuJoCo's plant brakes by half the hidden damper already: the other half is all that is left to find."""
+    refiner = SimulatedRefiner(screen)
+    plant = screen.problem.plant
+    model = copy.copy(plant.model)
+    model.dof_damping[0] += 0.5 * SIZE
+    refiner.problem = replace(screen.problem, plant=replace(plant, model=model))
+    term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": SIZE})
+    fit = refiner.fit((term,), replace(refiner.fit((), iterations=0), terms=(term,)))
+    whole = model.dof_damping[0] * np.exp(_log_factor(refiner, fit, "dof_damping")) + fit.terms[0].values["damping"]
+    assert whole == pytest.approx(0.001 + SIZE, rel=0.1)
+    assert fit.terms[0].values["damping"] < 0.75 * SIZE
 
 
 def test_the_recordings_are_the_same_after_a_fit(polished):

@@ -159,6 +159,13 @@ def test_the_plainer_of_two_laws_that_explain_as_much_is_kept(rig, settling, fit
     assert [t.effect.name for t in done.after.terms] == ["cubic-stiffness"]
 
 
+def test_the_plainer_law_takes_the_place_of_the_wider_one(rig, settling, fitted):
+    """It is not left to the scores which of two equals is kept."""
+    wider = fitted(term(rig[0], "quadratic-cubic-stiffness", k2=10.0, k3=K3))
+    out = settling._simpler(found_of(rig, wider), wider, settling._exactly(wider))
+    assert [h.label for h in out.hypotheses] == ["cubic-stiffness@tendon:spring2"]
+
+
 def test_a_law_that_needs_all_its_parts_is_not_made_plainer(rig, settling, fitted):
     """The cube alone stays a cube: of a plainer law the recordings would leave much more."""
     cubic = fitted(term(rig[0], "cubic-stiffness", k3=K3))
