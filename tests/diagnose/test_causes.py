@@ -32,7 +32,7 @@ def motion(n=200, runs=3):
     return np.sin(20 * t + phase), 20 * np.cos(20 * t + phase)
 
 
-# ---- units of amplitudes ----------------------------------------------------------------------------------------------
+# ---- units of amplitudes --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("effect", [e for e in PORTS if e.amplitudes], ids=lambda e: e.name)
@@ -71,7 +71,7 @@ def test_a_changed_command_is_the_given_one_and_the_change(effect):
     np.testing.assert_allclose(changed[:, :1], alone, atol=1e-12)  # runs know nothing of each other
 
 
-# ---- forces along a motion --------------------------------------------------------------------------------------------
+# ---- forces along a motion ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("effect", PORTS, ids=lambda e: e.name)
@@ -109,7 +109,7 @@ def test_a_law_that_runs_away_is_nothing_in_that_run_alone(name):
     assert np.abs(usual).max() > 0
 
 
-# ---- impulses ---------------------------------------------------------------------------------------------------------
+# ---- impulses -------------------------------------------------------------------------------------------------------
 
 
 def observed(n=300, runs=2):
@@ -175,7 +175,7 @@ def test_causes_that_enter_alike_have_their_way_in_common():
     assert Cause(series=series, channel=2).way != Cause(series=series, channel=1).way
 
 
-# ---- runs side by side ------------------------------------------------------------------------------------------------
+# ---- runs side by side ----------------------------------------------------------------------------------------------
 
 
 def group_of(lengths, usable=None, first=0) -> Group:

@@ -55,7 +55,7 @@ def channels(case):
     return [c for table in case.table.recording for c in table.channel]
 
 
-# ---- what a case says and leaves open ---------------------------------------------------------------------------------
+# ---- what a case says and leaves open -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("hold", WORDS)
@@ -101,7 +101,7 @@ def test_every_convention_is_said_with_the_word_that_a_case_has_for_it():
     assert all(part in line for part in (in_words("past"), "something else", "recordings do"))
 
 
-# ---- what shows -------------------------------------------------------------------------------------------------------
+# ---- what shows -----------------------------------------------------------------------------------------------------
 
 
 def test_half_a_sample_shows_where_readings_move_in_it(written):
@@ -144,11 +144,16 @@ def test_steps_skew_positions_and_accelerations_and_never_velocities(written):
     assert _skewable(prepare(_skewed(case, 1e-4))) == []  # the case states one
 
 
-# ---- what a screening makes of it -------------------------------------------------------------------------------------
+# ---- what a screening makes of it -----------------------------------------------------------------------------------
+
+
+TOLD: dict = {}
 
 
 def told(case):
-    """Return the case that a screening ends with, and what it was told on the way."""
+    """Return the screening that one of a case ends with, and what it was told on the way; each is made once."""
+    if id(case) in TOLD:
+        return TOLD[id(case)][1:]
     lines = []
 
     def again(other, line):
@@ -159,6 +164,7 @@ def told(case):
         raise AssertionError("no refit is needed where innovations tell")
 
     done = timed(Screen(prepare(case)), lambda c: prepare(c).signals, again, leaves, ())
+    TOLD[id(case)] = case, done, lines
     return done, lines
 
 

@@ -55,7 +55,7 @@ def test_a_shape_that_is_a_share_of_the_motion_keeps_its_share_however_it_is_cou
             assert metres[1] - metres[0] <= 2 * FURTHEST
 
 
-# ---- the vector -------------------------------------------------------------------------------------------------------
+# ---- the vector -----------------------------------------------------------------------------------------------------
 
 VALUES = ({"k2": -30.0, "k3": 4e3}, {"force": 0.4, "slip": 2e-3})
 PRIOR = np.array([0.02, 0.3, 0.05])

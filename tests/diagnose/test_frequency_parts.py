@@ -55,7 +55,7 @@ def place_of(problem, name):
     return next(p for p in problem.places if p.name == name)
 
 
-# ---- the view ---------------------------------------------------------------------------------------------------------
+# ---- the view -------------------------------------------------------------------------------------------------------
 
 
 def matrices():
@@ -167,7 +167,7 @@ def test_an_unstable_model_has_no_response(case, tmp_path):
 NOT_HERE = {"rotary-inertia", "tension-error"}
 """Effects that no place of the chain can have: nothing turns, no bar is stretched."""
 
-# ---- trials -----------------------------------------------------------------------------------------------------------
+# ---- trials ---------------------------------------------------------------------------------------------------------
 
 
 def test_candidates_are_all_linear_effects_where_they_can_act_and_show(chain):
@@ -256,7 +256,7 @@ def test_what_is_hidden_has_a_trial_near_it(chain):
         assert min(off) < np.log(10.0 if len(hidden.values) > 1 else 3.0), hidden.effect
 
 
-# ---- the search -------------------------------------------------------------------------------------------------------
+# ---- the search -----------------------------------------------------------------------------------------------------
 
 
 def tried(name, place, gain):

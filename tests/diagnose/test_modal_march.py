@@ -22,7 +22,7 @@ def steps(seed=0, n_sets=2) -> np.ndarray:
     return np.array(out)
 
 
-# ---- own directions ---------------------------------------------------------------------------------------------------
+# ---- own directions -------------------------------------------------------------------------------------------------
 
 
 def test_states_turned_along_own_directions_are_states_stepped():
@@ -47,7 +47,7 @@ def test_a_step_without_own_directions_is_kept_as_it_is(step):
     np.testing.assert_array_equal((x @ modes.into @ modes.back).real, x)
 
 
-# ---- the march under inputs -------------------------------------------------------------------------------------------
+# ---- the march under inputs -----------------------------------------------------------------------------------------
 
 
 def system(step, n_inputs=3, p=2, seed=3) -> Marched:
@@ -64,7 +64,7 @@ def system(step, n_inputs=3, p=2, seed=3) -> Marched:
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("is_dense", [False, True])
 def test_a_march_is_the_recursion_that_its_matrices_say(substeps, is_dense):
-    """The first inputs stand over a sample; the others are their own in every substep, and the first of them is read."""
+    """The first inputs stand over a sample; the others have a value for every substep, and channels read the first."""
     rng, n = np.random.default_rng(4), 40
     step = np.array([[[1.0, 0.0], [0.01, 1.0]]] * 2) if is_dense else steps()
     own = system(step)
@@ -93,7 +93,7 @@ def test_marches_add_up():
     np.testing.assert_allclose(whole, march(parts[0], starts[0]) - 2 * march(parts[1], starts[1]), atol=1e-9)
 
 
-# ---- laws in the loop -------------------------------------------------------------------------------------------------
+# ---- laws in the loop -----------------------------------------------------------------------------------------------
 
 STIFFNESS, DAMPING, SECONDS = 40.0, 0.3, 2.0
 LAWS = {

@@ -1,4 +1,4 @@
-"""Fits far from rest in their parts: the force that a model lacks, the last fit in MuJoCo, the search along the motion."""
+"""Fits far from rest in their parts: the lacking force, the last fit in MuJoCo, the search along the motion."""
 
 import copy
 from dataclasses import replace
@@ -50,7 +50,7 @@ def fit_of(screen, *terms):
     return replace(plain, theta=np.zeros(len(screen.problem.parameters)), terms=terms)
 
 
-# ---- the force that is lacking ----------------------------------------------------------------------------------------
+# ---- the force that is lacking --------------------------------------------------------------------------------------
 
 
 def inner(series):
@@ -108,12 +108,12 @@ def test_what_uncertain_parameters_do_is_taken_off(screen, place):
     np.testing.assert_allclose(taken, own, atol=0.05 * np.abs(own).max())
 
 
-# ---- the last fit in MuJoCo -------------------------------------------------------------------------------------------
+# ---- the last fit in MuJoCo -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def polished(screen, place):
-    """Return the last fit in MuJoCo of the hidden law, begun at half its size, with its refiner, and the fit without MuJoCo."""
+    """Return a refiner, its last fit of the hidden law from half its size, and the fit without MuJoCo."""
     term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": 0.5 * SIZE})
     refiner = SimulatedRefiner(screen)
     start = replace(refiner.fit((), iterations=0), terms=(term,))
@@ -194,7 +194,7 @@ def test_a_fit_that_mujoco_cannot_follow_is_no_better_than_any(polished):
     assert missed > 1e3 * refiner._missed(fit)[0]
 
 
-# ---- the search -------------------------------------------------------------------------------------------------------
+# ---- the search -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

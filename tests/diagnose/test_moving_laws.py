@@ -1,4 +1,4 @@
-"""Laws at work along a motion, and their march: whichever motion a system is linear about, a law does the same to it."""
+"""Laws at work along a motion, and their march: a law does the same about whichever motion."""
 
 from types import SimpleNamespace
 
@@ -82,7 +82,7 @@ def far_motion(n, h):
     return np.hstack([0.5 * np.sin(omega * t + phase), 0.5 * omega * np.cos(omega * t + phase)])
 
 
-# ---- which motion a system is linear about ----------------------------------------------------------------------------
+# ---- which motion a system is linear about --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -100,7 +100,7 @@ def test_the_motion_that_a_system_is_linear_about_changes_nothing(name, compiled
 
 @pytest.mark.parametrize("name", ["viscous-damping", "cubic-stiffness", "quadratic-drag"])
 def test_finer_steps_between_samples_go_on_along_the_same_motion(name):
-    """A cubic between the samples is all that is known of the motion there: it is off by the fourth power of the interval."""
+    """Between samples the motion is a cubic, which is off by the fourth power of the interval."""
     start = np.array([0.4, -0.2, 1.0, 0.5])
 
     def apart(h):
@@ -121,7 +121,7 @@ def test_compiled_laws_march_as_those_written(name):
         np.testing.assert_allclose(fast, slow, atol=1e-10)
 
 
-# ---- beside scipy's integration ---------------------------------------------------------------------------------------
+# ---- beside scipy's integration -------------------------------------------------------------------------------------
 
 
 def force_of(name, p, z, v, t):
@@ -179,7 +179,7 @@ def test_friction_stops_what_slides_after_its_braking_distance():
     np.testing.assert_allclose(states[slides, 1], speed - force * np.arange(n)[slides] * h, atol=1e-9)
 
 
-# ---- invariances of a law ---------------------------------------------------------------------------------------------
+# ---- invariances of a law -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_an_impedance_answers_the_motion_that_it_causes_itself(lines):
     np.testing.assert_allclose(row.T @ force, push, atol=share * np.abs(push).max())
 
 
-# ---- paths ------------------------------------------------------------------------------------------------------------
+# ---- paths ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_path_between_samples_is_the_cubic_through_both_states():
@@ -283,7 +283,7 @@ def test_a_path_ends_where_the_model_goes_and_not_where_the_motion_is():
     assert path.even is None
 
 
-# ---- what the march says of itself ------------------------------------------------------------------------------------
+# ---- what the march says of itself ----------------------------------------------------------------------------------
 
 
 def test_uneven_steps_have_no_tapes_and_linear_laws_need_none():

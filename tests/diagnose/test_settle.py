@@ -81,7 +81,7 @@ def misled(hypothesis, by):
     return replace(hypothesis, misfit=hypothesis.misfit - by, level=hypothesis.level * float(np.exp(-by)))
 
 
-# ---- what is settled --------------------------------------------------------------------------------------------------
+# ---- what is settled ------------------------------------------------------------------------------------------------
 
 
 def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, settling, fitted):
@@ -173,7 +173,7 @@ def test_a_law_that_needs_all_its_parts_is_not_made_plainer(rig, settling, fitte
     assert settling._simpler(found, cubic, cubic.fit) is found
 
 
-# ---- its parts --------------------------------------------------------------------------------------------------------
+# ---- its parts ------------------------------------------------------------------------------------------------------
 
 
 def test_a_hypothesis_stands_in_the_place_of_others_in_the_order_of_scores(rig, fitted):

@@ -74,7 +74,10 @@ X = np.array([0.4, -0.8, 1.1, -2.0, np.log(0.7)])
 
 
 def test_slopes_are_those_of_the_formula():
-    """Forward differences miss them by half a step times the curvature: the step is a ten thousandth, of the law a hundredth."""
+    """Forward differences miss them by half a step times the curvature.
+
+    The step is a ten thousandth, and a hundredth along the law.
+    """
     of, entries = Answers(), entries_of()
     raw, exact = of.parts(entries, X)
     found = slopes_at(of, entries, X, raw)
@@ -86,7 +89,7 @@ def test_slopes_are_those_of_the_formula():
 
 @pytest.mark.parametrize("periods", [(0.02, 0.01), (0.01, 0.02), (0.01, 0.01)])
 def test_slopes_by_offsets_are_differences_where_starts_are_loose(periods):
-    """What a loose start explains of an offset is taken off, so a formula would not do; without any both are the same."""
+    """A loose start explains a part of an offset, which no formula knows; without that part both agree."""
     of, entries = Answers(periods), entries_of()
     raw = of.residual(entries, X[None])[0]
     known = slopes_at(of, entries, X, raw)[:, 2:4]

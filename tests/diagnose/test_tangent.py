@@ -30,7 +30,7 @@ INTENSITY = 0.3
 LENGTHS = (9, 6)
 
 
-# ---- a made-up system that varies -------------------------------------------------------------------------------------
+# ---- a made-up system that varies -----------------------------------------------------------------------------------
 
 
 def varying(lengths=LENGTHS, seed=0, direct=1.0) -> Stack:
@@ -61,7 +61,7 @@ def varying(lengths=LENGTHS, seed=0, direct=1.0) -> Stack:
 
 
 def joint(s, r):
-    """Return mean and covariance of all states and readings of a run: one linear map of start, unknown forces and noise."""
+    """Return mean and covariance of a run's states and readings, by one linear map of start, forces and noise."""
     n = int(s.lengths[r])
     size = 2 + n + 2 * n  # start, a force for every sample, noise of both channels
     x, mean = np.zeros((2, size)), np.zeros(2)
@@ -159,7 +159,7 @@ def test_a_sample_that_says_nothing_is_as_good_as_one_of_endless_noise():
     np.testing.assert_array_equal(ignored, left)
 
 
-# ---- the intensity ----------------------------------------------------------------------------------------------------
+# ---- the intensity --------------------------------------------------------------------------------------------------
 
 
 def shaken(intensity, size=1.0, n=400) -> Stack:
@@ -200,7 +200,7 @@ def test_an_intensity_goes_with_the_square_of_the_motion():
     assert tuned(shaken(0.3, size=100.0)) == pytest.approx(1e4 * tuned(shaken(0.3)), rel=1e-9)
 
 
-# ---- runs side by side ------------------------------------------------------------------------------------------------
+# ---- runs side by side ----------------------------------------------------------------------------------------------
 
 
 def test_shorter_runs_end_in_zeros():
@@ -212,7 +212,7 @@ def test_shorter_runs_end_in_zeros():
         np.testing.assert_array_equal(out[len(part) :, i], 0.0)
 
 
-# ---- along a motion ---------------------------------------------------------------------------------------------------
+# ---- along a motion -------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
