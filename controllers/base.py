@@ -43,7 +43,7 @@ def as_gain_matrix(values: Any, *, rows: Sequence[str], columns: Sequence[str], 
     ----------
     values : Any
         Numbers.
-    rows, columns
+    rows, columns : sequence of str
         Channel names.
     name : str
         Name of the matrix in messages.

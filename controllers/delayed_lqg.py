@@ -65,7 +65,7 @@ def design(model: StateModel, weights: Weights, noise: Noise, *, rate: float, de
     ----------
     model : StateModel
         Model of the structure.
-    weights, noise
+    weights, noise : Weights, Noise
         Weights and noise, see `vlab.design.weights`.
     rate : float
         Sample rate [Hz].

@@ -1,8 +1,8 @@
 """Control law as a file: ``controller.toml``.
 
-`vlab design` writes the file, and `vlab experiment --law FILE` runs the law. The file holds either `gains`, the matrix
-D of u = -D y [N s/m], or the matrices of x+ = A x + B y, u = C x + D y with their rate. All values are in SI: y in m/s,
-u in N.
+`vlab design` writes the file, and `vlab experiment --law FILE` runs the law. Static gains are the matrix D of u = -D y
+[N s/m] under `gains`. Any other linear law has the matrices of x+ = A x + B y, u = C x + D y and their rate. All values
+are in SI: y in m/s, u in N.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""Discrete linear law x+ = A x + B y, u = C x + D y.
+"""Discrete linear control law.
 
-Observers, filters and static gains have the same form.
+x+ = A x + B y, u = C x + D y. Observers, filters and static gains have the same form.
 """
 
 from collections.abc import Sequence

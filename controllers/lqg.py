@@ -182,7 +182,7 @@ def discrete_law(model: StateModel, F: Array, K: Array, *, rate: float = RATE) -
     ----------
     model : StateModel
         Design model.
-    F, K
+    F, K : array
         Regulator and filter gain.
     rate : float
         Sample rate [Hz].

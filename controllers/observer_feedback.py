@@ -12,7 +12,9 @@ from vlab.errors import BadController
 
 
 class ObserverFeedback:
-    """The law u = -K x, x+ = A x + B u + M (y - C x).
+    """State feedback on an observer.
+
+    u = -K x, x+ = A x + B u + M (y - C x).
 
     Parameters
     ----------

@@ -36,8 +36,8 @@ def hold(A: Any, B: Any, duration: float) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    A, B
-        System matrices, (n, n) and (n, n_inputs).
+    A, B : (n, n), (n, n_inputs) array
+        System matrices.
     duration : float
         T [s].
 
@@ -62,7 +62,7 @@ def sample_with_delay(A: Any, B: Any, C: Any, *, rate: float, delay_samples: flo
 
     Parameters
     ----------
-    A, B, C
+    A, B, C : array
         Matrices of the continuous system.
     rate : float
         Sample rate [Hz].

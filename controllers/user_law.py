@@ -225,7 +225,7 @@ def class_from_file(
         Python file.
     name : str
         Name in the file.
-    kind, form
+    kind, form : str
         Kind of object and required form, for messages.
     error : type[VlabError]
         Type of the exception.

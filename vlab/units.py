@@ -233,7 +233,7 @@ def same_dimension(unit: str, other: str) -> bool:
 
     Parameters
     ----------
-    unit, other
+    unit, other : str
         Units as written.
 
     Returns

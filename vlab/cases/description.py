@@ -246,8 +246,8 @@ class ChannelTable:
 class ControllerTable:
     """``[recording.controller]``: the control law in the loop.
 
-    The law is static rate feedback u = -gains y, or an observer u = -K x, x+ = A x + B u + M (y - C x) with |u| <=
-    limit.
+    The law is static rate feedback u = -gains y, or an observer. The observer is u = -K x, x+ = A x + B u + M (y - C x)
+    with |u| <= limit.
 
     Parameters
     ----------

@@ -19,8 +19,8 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 TRUSTED = 0.25
-"""TRUSTED [1]: ratio of the distances to the predicted place, of the nearest and second nearest pole, up to which a match
-is clear."""
+"""TRUSTED [1]: largest distance of a pole from its prediction, relative to the distance to any other pole, of a clear
+match."""
 HALVINGS = 12
 """HALVINGS [1]: largest number of halvings of a continuation step. Closer modes cannot be distinguished."""
 REAL = 1e-9
@@ -81,9 +81,9 @@ class RateFeedbackLoop:
 
     @cached_property
     def to_states(self) -> Array:
-        """Map x = T z from z = [eta', Omega eta] to x = [q', q].
+        """Transform T from modal states to states, (2n, 2n).
 
-        The shape is (2n, 2n).
+        x = T z with z = [eta', Omega eta] and x = [q', q].
         """
         shapes, zero = self.model.eigen[1], np.zeros((self.model.n, self.model.n))
         return np.block([[shapes, zero], [zero, shapes / self.omega]])

@@ -68,9 +68,9 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
 
     Parameters
     ----------
-    A, B
+    A, B : (n_states, n_states), (n_states, n_inputs) array
         System matrices.
-    Q, R
+    Q, R : (n_states, n_states), (n_inputs, n_inputs) array
         Weights; Q >= 0, R > 0.
 
     Returns
@@ -81,8 +81,8 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
     Raises
     ------
     BadDesign
-        Sizes do not fit, Q is indefinite, R is not positive definite, an unstable mode is uncontrollable, or Q does not
-        observe a mode on the stability limit.
+        Sizes do not fit, Q is indefinite, R is not positive definite, or an unstable mode is uncontrollable. Or Q does
+        not observe a mode on the stability limit.
     """
     a, b = _system(A, B, "B")
     q = checked_weight(Q, "the state weight Q", definite=False)
@@ -160,7 +160,7 @@ def unreachable(A: ArrayLike, B: ArrayLike) -> list[complex]:
 
     Parameters
     ----------
-    A, B
+    A, B : (n_states, n_states), (n_states, n_inputs) array
         System matrices.
 
     Returns

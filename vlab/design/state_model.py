@@ -15,9 +15,9 @@ TRANSLATIONS = ("v", "tip")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateModel:
-    """State model x' = A x + B u, y = C x: (3.2) and (4.2).
+    """State model of a structure: (3.2) and (4.2).
 
-    The state is x = [q', q], with coil forces u and coil velocities y.
+    x' = A x + B u, y = C x with x = [q', q], coil forces u and coil velocities y.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from vlab.signals import Array
 from vlab.structure.model import Damping, Tuning
 
 SILENT = 1e-6
-"""SILENT [1]: largest motion at every coil, relative to the largest mode, of a mode that cannot be driven and was not
+"""SILENT [1]: share of the largest mode's motion at the coils below which a mode cannot be driven, and was not
 measured."""
 
 

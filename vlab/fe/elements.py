@@ -155,7 +155,7 @@ def geometric_stiffness(tension_start: float, tension_end: float, length: float)
 
     Parameters
     ----------
-    tension_start, tension_end
+    tension_start, tension_end : float
         Tension at the first and last node [N].
     length : float
         Length of the element [m].

@@ -1,9 +1,9 @@
 """Lateral modes of the cables, added to an FE model.
 
 The FE model has cables as springs and end masses only. A cable of length l and mass m moves as v_end x/l + sum of s_j
-sin(j pi x/l), with x from its fixing (Craig and Bampton [1]_). The first term is already in the model: stiffness T/l
-and mass m/3 at the point. Each s_j adds the modal mass m/2, its natural frequency with both ends held, and the coupling
--(-1)^j m/(j pi) to the point's acceleration. The stiffness is uncoupled.
+sin(j pi x/l), after Craig and Bampton [1]_. The coordinate x starts at the cable's fixing. The first term is already in
+the model: stiffness T/l and mass m/3 at the point. Each s_j adds the modal mass m/2, its natural frequency with both
+ends held, and the coupling -(-1)^j m/(j pi) to the point's acceleration. The stiffness is uncoupled.
 
 References
 ----------

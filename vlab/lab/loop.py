@@ -24,7 +24,7 @@ class ControlLoop:
 
     Parameters
     ----------
-    plant, hardware, controller
+    plant, hardware, controller : Plant, Hardware, Controller or None
         Parts of the loop; None as controller means no feedback.
     added : (n_steps, n_actuators) array
         Force added behind the filter in every integration step [N].

@@ -29,7 +29,7 @@ def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz:
     ----------
     outputs : sequence of str
         Channel names of sensors; velocities and displacements both give displacement shapes.
-    low_hz, high_hz
+    low_hz, high_hz : float
         Band [Hz].
 
     Returns

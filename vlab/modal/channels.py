@@ -15,7 +15,7 @@ def checked_data(
 
     Parameters
     ----------
-    inputs, outputs
+    inputs, outputs : tuple of str
         Channel names.
     skip_s : float
         Time to drop at the start [s].

@@ -104,7 +104,7 @@ class Distortion:
 
         Parameters
         ----------
-        low, high
+        low, high : float
             Band [Hz].
 
         Returns

@@ -120,7 +120,7 @@ def estimate_frf(
     Raises
     ------
     BadRecording
-        Uneven samples, a recording too short for coherence, a constant input, identical inputs, or a period that is no
+        Uneven samples, a recording too short for coherence, a constant input, or identical inputs. Or the period is no
         whole number of samples or does not fit the input.
     UnknownName
         The recording has no channel of that name.

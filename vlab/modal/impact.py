@@ -104,7 +104,7 @@ def estimate_impact_frf(
 
     Parameters
     ----------
-    inputs, outputs
+    inputs, outputs : sequence of str
         Channel names; one input.
     estimator : Estimator
         ``"H1"``, ``"H2"`` or ``"Hv"``.

@@ -54,8 +54,8 @@ def period_spectra(x: Array, y: Array, dt: float, period_s: float) -> Spectra:
 
     Parameters
     ----------
-    x, y
-        Inputs and outputs, (n, n_channels).
+    x, y : (n, n_channels) array
+        Inputs and outputs.
     dt : float
         Time step [s].
     period_s : float
@@ -95,8 +95,8 @@ def segment_spectra(x: Array, y: Array, dt: float, segment_s: float, overlap: fl
 
     Parameters
     ----------
-    x, y
-        Inputs and outputs, (n, n_channels).
+    x, y : (n, n_channels) array
+        Inputs and outputs.
     dt : float
         Time step [s].
     segment_s : float

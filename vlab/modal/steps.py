@@ -141,7 +141,7 @@ def estimate_stepped_frf(
     ----------
     steps : sequence of Step
         Steps; an unknown frequency is estimated from the first input.
-    inputs, outputs
+    inputs, outputs : sequence of str
         Channel names; one input.
     estimator : Estimator
         ``"H1"``, ``"H2"`` or ``"Hv"``.

@@ -44,8 +44,8 @@ class Parameter:
         ``"amplitude"``: the law is proportional to the parameter and the screening solves for the value. ``"shape"``:
         the screening tries the values of `grid`.
     reference : str
-        Scale of `grid`, `low` and `high`: the largest displacement or velocity recorded at the place, the largest
-        input, the largest slope of the input or output, the duration, or the sample period. "" for no scale.
+        Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
+        input, the largest slope of input or output, the duration, or the sample period. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
     signed : bool
@@ -121,8 +121,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     needs: ClassVar[tuple[str, ...]] = ()
     """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the port),
-    ``"magnet"`` (an actuator, or no elastic element), ``"translation"``, ``"rotation"`` or ``"tension"`` (the rows of a
-    stretched bar). For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
+    ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"`` means the rows
+    of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
     form_of: ClassVar[str] = ""
     """Name of the effect of which this class is another form; reports use that name."""
 

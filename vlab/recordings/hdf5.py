@@ -46,7 +46,7 @@ def read_variables(
     ----------
     reader : str
         Module of `vlab.recordings.workers`.
-    library, install
+    library, install : str
         Required library and its package to install.
 
     Returns

@@ -128,8 +128,8 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
     Raises
     ------
     BadRecording
-        Columns of unequal length, frequencies that are negative or do not increase, a complex magnitude, a real column
-        without its imaginary part, or fewer columns than outputs.
+        The columns have unequal length, or fewer columns than outputs exist. Frequencies are negative or do not
+        increase. A magnitude is complex, or a real column lacks its imaginary part.
     BadUnit
         A unit is unknown, of another dimension than the form, or contradicts the file.
     UnknownName
