@@ -1,6 +1,13 @@
 """Direct rate feedback u = -D y (equation 4.30).
 
-The law acts as an electric dashpot between collocated coils.
+The law acts as an electric dashpot between collocated coils [1]_ [2]_. With a positive definite D and without delay the
+loop only dissipates energy and is stable.
+
+References
+----------
+.. [1] M. J. Balas, Direct velocity feedback control of large space structures, Journal of Guidance and Control 2 (1979)
+       252-253.
+.. [2] A. Preumont, Vibration Control of Active Structures: An Introduction, 3rd ed., Springer, 2011.
 """
 
 from collections.abc import Sequence

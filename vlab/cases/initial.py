@@ -41,13 +41,14 @@ AT_UNSTABLE_REST = 1e-3
 REFINEMENTS = 4
 """REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
 WORTH, ENOUGH = 1.1, 0.02
-"""WORTH [1]: ratio of the model's residual to the linearisation's above which the estimate is refined; a larger ratio
-means large motion. ENOUGH [1]: residual share of the recording above which the estimate is refined."""
+"""WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
+larger ratio means large motion. ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which
+the estimate is refined."""
 STAGES = (0.06, 0.25, 1.0)
 """STAGES [1]: successive window lengths of a local start, as shares of the window."""
 LOCAL, HOPELESS = 0.05, 0.2
-"""LOCAL [1]: residual share above which a local start is tried, if all joints are measured. HOPELESS [1]: same if joints
-are unmeasured; above it a linear estimate is not refined."""
+"""LOCAL [1]: rms residual, relative to the recording's deviation from rest, above which a local start is tried if all
+joints are measured. HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""
 LEAST_STAGE = 8
 """LEAST_STAGE [samples]: shortest window of a local start."""
 MOST_LOCAL, PER_CHANNEL = 12, 3

@@ -54,7 +54,8 @@ class Poles:
 class Spillover:
     """Damping of the truncated modes before and after control.
 
-    The controller, designed on a reduced model, acts on the full model.
+    The controller, designed on a reduced model, acts on the full model. Its action on truncated modes is spillover
+    [1]_.
 
     Parameters
     ----------
@@ -64,6 +65,10 @@ class Spillover:
         Undisturbed frequency [Hz].
     before, after : (k,) array
         Damping ratio without and with the controller.
+
+    References
+    ----------
+    .. [1] M. J. Balas, Feedback control of flexible systems, IEEE Transactions on Automatic Control 23 (1978) 673-679.
     """
 
     modes: tuple[int, ...]

@@ -64,7 +64,8 @@ class KalmanFilter:
 def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
     """Return the linear quadratic regulator: (4.4)-(4.6).
 
-    The index is the integral of x^T Q x + u^T R u.
+    The index is the integral of x^T Q x + u^T R u [1]_. The gain is F = R^-1 B^T S, with A^T S + S A - S B R^-1 B^T S +
+    Q = 0.
 
     Parameters
     ----------
@@ -83,6 +84,10 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
     BadDesign
         Sizes do not fit, Q is indefinite, R is not positive definite, or an unstable mode is uncontrollable. Or Q does
         not observe a mode on the stability limit.
+
+    References
+    ----------
+    .. [1] B. D. O. Anderson and J. B. Moore, Optimal Control: Linear Quadratic Methods, Prentice-Hall, 1990.
     """
     a, b = _system(A, B, "B")
     q = checked_weight(Q, "the state weight Q", definite=False)
@@ -103,7 +108,7 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
 def kalman_filter(A: ArrayLike, C: ArrayLike, V1: ArrayLike, V2: ArrayLike, alpha: float = 0.0) -> KalmanFilter:
     """Return the Kalman filter of (4.9) and (4.10).
 
-    The poles lie left of -alpha [1/s].
+    The poles lie left of -alpha [1/s]. The margin comes from A + alpha I in place of A in the Riccati equation [1]_.
 
     Parameters
     ----------
@@ -124,6 +129,10 @@ def kalman_filter(A: ArrayLike, C: ArrayLike, V1: ArrayLike, V2: ArrayLike, alph
     BadDesign
         Sizes do not fit, V1 is indefinite, V2 is not positive definite, or a mode damped less than alpha is
         unobservable.
+
+    References
+    ----------
+    .. [1] B. D. O. Anderson and J. B. Moore, Optimal Control: Linear Quadratic Methods, Prentice-Hall, 1990.
     """
     c = np.asarray(C, dtype=float)
     if c.ndim != 2:

@@ -2,14 +2,16 @@
 
     minimise f(x)   subject to   c(x) >= 0   and   lower <= A x <= upper
 
-Each step solves the quadratic subproblem of Fletcher's S-l1-QP method with OSQP [1]_. Linear constraints hold exactly.
-The linearised smooth constraints have slacks with a penalty, so a subproblem always has a solution. An infeasible
-problem shows as remaining slacks. Damped BFGS updates approximate the Lagrangian's curvature. One call evaluates the
-functions for all starts, which are independent.
+Each step solves the quadratic subproblem of Fletcher's S-l1-QP method [1]_ with OSQP [2]_. Linear constraints hold
+exactly. The linearised smooth constraints have slacks with a penalty, so a subproblem always has a solution. An
+infeasible problem shows as remaining slacks. Damped BFGS updates approximate the Lagrangian's curvature. One call
+evaluates the functions for all starts, which are independent.
 
 References
 ----------
 .. [1] J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., Springer, 2006, sections 18.5 and 18.7.
+.. [2] B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, OSQP: an operator splitting solver for quadratic
+       programs, Mathematical Programming Computation 12 (2020) 637-672.
 """
 
 from collections.abc import Callable

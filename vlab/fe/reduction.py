@@ -1,8 +1,8 @@
 """Reduction to physical coordinates: exact, Guyan, and search of the coordinates.
 
 Both reductions are q = T q_R with a different T. Hence M_R = T^T M T, loads T^T U and outputs rows @ T. The exact
-reduction [3]_ keeps modes; Guyan's [1]_ keeps the static response. Equation numbers are the dissertation's. Its
-(3.12)-(3.14) and (3.16) are misprinted and corrected here.
+reduction [3]_ keeps modes; Guyan's [1]_ keeps the static response. The search starts from the elimination of [2]_.
+Equation numbers are the dissertation's. Its (3.12)-(3.14) and (3.16) are misprinted and corrected here.
 
 References
 ----------

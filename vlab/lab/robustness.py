@@ -183,7 +183,11 @@ def _lines(loop: SampledLoop) -> Array:
 def _scaled_norm(M: Array) -> Array:
     """Return a bound of the structured singular value, (n_freq,).
 
-    The structure is one complex number a channel. Osborne's scaling balances rows and columns in four passes.
+    The structure is one complex number a channel. Osborne's scaling [1]_ balances rows and columns in four passes.
+
+    References
+    ----------
+    .. [1] E. E. Osborne, On pre-conditioning of matrices, Journal of the ACM 7 (1960) 338-345.
     """
     scaled = M.copy()
     for _ in range(4):

@@ -1,7 +1,12 @@
 """Partial fractions fitted to frequency responses by variable projection.
 
-Residues are eliminated in closed form, and poles follow by descent. The search removes superfluous poles and adds poles
-where the residual has a peak.
+Residues are eliminated in closed form, and poles follow by descent [1]_. The search removes superfluous poles and adds
+poles where the residual has a peak.
+
+References
+----------
+.. [1] G. H. Golub and V. Pereyra, Separable nonlinear least squares: the variable projection method and its
+       applications, Inverse Problems 19 (2003) R1-R26.
 """
 
 from collections.abc import Sequence

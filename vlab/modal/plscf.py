@@ -1,5 +1,7 @@
 """Polyreference least squares (pLSCF): poles over model orders, and persistent poles.
 
+The estimator is the one of [1]_.
+
 References
 ----------
 .. [1] P. Guillaume, P. Verboven, S. Vanlanduit, H. Van der Auweraer and B. Peeters, A poly-reference implementation of

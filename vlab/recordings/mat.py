@@ -1,7 +1,7 @@
 """MAT recordings of versions 5 to 7.3.
 
 Numeric variables become columns; structs become dotted names. Version 7.3 is HDF5 and read as such. The module parses
-the file in plain Python and checks every declared size against the available bytes. scipy.io.loadmat crashes the
+the file [1]_ in plain Python and checks every declared size against the available bytes. scipy.io.loadmat crashes the
 process (segmentation fault) on damaged files; the tests compare both readers on sound files. No object, function or
 class of a file is created.
 
