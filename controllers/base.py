@@ -41,7 +41,7 @@ def as_gain_matrix(values: Any, *, rows: Sequence[str], columns: Sequence[str], 
 
     Parameters
     ----------
-    values : Any
+    values : object
         Numbers.
     rows, columns : sequence of str
         Channel names.
@@ -50,7 +50,7 @@ def as_gain_matrix(values: Any, *, rows: Sequence[str], columns: Sequence[str], 
 
     Returns
     -------
-    NDArray[np.float64]
+    array
         Matrix, (n_rows, n_columns).
 
     Raises

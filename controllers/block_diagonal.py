@@ -61,12 +61,12 @@ def real_modal_form(A: Array) -> tuple[Array, list[Array]]:
 
     Parameters
     ----------
-    A : Array
+    A : array
         Matrix, (n, n).
 
     Returns
     -------
-    tuple[Array, list[Array]]
+    tuple of (array, list of array)
         T and the blocks.
 
     Raises

@@ -97,7 +97,7 @@ def asked_of(structure: Structure, model: str, **changes: Any) -> Asked:
         Structure.
     model : str
         Name of the model.
-    changes : Any
+    changes : object
         Replaced requirements; None keeps the published value.
 
     Returns

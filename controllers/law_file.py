@@ -52,6 +52,10 @@ def write_law(
 
     Parameters
     ----------
+    law : DirectRateFeedback or LinearLaw
+        Static gains or linear law.
+    path : Path or str
+        Path of the file.
     name, structure, model : str
         Design name, structure and design model, as remarks.
     """
@@ -80,12 +84,12 @@ def load_law(path: Path | str) -> DirectRateFeedback | LinearLaw:
 
     Parameters
     ----------
-    path : Path | str
+    path : Path or str
         Law file.
 
     Returns
     -------
-    DirectRateFeedback | LinearLaw
+    DirectRateFeedback or LinearLaw
         Law.
 
     Raises

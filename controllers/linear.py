@@ -96,12 +96,12 @@ class LinearLaw:
 
         Parameters
         ----------
-        y : NDArray[np.float64]
+        y : array
             Samples, (n_sensors,).
 
         Returns
         -------
-        NDArray[np.float64]
+        array
             Commands, (n_actuators,).
 
         Raises

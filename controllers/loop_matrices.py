@@ -76,14 +76,14 @@ def response(system: Any, freq: Array) -> Array:
 
     Parameters
     ----------
-    system : Any
+    system : object
         State-space system.
-    freq : Array
+    freq : array
         Frequencies [Hz].
 
     Returns
     -------
-    Array
+    array
         Response, (n, n_outputs, n_inputs).
     """
     A, B, C, D = (np.asarray(part) for part in (system.A, system.B, system.C, system.D))

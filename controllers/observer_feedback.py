@@ -71,12 +71,12 @@ class ObserverFeedback:
 
         Parameters
         ----------
-        y : NDArray[np.float64]
+        y : array
             Samples, (n_sensors,).
 
         Returns
         -------
-        NDArray[np.float64]
+        array
             Commands, (n_actuators,).
         """
         u = -(self.K @ self._x)

@@ -43,7 +43,7 @@ def hold(A: Any, B: Any, duration: float) -> tuple[Array, Array]:
 
     Returns
     -------
-    tuple[Array, Array]
+    tuple of (array, array)
         Transition matrix and input matrix.
     """
     A, B = np.asarray(A, dtype=float), np.asarray(B, dtype=float)

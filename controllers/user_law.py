@@ -166,12 +166,12 @@ class GuardedLaw:
 
         Parameters
         ----------
-        y : NDArray[np.float64]
+        y : array
             Samples, (n_sensors,).
 
         Returns
         -------
-        NDArray[np.float64]
+        array
             Finite commands.
 
         Raises
@@ -227,12 +227,12 @@ def class_from_file(
         Name in the file.
     kind, form : str
         Kind of object and required form, for messages.
-    error : type[VlabError]
+    error : type
         Type of the exception.
 
     Returns
     -------
-    Any
+    object
         The object.
     """
     if not path.is_file():

@@ -187,6 +187,22 @@ def test_a_public_function_states_its_result(room):
     assert not silent
 
 
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_public_function_with_sections_describes_every_argument(room):
+    missing = []
+    for doc in docs(room):
+        f, sections = doc.owner, split(doc.text)[1]
+        is_plain = isinstance(f, FUNCTION) and not f.name.startswith("_") and not doc.is_inherited
+        if not is_plain or is_nested(f, room) or not {"Parameters", "Returns", "Raises"} & set(sections):
+            continue
+        entries = re.findall(r"^(\S.*?) : ", sections.get("Parameters", ""), flags=re.M)
+        described = {name.strip().lstrip("*") for entry in entries for name in entry.split(",")}
+        arguments = {a.arg for a in (*f.args.posonlyargs, *f.args.args, *f.args.kwonlyargs)} - {"self", "cls"}
+        if arguments - described:
+            missing.append((doc.where, f.name, arguments - described))
+    assert not missing
+
+
 @cache
 def nested(room: str) -> frozenset[tuple[str, int]]:
     """Return name and line of functions that are local to another function or to a private class."""

@@ -65,7 +65,7 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
         Kind of name.
     given : str
         Name as given.
-    known : Iterable[str]
+    known : iterable of str
         Accepted names; the nearest is suggested.
     where : str
         Location, for the message.

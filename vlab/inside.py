@@ -58,6 +58,15 @@ def file_inside(name: PathLike, folder: PathLike, *, called: str = "the folder")
 
     See `path_inside`.
 
+    Parameters
+    ----------
+    name : str or path
+        Name in the data, relative to the folder.
+    folder : str or path
+        Folder named by the user.
+    called : str
+        Name of the folder in messages.
+
     Returns
     -------
     Path

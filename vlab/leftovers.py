@@ -61,9 +61,14 @@ def part_beside(path: Path) -> Iterator[Path]:
 
     The caller writes and moves the file; a remaining file is removed at the end.
 
+    Parameters
+    ----------
+    path : Path
+        Path of the final file.
+
     Returns
     -------
-    Iterator[Path]
+    context manager of Path
         Context with the file's path.
 
     Raises

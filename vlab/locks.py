@@ -78,7 +78,7 @@ def sole_use(folder: Path, *, of: str, wait: bool = False) -> Iterator[None]:
 
     Returns
     -------
-    Iterator[None]
+    context manager
         Context.
 
     Raises

@@ -35,13 +35,15 @@ def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
     Parameters
     ----------
+    path : Path or str
+        Final place of the folder.
     overwrite : bool
         Whether to replace a complete folder of vlab (with manifest). A folder with other content is always refused, so
         no foreign file is lost.
 
     Returns
     -------
-    Iterator[Path]
+    context manager of Path
         Context with the fresh folder.
 
     Raises
@@ -79,12 +81,12 @@ def numbered_folder(stem: Path | str) -> Iterator[Path]:
 
     Parameters
     ----------
-    stem : Path | str
+    stem : Path or str
         Path without the number.
 
     Returns
     -------
-    Iterator[Path]
+    context manager of Path
         Context with the path.
 
     Raises
@@ -113,6 +115,8 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
 
     Parameters
     ----------
+    path : Path or str
+        Output folder.
     overwrite : bool
         Whether to accept a folder of vlab.
     remedy : str
@@ -212,6 +216,13 @@ def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:
 
     Replacing the folder would destroy the input.
 
+    Parameters
+    ----------
+    out : Path or str
+        Output folder.
+    read : iterable of Path or str
+        Input files and folders.
+
     Raises
     ------
     OutputRefused
@@ -258,12 +269,12 @@ def finite(value: Any) -> Any:
 
     Parameters
     ----------
-    value : Any
+    value : object
         Plain data or arrays.
 
     Returns
     -------
-    Any
+    object
         Plain data.
     """
     if isinstance(value, dict):

@@ -96,9 +96,9 @@ class Reader:
 
         Parameters
         ----------
-        cls : type[T]
+        cls : type
             Dataclass.
-        table : Any
+        table : object
             Parsed table.
         path : str
             Path of the table in the file, for messages.

@@ -169,6 +169,11 @@ class Recording:
     def index(self, name: str) -> int:
         """Return the column of a channel.
 
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
         Raises
         ------
         UnknownName
@@ -197,10 +202,14 @@ def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, wh
 
     Parameters
     ----------
+    recording : Recording
+        Recording to check.
     what : str
         Name of the file or recording in messages.
     largest : float
         Largest allowed sample, with the reason in `why`.
+    why : str
+        Reason of the limit, for the message.
 
     Raises
     ------

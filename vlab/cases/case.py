@@ -77,6 +77,11 @@ class Case:
     def runs(self, roles: Sequence[str] = ("fit", "holdout")) -> list[Run]:
         """Read recordings by role and map their channels.
 
+        Parameters
+        ----------
+        roles : sequence of str
+            Roles of the recordings.
+
         Raises
         ------
         BadRecording
@@ -100,7 +105,7 @@ def load_case(path: Path | str) -> Case:
 
     Parameters
     ----------
-    path : Path | str
+    path : Path or str
         Folder or file of the case.
 
     Returns

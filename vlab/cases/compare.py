@@ -62,7 +62,7 @@ class RunComparison:
 
         Returns
         -------
-        list[dict[str, Any]]
+        list of dict of str to object
             One dictionary a compared channel.
         """
         every = max(1, -(-len(self.measured) // points))
@@ -87,7 +87,7 @@ class RunComparison:
 
         Returns
         -------
-        dict[str, Any]
+        dict of str to object
             Residuals and settings by name.
         """
         out: dict[str, Any] = {
@@ -147,7 +147,7 @@ class Comparison:
 
         Returns
         -------
-        dict[str, Any]
+        dict of str to object
             Residuals and settings by name.
         """
         return {
@@ -164,7 +164,11 @@ def compare_run(plant: Plant, run: Run, *, progress: Callable[[float], None] = l
 
     Parameters
     ----------
-    progress : Callable[[float], None]
+    plant : Plant
+        Plant with its ports and transducers.
+    run : Run
+        Recording with mapped channels.
+    progress : callable
         Called with the share of the run done.
 
     Returns

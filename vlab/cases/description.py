@@ -347,7 +347,7 @@ class RecordingTable:
 
         Parameters
         ----------
-        other : 'RecordingTable'
+        other : RecordingTable
             Recording to compare with.
 
         Returns

@@ -257,9 +257,16 @@ def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
 
     The order is 0 for position and 1 for velocity of a hinge or slide.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    channel : Compared
+        Compared channel.
+
     Returns
     -------
-    tuple[int, int] | None
+    tuple of (int, int) or None
         None for any other channel.
     """
     model = plant.model
@@ -380,7 +387,7 @@ def _from_nearby(problem: _Problem, state: State, offset: Array) -> tuple[State,
 
     Returns
     -------
-    tuple[State, float]
+    tuple of (State, float)
         State and its sum of squared residuals.
     """
     left = np.array([np.inf])
@@ -429,9 +436,20 @@ def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
 def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Array:
     """Return a law's response to the recorded sensors.
 
+    Parameters
+    ----------
+    run : Run
+        Recording with mapped channels.
+    law : Law
+        The run's law.
+    part : Recording
+        Window of the recording.
+    bench : Bench
+        Plant prepared for replay.
+
     Returns
     -------
-    Array
+    array
         Commands (n, n_actuators); zero if a sensor was not recorded.
     """
     commands = np.zeros((len(part), len(law.actuators)))
@@ -527,12 +545,12 @@ def exponentials(matrices: Array) -> Array:
 
     Parameters
     ----------
-    matrices : Array
+    matrices : array
         Square matrices, (k, n, n).
 
     Returns
     -------
-    Array
+    array
         exp of each, (k, n, n).
 
     References

@@ -97,9 +97,18 @@ def simulate(
 def warmed_up(law: Law, run: Run, bench: Bench) -> tuple[Law, str]:
     """Return a law with memory from the preceding samples.
 
+    Parameters
+    ----------
+    law : Law
+        The run's law.
+    run : Run
+        Recording with mapped channels.
+    bench : Bench
+        Plant prepared for replay.
+
     Returns
     -------
-    tuple[Law, str]
+    tuple of (Law, str)
         A copy of the law, and a note for the report.
     """
     law = replace(law, controller=copy.deepcopy(law.controller))

@@ -66,14 +66,14 @@ def between_samples(column: Array, later: float) -> Array:
 
     Parameters
     ----------
-    column : Array
+    column : array
         Signal, (n,).
     later : float
         Shift [samples], less than one.
 
     Returns
     -------
-    Array
+    array
         Shifted signal, (n,).
     """
     n = min(TAPS, len(column) - 1)

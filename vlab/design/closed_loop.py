@@ -103,7 +103,7 @@ class RateFeedbackLoop:
 
         Returns
         -------
-        'ClosedLoop'
+        ClosedLoop
             Poles and eigenvectors.
 
         Raises
@@ -138,7 +138,7 @@ class RateFeedbackLoop:
 
         Returns
         -------
-        'TrackedModes'
+        TrackedModes
             Modes without feedback.
 
         Raises
@@ -275,9 +275,14 @@ class TrackedModes:
     def joined(parts: "Sequence[TrackedModes]") -> "TrackedModes":
         """Return the modes of several stacks as one stack.
 
+        Parameters
+        ----------
+        parts : sequence of TrackedModes
+            Modes of each stack.
+
         Returns
         -------
-        'TrackedModes'
+        TrackedModes
             Joined stack.
         """
         closed = ClosedLoop(
@@ -307,7 +312,7 @@ class TrackedModes:
 
         Returns
         -------
-        'TrackedModes'
+        TrackedModes
             Modes at the end.
         """
         change = target.gains - self.closed.gains

@@ -133,12 +133,12 @@ class GainSearch:
 
         Parameters
         ----------
-        x : Array
+        x : array
             Entries in units of the scale, (k, count).
 
         Returns
         -------
-        Array
+        array
             D, (k, n_coils, n_coils).
         """
         rows, columns = self.entries
@@ -168,7 +168,7 @@ class GainSearch:
 
         Returns
         -------
-        Array
+        array
             D, (count, n_coils, n_coils).
         """
         if count < 1:
@@ -202,14 +202,14 @@ class GainSearch:
         ----------
         objective : Objective
             Smooth constraints of the law.
-        starts : Array
+        starts : array
             Start points, (k, count + extra).
         linear : LinearConstraints
             Linear constraints.
 
         Returns
         -------
-        tuple[Solution, '_Evaluator']
+        tuple of (Solution, _Evaluator)
             Solution, and the functions.
 
         Raises
@@ -248,6 +248,10 @@ class GainSearch:
         ----------
         mode : int
             Mode, from 0.
+        starts : int
+            Number of random starts.
+        seed : int
+            Seed of the random starts.
 
         Returns
         -------
@@ -280,12 +284,18 @@ class GainSearch:
 
         Parameters
         ----------
+        solution : Solution
+            Result of the search.
+        evaluator : _Evaluator
+            Functions of the search.
         linear_names : sequence of str
             Names of the linear constraints; unnamed ones are not reported.
         values : (n_starts,) array
             Reported objectives.
         price : float
             Relative change of the reported objective per unit of the searched one, at the best start.
+        lower_bound : float or None
+            Lower bound of every gain matrix in the objective's unit, if known.
 
         Returns
         -------
@@ -377,12 +387,14 @@ def bounded_modes(fe: FeModel, modes: int | Sequence[int]) -> tuple[int, ...]:
 
     Parameters
     ----------
-    modes : int | Sequence[int]
+    fe : FeModel
+        FE model.
+    modes : int or sequence of int
         Number of first coil-driven modes, or mode numbers from 0.
 
     Returns
     -------
-    tuple[int, ...]
+    tuple of int
         Mode numbers.
 
     Raises

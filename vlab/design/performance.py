@@ -125,6 +125,8 @@ def initial_shapes(model: StateModel, modes: int | Sequence[int] | Array, peak: 
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     modes : int or sequence of int
         Number of first modes, or their numbers from 0.
     peak : float
@@ -132,7 +134,7 @@ def initial_shapes(model: StateModel, modes: int | Sequence[int] | Array, peak: 
 
     Returns
     -------
-    Array
+    array
         Shapes, (n, k).
     """
     chosen = np.arange(modes) if isinstance(modes, int | np.integer) else np.asarray(modes, dtype=int)
@@ -165,7 +167,7 @@ def shared_modes(model: StateModel, reduced: StateModel) -> Array:
 
     Returns
     -------
-    Array
+    array
         Mode numbers, one to one.
     """
     if reduced.n > model.n:
@@ -276,6 +278,14 @@ def reduced_controller_index(
 
     Parameters
     ----------
+    model : StateModel
+        Full model.
+    reduced : StateModel
+        Design model of the controller.
+    F : array
+        Regulator gain.
+    K : array
+        Filter gain.
     weights : Weights
         Q for the states of `model` (not of `reduced`), and R.
     x0 : (2n, k) array
@@ -291,6 +301,17 @@ def reduced_controller_poles(model: StateModel, reduced: StateModel, F: Array, K
 
     For an exact reduction without coupling, the poles of A_E are those of regulator, filter and truncated modes. Each
     is matched to its pole of A_E.
+
+    Parameters
+    ----------
+    model : StateModel
+        Full model.
+    reduced : StateModel
+        Design model of the controller.
+    F : array
+        Regulator gain.
+    K : array
+        Filter gain.
 
     Returns
     -------

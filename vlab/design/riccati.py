@@ -112,6 +112,10 @@ def kalman_filter(A: ArrayLike, C: ArrayLike, V1: ArrayLike, V2: ArrayLike, alph
 
     Parameters
     ----------
+    A : array_like
+        System matrix, (n_states, n_states).
+    C : array_like
+        Output matrix, (n_outputs, n_states).
     V1 : (n_states, n_states) array
         Intensity of the state excitation; symmetric, >= 0.
     V2 : (n_outputs, n_outputs) array
@@ -174,7 +178,7 @@ def unreachable(A: ArrayLike, B: ArrayLike) -> list[complex]:
 
     Returns
     -------
-    list[complex]
+    list of complex
         Poles [rad/s].
     """
     a, b = _system(A, B, "B")

@@ -205,7 +205,7 @@ def minimise(
         Points within the linear constraints.
     linear : LinearConstraints
         Linear constraints.
-    settings : Settings | None
+    settings : Settings or None
         Settings; defaults if None.
 
     Returns

@@ -154,8 +154,12 @@ def identity_weights(model: StateModel, q: float, r: float, units: PublishedUnit
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     q, r : float
         Factors, such as 1 and 0.22 on the beam (section 6.1) or 0.01 and 0.84 on the grid (section 6.2.1).
+    units : PublishedUnits
+        Units of the factors.
     """
     scale = units.per_state(model)
     Q = _positive(q, "q") * np.diag(scale**2) / units.seconds
@@ -180,8 +184,12 @@ def published_noise(
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     v1, v2, alpha : float
         Values, such as 1e-6, 5e-4 and 0.2 per centisecond on the beam (section 6.1).
+    units : PublishedUnits
+        Units of the factors.
 
     Returns
     -------
@@ -216,7 +224,7 @@ def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:
 
     Parameters
     ----------
-    given : ArrayLike
+    given : array_like
         Matrix.
     name : str
         Name in messages.
@@ -225,7 +233,7 @@ def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:
 
     Returns
     -------
-    Array
+    array
         Weight.
 
     Raises

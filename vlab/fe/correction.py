@@ -95,7 +95,7 @@ def normalise_shapes(shapes: ArrayLike, M: ArrayLike) -> Array:
 
     Returns
     -------
-    Array
+    array
         Scaled shapes, (n, p).
 
     Raises
@@ -146,7 +146,7 @@ def correct_mass(M: ArrayLike, shapes: ArrayLike) -> Array:
 
     Returns
     -------
-    Array
+    array
         Corrected mass, symmetric positive definite, (n, n).
     """
     mass, phi = _mass(M), np.asarray(shapes, dtype=float)
@@ -175,7 +175,7 @@ def correct_stiffness(K: ArrayLike, M_corrected: ArrayLike, shapes: ArrayLike, f
 
     Returns
     -------
-    Array
+    array
         Corrected stiffness, symmetric, (n, n).
     """
     mass, phi = _orthonormal(M_corrected, shapes)
@@ -213,7 +213,7 @@ def correct_damping(
 
     Returns
     -------
-    Array
+    array
         Corrected damping, symmetric, (n, n).
     """
     mass, phi = _orthonormal(M_corrected, shapes)
@@ -268,6 +268,15 @@ def correct_sequentially(
     Each step starts from the uncorrected model. The change of `tracked` from step to step shows whether the model suits
     the method: for a good model the unused modes stay or improve. The last step equals `correct_model`. Correcting the
     preceding step with shapes of the same scale would give the same matrices.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        Model reduced to the measured coordinates.
+    measured : ModalModel
+        Real shapes at every coordinate of the model.
+    coordinates : mapping of str to str or None
+        Model coordinate of each measured one, see `correct_model`.
 
     Returns
     -------

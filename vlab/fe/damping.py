@@ -30,6 +30,8 @@ def modal_ratios(damping: Damping, at_coils: Array) -> Array:
 
     Parameters
     ----------
+    damping : Damping
+        Measured ratios, and the ratio of higher modes.
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """
@@ -43,6 +45,8 @@ def modal_factors(tuning: Tuning, at_coils: Array) -> Array:
 
     Parameters
     ----------
+    tuning : Tuning
+        Factors of the first coil-driven modes.
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """

@@ -29,7 +29,7 @@ def hermite(xi: float, length: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Values [1, m, 1, m].
     """
     return np.array(
@@ -54,7 +54,7 @@ def hermite_slope(xi: float, length: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Values [1/m, 1, 1/m, 1].
     """
     return np.array(
@@ -79,7 +79,7 @@ def hermite_curvature(xi: float, length: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Values [1/m^2, 1/m, 1/m^2, 1/m].
     """
     return np.array(
@@ -109,7 +109,7 @@ def bending_stiffness(EI: float, length: float, GA: float = 0.0) -> Array:
 
     Returns
     -------
-    Array
+    array
         Stiffness in (v1, s1, v2, s2).
     """
     L = length
@@ -136,7 +136,7 @@ def consistent_mass(mass_per_length: float, length: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Mass in (v1, s1, v2, s2).
     """
     L = length
@@ -162,7 +162,7 @@ def geometric_stiffness(tension_start: float, tension_end: float, length: float)
 
     Returns
     -------
-    Array
+    array
         Stiffness in (v1, s1, v2, s2).
     """
     points, weights = np.polynomial.legendre.leggauss(3)  # exact to degree 5: slope^2 is quartic, tension linear
@@ -192,7 +192,7 @@ def moment_stiffness(moment: Callable[[float], float], length: float, boundary_f
 
     Returns
     -------
-    Array
+    array
         Symmetric stiffness.
     """
     points, weights = np.polynomial.legendre.leggauss(
@@ -254,6 +254,10 @@ def rigid_segment(mass_per_length: float, tension: float, length: float) -> tupl
 
     Parameters
     ----------
+    mass_per_length : float
+        Mass per length [kg/m].
+    tension : float
+        Tension [N].
     length : float
         Signed length [m]; positive for a piece ahead of its node along the bar.
     """

@@ -49,9 +49,16 @@ class Resultants:
 def in_plane_resultants(structure: Structure, mesh: Mesh) -> dict[int, Resultants]:
     """Return the stress resultants of hanging elements.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    mesh : Mesh
+        Mesh of the structure.
+
     Returns
     -------
-    dict[int, Resultants]
+    dict of int to Resultants
         Resultants by index of the element in the mesh.
 
     Raises

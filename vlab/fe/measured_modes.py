@@ -61,7 +61,7 @@ class MeasuredModes:
 
         Parameters
         ----------
-        coordinates : tuple[str, ...]
+        coordinates : tuple of str
             Labels in the wanted order.
 
         Returns

@@ -75,6 +75,8 @@ def build_mesh(structure: Structure, variant: Variant, *, refine: int = 1) -> Me
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     variant : Variant
         Variant of the model.
     refine : int

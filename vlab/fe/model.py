@@ -78,7 +78,7 @@ class FeModel:
 
         Returns
         -------
-        Array
+        array
             Deflection [m] per coordinate, (n,).
         """
         for plate in (p for p in self.structure.plate if p.name == place):  # swings about x, below the axis
@@ -122,7 +122,7 @@ class FeModel:
 
         Returns
         -------
-        Array | None
+        array or None
             Slope per coordinate, (n,); None without such a node.
         """
         if point not in [node.name for node in self.mesh.nodes]:
@@ -148,7 +148,7 @@ def bending_map(direction: tuple[float, float]) -> Array:
 
     Parameters
     ----------
-    direction : tuple[float, float]
+    direction : tuple of (float, float)
         Direction (x, z) of the bar.
     """
     tx, tz = direction

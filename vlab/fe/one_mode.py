@@ -82,6 +82,8 @@ def one_mode_bar(structure: Structure, name: str) -> OneModeBar:
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     name : str
         Name of the bar.
 

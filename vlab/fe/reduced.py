@@ -26,6 +26,8 @@ def build_reduced_model(structure: Structure, model: str = "full", variant: str 
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     model : str
         Name in `MODELS`. The exact reduction keeps as many modes as coordinates, the lowest by default. Static
         condensation loses modal damping, so each mode of a Guyan model gets the ratio of its most similar full mode.

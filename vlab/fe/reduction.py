@@ -289,6 +289,8 @@ def search_retained(
 
     Parameters
     ----------
+    model : SecondOrderModel
+        Full model.
     candidates : sequence of str or int
         Measurable coordinates; all further coordinates are always condensed.
     count : int

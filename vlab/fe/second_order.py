@@ -106,12 +106,12 @@ class SecondOrderModel:
 
         Parameters
         ----------
-        zeta : Array
+        zeta : array
             Damping ratio of each mode, (n,).
 
         Returns
         -------
-        'SecondOrderModel'
+        SecondOrderModel
             Model with new C.
         """
         omega, shapes = self.eigen
@@ -152,7 +152,7 @@ class SecondOrderModel:
 
         Returns
         -------
-        tuple[Array, Array, Array, Array]
+        tuple of (array, array, array, array)
             State matrices.
         """
         n = self.n
@@ -188,14 +188,18 @@ class SecondOrderModel:
 
         Parameters
         ----------
-        freq : Array
+        freq : array
             Frequencies [Hz].
-        inputs : Array
+        inputs : array
             Load distribution of each input, (n, n_inputs).
-        outputs : Array
+        outputs : array
             Displacement rows of the outputs, (n_outputs, n).
         quantity : Quantity
             Measured quantity of the outputs.
+        input_names : sequence of str
+            Names of the inputs.
+        output_names : sequence of str
+            Names of the outputs.
 
         Returns
         -------
@@ -233,9 +237,9 @@ class SecondOrderModel:
 
         Parameters
         ----------
-        outputs : Array
+        outputs : array
             Displacement rows, (n_outputs, n).
-        names : Sequence[str]
+        names : sequence of str
             Names of the outputs.
         count : int
             Number of modes.

@@ -47,9 +47,14 @@ class HangingLine:
 def hanging_lines(structure: Structure) -> dict[str, HangingLine]:
     """Return the tension along every vertical bar.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+
     Returns
     -------
-    dict[str, HangingLine]
+    dict of str to HangingLine
         Tension by bar name.
     """
     lines = {}
@@ -65,9 +70,14 @@ def cable_tensions(structure: Structure) -> dict[str, float]:
 
     The value is stated, or follows from equilibrium of the held bar.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+
     Returns
     -------
-    dict[str, float]
+    dict of str to float
         Tension [N] by cable name.
     """
     lines = hanging_lines(structure)

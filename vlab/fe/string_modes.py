@@ -28,6 +28,15 @@ def string_frequency(structure: Structure, cable: str, mode: int = 1) -> float:
 
     The frequency is j/(2 l) sqrt(T/mu) for mode j.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    cable : str
+        Name of the cable.
+    mode : int
+        Number of half waves j.
+
     Raises
     ------
     UnknownName
@@ -45,6 +54,8 @@ def with_cable_mass(structure: Structure, cable: str, factor: float) -> Structur
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     cable : str
         Name of the cable.
     factor : float
@@ -77,6 +88,8 @@ def add_string_modes(fe: FeModel, modes: int = 1, *, zeta: float | None = None) 
 
     Parameters
     ----------
+    fe : FeModel
+        FE model with cables as springs.
     modes : int
         Number of modes of each cable.
     zeta : float or None

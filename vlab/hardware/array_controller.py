@@ -107,7 +107,7 @@ def array_report(law: LinearController, hardware: Hardware, *, continuous: Array
 
     Returns
     -------
-    dict[str, Any]
+    dict of str to object
         Plain values by name.
 
     Raises
@@ -132,6 +132,11 @@ def array_report(law: LinearController, hardware: Hardware, *, continuous: Array
 
 def array_text(report: dict[str, Any]) -> str:
     """Return the report of `array_report` as text.
+
+    Parameters
+    ----------
+    report : dict of str to object
+        Result of `array_report`.
 
     Returns
     -------

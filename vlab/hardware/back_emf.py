@@ -21,6 +21,13 @@ def brake_plant(plant: Plant, hardware: Hardware) -> Plant:
 
     Buffered sensors leave the plant unchanged.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    hardware : Hardware
+        Hardware between law and structure.
+
     Returns
     -------
     Plant
@@ -38,6 +45,13 @@ def brake_model(fe: FeModel, hardware: Hardware) -> FeModel:
     """Return an FE model with the braking of its coils.
 
     Sensors without a buffer and force coils without current control brake.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    hardware : Hardware
+        Hardware between law and structure.
 
     Returns
     -------

@@ -117,6 +117,11 @@ class PowerUp:
     def switch_on(self, step: str) -> None:
         """Switch one item on.
 
+        Parameters
+        ----------
+        step : str
+            Equipment, a name of `ORDER`.
+
         Raises
         ------
         UnknownName
@@ -149,6 +154,11 @@ class PowerUp:
     def switch_off(self, step: str) -> None:
         """Switch one item off, with its dependants.
 
+        Parameters
+        ----------
+        step : str
+            Equipment, a name of `ORDER`.
+
         Raises
         ------
         UnknownName
@@ -173,6 +183,11 @@ class PowerUp:
         """Advance the time.
 
         Coils warm up or cool down, and a thermostat trips or resets.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration [s].
 
         Raises
         ------
@@ -249,6 +264,8 @@ def power_up_as_told(hardware: Hardware, order: str) -> PowerUp:
 
     Parameters
     ----------
+    hardware : Hardware
+        Hardware between law and structure.
     order : str
         Names of `ORDER`, separated by commas.
 

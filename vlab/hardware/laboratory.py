@@ -248,7 +248,7 @@ def load_hardware(path: Path | str | None = None, values: Sequence[str] = ()) ->
 
     Parameters
     ----------
-    path : Path | str | None
+    path : Path, str or None
         Hardware file.
     values : sequence of str
         Replaced numbers and switches: ``leads.shielded=false``, ``coil.limit=0.2lbf``. SI without a unit.

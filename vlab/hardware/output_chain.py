@@ -63,7 +63,7 @@ class OutputChain:
 
             Returns
             -------
-            Array
+            array
                 View, (substeps, channels).
             """
             nonlocal new, state, out, forces, other
@@ -155,14 +155,16 @@ def theoretical_response(converter: Converter, freq: Array, *, hold: bool = True
 
     Parameters
     ----------
-    freq : Array
+    converter : Converter
+        Rate, delay and filter.
+    freq : array
         Frequencies [Hz].
     hold : bool
         Whether to include the hold.
 
     Returns
     -------
-    Array
+    array
         Complex response, (n,).
     """
     freq = np.asarray(freq, dtype=float)

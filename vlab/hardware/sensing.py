@@ -25,14 +25,14 @@ def coil_gain(displacement: Array, linear_range: float) -> Array:
 
     Parameters
     ----------
-    displacement : Array
+    displacement : array
         Distance from the centre [m].
     linear_range : float
         Full linear travel [m].
 
     Returns
     -------
-    Array
+    array
         Gain, shape of `displacement`.
     """
     half = linear_range / 2
@@ -62,9 +62,20 @@ class Sampling:
 
         The values are noise, phases of the pick-up, and drift rates.
 
+        Parameters
+        ----------
+        hardware : Hardware
+            Hardware between law and structure.
+        is_velocity : array
+            Whether each sensor is a coil, (n_sensors,).
+        samples : int
+            Number of samples of the run.
+        rng : np.random.Generator
+            Random generator.
+
         Returns
         -------
-        'Sampling'
+        Sampling
             Sampling of the run.
         """
         coil, probe = hardware.velocity_sensor, hardware.displacement_probe
@@ -107,9 +118,16 @@ class Sampling:
 
         Travel beyond the linear range and a load reduce the values.
 
+        Parameters
+        ----------
+        values : array
+            True sensor values, (..., n_sensors).
+        travel : array or None
+            Displacements of the coil sensors [m]; None if unknown.
+
         Returns
         -------
-        Array
+        array
             Values, (..., n_sensors).
         """
         coil = self.hardware.velocity_sensor
@@ -122,9 +140,16 @@ class Sampling:
     def converted(self, values: Array, at: int | slice) -> Array:
         """Return values with noise, pick-up, drift and quantisation.
 
+        Parameters
+        ----------
+        values : array
+            Sensor values, (..., n_sensors).
+        at : int or slice
+            Indices of the samples in the run.
+
         Returns
         -------
-        Array
+        array
             Samples, (..., n_sensors).
         """
         if self.added is not None:

@@ -31,7 +31,7 @@ def measured_response(recording: Recording, kind: str = "velocity") -> MeasuredF
 
     Returns
     -------
-    MeasuredFrequencyResponse | None
+    MeasuredFrequencyResponse or None
         H1 responses; None without sensors or periods.
     """
     period = recording.meta.get("period_s")
@@ -55,14 +55,18 @@ def analytical_response(
 
     Parameters
     ----------
-    freq : Array
+    prepared : PreparedRun
+        Prepared run.
+    recording : Recording
+        Recording in SI.
+    freq : array
         Frequencies [Hz].
     kind : str
         Kind of the sensors.
 
     Returns
     -------
-    FrequencyResponse | None
+    FrequencyResponse or None
         None if the excitation has no input channel, or the law is nonlinear.
     """
     law, fe = prepared.law, brake_model(prepared.fe_model(), prepared.hardware)

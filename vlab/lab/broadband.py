@@ -104,12 +104,12 @@ class Multisine(Banded):
 
         Parameters
         ----------
-        time : Array
+        time : array
             Times [s].
 
         Returns
         -------
-        Array
+        array
             Signal in the actuator's unit, (n_times,).
         """
         time = np.asarray(time, dtype=float)
@@ -205,12 +205,12 @@ class BurstRandom(Banded):
 
         Parameters
         ----------
-        time : Array
+        time : array
             Times [s].
 
         Returns
         -------
-        Array
+        array
             Signal in the actuator's unit, (n_times,).
         """
         t = np.asarray(time, dtype=float)

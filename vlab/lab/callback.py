@@ -31,14 +31,14 @@ def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[No
 
     Parameters
     ----------
-    data : Any
+    data : object
         `MjData` of the loop.
-    loop : Callable[[Any, Any], None]
+    loop : callable
         Function of model and data.
 
     Returns
     -------
-    Iterator[None]
+    context manager
         Context.
 
     Raises

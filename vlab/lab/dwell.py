@@ -96,12 +96,12 @@ class SteppedSine(Banded):
 
         Parameters
         ----------
-        time : Array
+        time : array
             Times [s].
 
         Returns
         -------
-        Array
+        array
             Signal in the actuator's unit, (n_times,).
         """
         t = np.asarray(time, dtype=float)

@@ -46,6 +46,8 @@ def actuator_efforts(
 
     Parameters
     ----------
+    taps : sequence of ActuatorTap
+        Actuators in channel order.
     commands, applied : (n_samples, n_actuators) array
         Commands of the law, and forces averaged over each sample.
     saturated : (n_actuators,) array
@@ -53,7 +55,7 @@ def actuator_efforts(
 
     Returns
     -------
-    tuple[ActuatorEffort, ...]
+    tuple of ActuatorEffort
         One entry an actuator.
     """
 

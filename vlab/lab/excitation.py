@@ -68,14 +68,14 @@ def forces_at(excitation: Excitation, time: Array, actuators: int) -> Array:
     ----------
     excitation : Excitation
         Signal.
-    time : Array
+    time : array
         Times [s].
     actuators : int
         Number of exciting actuators.
 
     Returns
     -------
-    Array
+    array
         Signal in the actuators' unit, (n_times, n_actuators).
 
     Raises
@@ -128,12 +128,12 @@ class Hammer(Banded):
 
         Parameters
         ----------
-        time : Array
+        time : array
             Times [s].
 
         Returns
         -------
-        Array
+        array
             Signal in the actuator's unit, (n_times,).
         """
         t = np.asarray(time, dtype=float)
@@ -198,7 +198,7 @@ def build_excitation(name: str, **settings: Any) -> Any:
 
     Returns
     -------
-    Any
+    object
         Excitation.
 
     Raises

@@ -63,6 +63,11 @@ class FittedPoles:
 def sensor_channels(recording: Recording) -> list[str]:
     """Return the motion channels of a recording.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
     Raises
     ------
     BadRecording
@@ -167,6 +172,10 @@ def envelope(recording: Recording, channel: str, hz: float, corner_hz: float) ->
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
+    channel : str
+        Name of the channel.
     hz : float
         Centre frequency [Hz].
     corner_hz : float
@@ -183,6 +192,10 @@ def envelope_decay(recording: Recording, channel: str, hz: float, corner_hz: flo
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
+    channel : str
+        Name of the channel.
     hz : float
         Centre frequency [Hz].
     corner_hz : float
@@ -190,7 +203,7 @@ def envelope_decay(recording: Recording, channel: str, hz: float, corner_hz: flo
 
     Returns
     -------
-    float | None
+    float or None
         Negative slope of the envelope's logarithm [1/s]; None without a long enough straight line.
     """
     size, skip = np.abs(envelope(recording, channel, hz, corner_hz)), SETTLING / corner_hz

@@ -37,6 +37,8 @@ def named_law(
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     name : str
         Name or path.
     rate : float
@@ -83,6 +85,13 @@ def named_law(
 
 def published_law(structure: Structure, name: str) -> Controller:
     """Return a published direct rate feedback law.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    name : str
+        Name of the gain table's part.
 
     Returns
     -------

@@ -121,7 +121,7 @@ class Plan:
 
         Returns
         -------
-        list[PreparedRun]
+        list of PreparedRun
             Prepared runs in order.
 
         Raises
@@ -143,6 +143,11 @@ def load_plan(path: Path | str) -> Plan:
     """Load a plan strictly.
 
     An unknown key is refused with the accepted keys.
+
+    Parameters
+    ----------
+    path : Path or str
+        Plan file.
 
     Returns
     -------
@@ -230,12 +235,16 @@ def perform_plan(
 
     Parameters
     ----------
+    plan : Plan
+        Loaded plan.
     folder : Path
         Output folder.
     code : collection of str
         Python files and entry points that the user named, see `Plan.prepare`.
     views : callable
         Writer of views into a record's folder. A concealed plan writes none, because views show more than the sensors.
+    progress : callable
+        Called with the progress.
 
     Returns
     -------

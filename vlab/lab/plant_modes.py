@@ -27,6 +27,8 @@ def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz:
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
     outputs : sequence of str
         Channel names of sensors; velocities and displacements both give displacement shapes.
     low_hz, high_hz : float
@@ -127,7 +129,7 @@ def compare_with_plant(true: ModalModel, found: ModalModel) -> list[FoundMode]:
 
     Returns
     -------
-    list[FoundMode]
+    list of FoundMode
         One entry a plant mode.
     """
     pairing = match_modes(true, found)

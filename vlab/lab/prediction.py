@@ -59,12 +59,12 @@ class ClosedLoop:
 
         Parameters
         ----------
-        near_hz : Sequence[float] | Array
+        near_hz : sequence of float or array
             Open-loop frequencies [Hz].
 
         Returns
         -------
-        tuple[Array, Array]
+        tuple of (array, array)
             Frequencies |s|/(2 pi) [Hz] and damping ratios.
         """
         upper = self.s[self.s.imag > 1e-9]
@@ -224,12 +224,12 @@ class SampledLoop:
 
         Parameters
         ----------
-        modes : Sequence[int]
+        modes : sequence of int
             Modes, from 0.
 
         Returns
         -------
-        list[LoopPole]
+        list of LoopPole
             One pole a mode.
         """
         found = self._poles_and_energies()
@@ -274,12 +274,12 @@ class SampledLoop:
 
         Parameters
         ----------
-        freq : Array
+        freq : array
             Frequencies [Hz].
 
         Returns
         -------
-        Array
+        array
             L, (n_freq, n_coils, n_coils).
         """
         A, B, C = self.plant
@@ -325,6 +325,10 @@ def sampled_loop(
         Structure.
     inputs : (n, n_coils) array
         Load distribution of the law's coils.
+    law : LinearController
+        Linear law.
+    converter : Converter
+        Rate, delay and filter.
     outputs : (n_sensors, n) array or None
         Deflection rows of the law's velocity sensors; collocated with the coils by default.
     modes : int or None
@@ -378,8 +382,16 @@ def predict_rate_feedback(
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
+    inputs : array
+        Load distribution of the coils, (n, n_coils).
     gains : (n_coils, n_coils) array
         D [N s/m].
+    converter : Converter
+        Rate, delay and filter.
+    modes : int or None
+        Number of retained modes; all by default.
     """
     places = [f"coil{i + 1}" for i in range(inputs.shape[1])]
     law = DirectRateFeedback(gains, sensors=places, actuators=places)
@@ -406,9 +418,15 @@ def closed_loop_response(
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
     coils : (n, n_coils) array
         Load distribution of the law's coils.
-    freq : Array
+    law : LinearController
+        Linear law.
+    converter : Converter
+        Rate, delay and filter.
+    freq : array
         Frequencies [Hz].
     sensors : (n_sensors, n) array
         Deflection rows of the law's velocity sensors.
@@ -421,7 +439,7 @@ def closed_loop_response(
 
     Returns
     -------
-    Array
+    array
         Response, (n_freq, n_outputs, n_excited).
     """
     both = np.hstack([coils, excited])
@@ -441,7 +459,9 @@ def law_response(law: Matrices, freq: Array, rate: float) -> Array:
 
     Parameters
     ----------
-    freq : Array
+    law : Matrices
+        A, B, C, D of the law.
+    freq : array
         Frequencies [Hz].
     rate : float
         Sample rate [Hz].

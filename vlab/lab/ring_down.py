@@ -90,12 +90,16 @@ def loop_poles(fe: FeModel, law: object, hardware: Hardware) -> LoopPoles | None
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     law : object
         Law, or None for the structure alone.
+    hardware : Hardware
+        Hardware between law and structure.
 
     Returns
     -------
-    LoopPoles | None
+    LoopPoles or None
         None for a nonlinear law.
     """
     fe = brake_model(fe, hardware)
@@ -146,12 +150,14 @@ def decays(recording: Recording, poles: LoopPoles) -> tuple[Decay, ...]:
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     poles : LoopPoles
         Predicted poles.
 
     Returns
     -------
-    tuple[Decay, ...]
+    tuple of Decay
         One entry a mode.
     """
     fitted = fit_poles(recording, poles.s, poles.others)

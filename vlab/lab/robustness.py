@@ -94,9 +94,9 @@ def find_margin(at: Callable[[float], SampledLoop], values: Array) -> Margin:
 
     Parameters
     ----------
-    at : Callable[[float], SampledLoop]
+    at : callable
         Loop as a function of the parameter.
-    values : Array
+    values : array
         Search path from the nominal value.
 
     Returns
@@ -147,9 +147,14 @@ def disc_margins(loop: SampledLoop) -> tuple[DiscMargin, list[DiscMargin]]:
     The simultaneous margin is a lower bound: the largest singular value after a diagonal scaling bounds the structured
     singular value. An unstable loop has zero margins.
 
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+
     Returns
     -------
-    tuple[DiscMargin, list[DiscMargin]]
+    tuple of (DiscMargin, list of DiscMargin)
         Margin with all channels perturbed, and one a channel with the remaining loops closed.
     """
     count = loop.at_coils.shape[0]
@@ -210,12 +215,14 @@ def damper_strengths(loop: SampledLoop, freq: Array) -> Array:
 
     Parameters
     ----------
-    freq : Array
+    loop : SampledLoop
+        Sampled loop.
+    freq : array
         Frequencies [Hz].
 
     Returns
     -------
-    Array
+    array
         Ascending strengths [N s/m], (n_freq, n_coils).
 
     Raises
@@ -246,7 +253,7 @@ def robustness_report(
 
     Returns
     -------
-    dict[str, Any]
+    dict of str to object
         Plain values by name.
     """
 
@@ -309,6 +316,11 @@ def robustness_report(
 
 def robustness_text(report: dict[str, Any]) -> str:
     """Return a report's margins as text.
+
+    Parameters
+    ----------
+    report : dict of str to object
+        Result of `robustness_report`.
 
     Returns
     -------

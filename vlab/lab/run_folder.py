@@ -99,7 +99,7 @@ class RunSettings:
 
         Returns
         -------
-        'RunSettings'
+        RunSettings
             Settings.
 
         Raises
@@ -128,7 +128,7 @@ class RunSettings:
 
         Returns
         -------
-        'PreparedRun'
+        PreparedRun
             Prepared run.
         """
         code = [*code, *(() if self.is_data else self.named_code)]
@@ -277,6 +277,17 @@ def perform(
 
     `run_experiment` describes the callbacks.
 
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    folder : Path
+        Output folder.
+    progress : callable or None
+        Called with the simulated seconds done.
+    watch : callable or None
+        Called with the simulated seconds done and a function that returns the result so far.
+
     Returns
     -------
     DoneRun
@@ -299,9 +310,14 @@ def perform(
 def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
     """Load a run folder or a recording file.
 
+    Parameters
+    ----------
+    path : Path or str
+        Run folder or recording file.
+
     Returns
     -------
-    tuple[Recording, RunSettings | None]
+    tuple of (Recording, RunSettings or None)
         Recording, and settings (None for a file).
 
     Raises

@@ -62,12 +62,14 @@ def harmonic_balance(loop: SampledLoop, limit: float) -> LimitCycle | None:
 
     Parameters
     ----------
+    loop : SampledLoop
+        Sampled loop.
     limit : float
         Largest force of every amplifier [N].
 
     Returns
     -------
-    LimitCycle | None
+    LimitCycle or None
         None for a stable loop.
 
     Raises

@@ -15,6 +15,8 @@ def checked_data(
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     inputs, outputs : tuple of str
         Channel names.
     skip_s : float
@@ -22,7 +24,7 @@ def checked_data(
 
     Returns
     -------
-    tuple[float, Array, Array]
+    tuple of (float, array, array)
         Step [s], inputs and outputs, (n, n_channels) each.
 
     Raises
@@ -59,6 +61,15 @@ def checked_data(
 
 def response_unit(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
     """Return the common unit of H.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    inputs : tuple of str
+        Names of the inputs.
+    outputs : tuple of str
+        Names of the outputs.
 
     Returns
     -------

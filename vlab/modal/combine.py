@@ -28,7 +28,7 @@ def combine_responses(responses: Sequence[MeasuredFrequencyResponse]) -> Measure
 
     Parameters
     ----------
-    responses : Sequence[MeasuredFrequencyResponse]
+    responses : sequence of MeasuredFrequencyResponse
         Responses with the same outputs.
 
     Returns

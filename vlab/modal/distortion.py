@@ -109,7 +109,7 @@ class Distortion:
 
         Returns
         -------
-        list[dict[str, Any]]
+        list of dict of str to object
             One dictionary an output.
         """
         here = (self.freq >= low) & (self.freq <= high)
@@ -148,7 +148,7 @@ def separate_distortion(
         approximation depends on it.
     input : str
         Name of the input channel.
-    outputs : Sequence[str]
+    outputs : sequence of str
         Names of the output channels.
     period_s : float
         Period [s], a whole number of samples. The last whole periods after `skip_s` are used.

@@ -70,8 +70,14 @@ def evaluate_dwell(
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     step : Step
         Time with acting forces, and their frequency.
+    inputs : sequence of str
+        Names of the force channels.
+    outputs : sequence of str
+        Names of the sensor channels.
     derivatives : (n_outputs,) int array
         Order of each output's derivative of a displacement (1 for velocities).
     drive_s : float or None

@@ -47,16 +47,16 @@ def find_blows(force: Array, rate: float, *, block_s: float | None = None) -> li
 
     Parameters
     ----------
-    force : Array
+    force : array
         Force samples, (n,).
     rate : float
         Sample rate [Hz].
-    block_s : float | None
+    block_s : float or None
         Length of a block [s].
 
     Returns
     -------
-    list[Blow]
+    list of Blow
         Blows in order.
     """
     size = np.abs(force)
@@ -104,6 +104,8 @@ def estimate_impact_frf(
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     inputs, outputs : sequence of str
         Channel names; one input.
     estimator : Estimator
@@ -202,6 +204,8 @@ def without_added_decay(estimate: PoleEstimate, decay: float) -> PoleEstimate:
 
     Parameters
     ----------
+    estimate : PoleEstimate
+        Poles of the windowed data.
     decay : float
         Decay of the window [1/s].
 

@@ -202,7 +202,7 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
 
     Parameters
     ----------
-    recordings : Sequence[Recording]
+    recordings : sequence of Recording
         Recordings of one rate.
     test : ModalTest
         Settings.
@@ -247,6 +247,13 @@ def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
 
     `run_modal_test` states the errors.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    test : ModalTest
+        Settings of the test.
+
     Returns
     -------
     DwellResult
@@ -267,9 +274,16 @@ def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Sign
 
     `run_modal_test` states the errors.
 
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of a test.
+    test : ModalTest
+        Settings of the test.
+
     Returns
     -------
-    tuple[Signal, ...]
+    tuple of Signal
         One signal a recording.
     """
     if not recordings:

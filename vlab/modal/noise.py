@@ -25,7 +25,7 @@ def known_variance(used: FrequencyResponse) -> Array | None:
 
     Returns
     -------
-    Array | None
+    array or None
         Variance of each entry; None without a measured one.
     """
     if not isinstance(used, MeasuredFrequencyResponse) or used.variance is None:
@@ -49,7 +49,7 @@ def roughness(used: FrequencyResponse) -> Array:
 
     Returns
     -------
-    Array
+    array
         Variance of each entry.
     """
     f, H = used.freq, used.H.reshape(used.freq.size, -1)
@@ -72,14 +72,14 @@ def noise_model(squares: Array, H: ComplexArray) -> Array:
 
     Parameters
     ----------
-    squares : Array
+    squares : array
         Squared errors, (line, entry).
-    H : ComplexArray
+    H : complex array
         Response, (line, entry).
 
     Returns
     -------
-    Array
+    array
         Fitted variance, (line, entry).
     """
     level = squares.mean(axis=0)

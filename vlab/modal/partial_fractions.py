@@ -92,6 +92,11 @@ class FitProblem:
 
         Correlated errors of neighbouring lines (windows, misfit) increase the variance.
 
+        Parameters
+        ----------
+        state : FitState
+            Present fit.
+
         Returns
         -------
         float
@@ -109,9 +114,14 @@ class FitProblem:
 
         The derivatives are with respect to log omega and log zeta.
 
+        Parameters
+        ----------
+        theta : array
+            log omega and log zeta of the poles, (n_poles, 2).
+
         Returns
         -------
-        tuple[ComplexArray, ComplexArray, ComplexArray]
+        tuple of (complex array, complex array, complex array)
             D, dD/dlog omega, dD/dlog zeta.
         """
         omega, zeta = np.exp(theta.T)
@@ -157,7 +167,7 @@ class FitProblem:
 
         Parameters
         ----------
-        theta : Array
+        theta : array
             log omega and log zeta of the poles, (n_poles, 2).
 
         Returns
@@ -204,9 +214,14 @@ class FitProblem:
     def residues(self, state: FitState) -> ComplexArray:
         """Return the residues in s, (pole, output, input).
 
+        Parameters
+        ----------
+        state : FitState
+            Present fit.
+
         Returns
         -------
-        ComplexArray
+        complex array
             Residues, (pole, output, input).
         """
         omega, zeta = np.exp(state.theta.T)
@@ -224,12 +239,14 @@ class FitProblem:
 
         Parameters
         ----------
-        trial : Array
+        state : FitState
+            Present fit.
+        trial : array
             log omega and log zeta of the trial poles, (m, 2).
 
         Returns
         -------
-        Array
+        array
             Decrease of the cost, (m,).
         """
         w, basis = self.weight[:, :1], self.basis(state.theta)
@@ -293,9 +310,11 @@ def fit_partial_fractions(problem: FitProblem, start: ComplexArray, n_modes: int
 
     Parameters
     ----------
-    start : ComplexArray
+    problem : FitProblem
+        Weighted data.
+    start : complex array
         Start values of the poles [rad/s].
-    n_modes : int | None
+    n_modes : int or None
         Required number of modes; None for as many as supported.
 
     Returns

@@ -31,14 +31,16 @@ def plscf_chart(problem: FitProblem, orders: Sequence[int], known: ComplexArray 
 
     Parameters
     ----------
-    orders : Sequence[int]
+    problem : FitProblem
+        Weighted data.
+    orders : sequence of int
         Model orders.
-    known : ComplexArray | None
+    known : complex array or None
         Known poles [rad/s].
 
     Returns
     -------
-    list[ComplexArray]
+    list of complex array
         Poles at each order [rad/s].
 
     References
@@ -95,14 +97,14 @@ def persistent_poles(chart: list[ComplexArray], omega: Array) -> ComplexArray:
 
     Parameters
     ----------
-    chart : list[ComplexArray]
+    chart : list of complex array
         Poles at each order [rad/s].
-    omega : Array
+    omega : array
         Lines [rad/s].
 
     Returns
     -------
-    ComplexArray
+    complex array
         Poles [rad/s].
     """
     low, high = omega[0] - 0.1 * np.ptp(omega), omega[-1] + 0.1 * np.ptp(omega)

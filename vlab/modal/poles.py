@@ -103,7 +103,7 @@ class PoleEstimate:
 
         Parameters
         ----------
-        freq : Array
+        freq : array
             Lines within the data's band [Hz].
 
         Returns

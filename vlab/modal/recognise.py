@@ -69,6 +69,8 @@ def signal_of(
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     input : str
         Evaluated input channel.
     kind : str or None

@@ -103,6 +103,8 @@ def segment_spectra(x: Array, y: Array, dt: float, segment_s: float, overlap: fl
         Length of a segment [s].
     overlap : float
         Overlap of segments, in [0, 1).
+    window : str
+        Window, a name of `scipy.signal.get_window`.
 
     Returns
     -------
@@ -154,12 +156,16 @@ def excited_lines(X: ComplexArray, floor: float, *, is_periodic: bool) -> NDArra
 
     Parameters
     ----------
+    X : complex array
+        Spectra of the inputs, (n_averages, n_lines, n_inputs).
     floor : float
         Smallest input power relative to the largest line.
+    is_periodic : bool
+        Whether a line must also repeat significantly.
 
     Returns
     -------
-    NDArray[np.bool_]
+    array
         Mask, (n_lines,).
     """
     power = np.mean(np.abs(X) ** 2, axis=0)
@@ -178,12 +184,14 @@ def solve(spectra: Spectra, estimator: str) -> tuple[ComplexArray, Array, Array]
 
     Parameters
     ----------
+    spectra : Spectra
+        Spectra of inputs and outputs.
     estimator : str
         ``"H1"``, ``"H2"`` or ``"Hv"``.
 
     Returns
     -------
-    tuple[ComplexArray, Array, Array]
+    tuple of (complex array, array, array)
         H, multiple coherence and variance.
     """
     X, Y = spectra.X, spectra.Y

@@ -52,14 +52,14 @@ def find_steps(x: Array, rate: float) -> list[Step]:
 
     Parameters
     ----------
-    x : Array
+    x : array
         Signal, (n,).
     rate : float
         Sample rate [Hz].
 
     Returns
     -------
-    list[Step]
+    list of Step
         Steps in order.
     """
     t = _crossings(np.asarray(x, dtype=float))
@@ -139,6 +139,8 @@ def estimate_stepped_frf(
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     steps : sequence of Step
         Steps; an unknown frequency is estimated from the first input.
     inputs, outputs : sequence of str
@@ -215,7 +217,7 @@ def sines(data: Array, start_s: float, dt: float, hz: float) -> ComplexArray:
 
     Returns
     -------
-    ComplexArray
+    complex array
         Amplitudes, (n_channels,).
     """
     t = start_s + dt * np.arange(len(data))
@@ -232,7 +234,7 @@ def tone(x: Array, dt: float) -> float:
 
     Parameters
     ----------
-    x : Array
+    x : array
         Signal, (n,).
     dt : float
         Time step [s].
@@ -258,7 +260,7 @@ def merged(responses: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyR
 
     Parameters
     ----------
-    responses : Sequence[MeasuredFrequencyResponse]
+    responses : sequence of MeasuredFrequencyResponse
         Responses of the same channels.
 
     Returns

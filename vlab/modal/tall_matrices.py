@@ -44,12 +44,12 @@ def orthonormal(A: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 
     Parameters
     ----------
-    A : NDArray[Any]
+    A : array
         Matrix in blocks of rows.
 
     Returns
     -------
-    tuple[NDArray[Any], NDArray[Any]]
+    tuple of (array, array)
         Q in blocks of rows, and R^-1.
 
     References

@@ -26,7 +26,7 @@ def delayed(x: Array, delay: float, h: float) -> Array:
 
     Parameters
     ----------
-    x : Array
+    x : array
         Signals, time along the first axis.
     delay : float
         Delay [s].
@@ -35,7 +35,7 @@ def delayed(x: Array, delay: float, h: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Delayed signals, shape of `x`.
     """
     index = np.arange(len(x)) - delay / h
@@ -87,7 +87,7 @@ def lag_weights(time_constant: float, h: float) -> tuple[float, float, float]:
 
     Returns
     -------
-    tuple[float, float, float]
+    tuple of (float, float, float)
         b0, b1 and a.
     """
     a = float(np.exp(-h / time_constant))
@@ -100,6 +100,12 @@ def recursion(new: float, old: float, kept: float, x: float = 0.0, y: float = 0.
 
     Parameters
     ----------
+    new : float
+        Weight of the present input.
+    old : float
+        Weight of the preceding input.
+    kept : float
+        Weight of the preceding output.
     x, y : float
         Input and output before the first sample; zero means a start from rest.
 
@@ -244,9 +250,9 @@ class SlewLimit(ActuatorEffect):
 
         Parameters
         ----------
-        now : Any
+        now : object
             Force at the end of the last interval.
-        command : Any
+        command : object
             Command of this interval.
         most : float
             Largest change within the interval.

@@ -82,7 +82,7 @@ def attach(plant: Plant, effects: Sequence[Attached], *, channels: Sequence[str]
     ----------
     plant : Plant
         Plant without the effects; it stays unchanged.
-    effects : Sequence[Attached]
+    effects : sequence of Attached
         Effects with their places and values.
     channels : sequence of str
         Channel names of a case; sensor effects may use a channel name as place.
@@ -135,9 +135,16 @@ def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attach
     The remaining effects go into ``[[model.effect]]`` tables of a case, see `effect_tables`. Numbers of the compiled
     model that differ from the plant's file (calibrated parameters) enter the spec.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    effects : sequence of Attached
+        Effects with places and values.
+
     Returns
     -------
-    tuple[Any, list[Attached]]
+    tuple of (object, list of Attached)
         The MuJoCo spec, and the effects without MuJoCo elements.
     """
     if not isinstance(plant, MjcfPlant):
@@ -165,6 +172,11 @@ def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attach
 def effect_tables(effects: Sequence[Attached]) -> str:
     """Return effects as ``[[model.effect]]`` tables of a ``case.toml``.
 
+    Parameters
+    ----------
+    effects : sequence of Attached
+        Effects with places and values.
+
     Returns
     -------
     str
@@ -190,12 +202,14 @@ def actuators_at(plant: Plant, place: str) -> list[int]:
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
     place : str
         Name of one actuator, or ``chain`` for all.
 
     Returns
     -------
-    list[int]
+    list of int
         Indices into ``plant.actuators``.
 
     Raises
@@ -216,6 +230,8 @@ def port_at(plant: Plant, place: str) -> Port:
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
     place : str
         Port name, ``coil:NAME`` (the coil's position), ``body:NAME``, ``site:NAME`` or ``floor``.
 
@@ -294,6 +310,13 @@ def own_stiffness(plant: Plant, place: str) -> float:
 
     A port without an element of its own takes the stiffness of another port with the same motion.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    place : str
+        Name of the place.
+
     Returns
     -------
     float
@@ -316,9 +339,16 @@ def own_stiffness(plant: Plant, place: str) -> float:
 def coil_at(plant: Plant, port: Port) -> int | None:
     """Return the actuator that acts along a port.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    port : Port
+        Port of the plant.
+
     Returns
     -------
-    int | None
+    int or None
         Index of the actuator; None without one.
     """
     data = plant.new_data()

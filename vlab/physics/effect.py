@@ -148,6 +148,8 @@ class Effect(ABC):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         """
@@ -175,12 +177,12 @@ class PortEffect(Effect):
 
         Parameters
         ----------
-        shape : tuple[int, ...]
+        shape : tuple of int
             Shape of each state.
 
         Returns
         -------
-        list[Any] | None
+        list of object or None
             One array a state; None for a law without memory.
         """
         return None
@@ -199,7 +201,7 @@ class PortEffect(Effect):
 
         Returns
         -------
-        dict[str, float] | None
+        dict of str to float or None
             Parameter values; None for a law without such a form.
         """
         return None
@@ -233,7 +235,7 @@ class PortEffect(Effect):
 
         Returns
         -------
-        tuple[Any, Any]
+        tuple of (object, object)
             Force on the structure [N or N m], and the memory after the step.
         """
 
@@ -249,12 +251,14 @@ class LinearPortEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         own_stiffness : float
             Stiffness of the elastic element at the port, if any [N/m or N m/rad].
 
         Returns
         -------
-        tuple[Any, Any, Any]
+        tuple of (object, object, object)
             Mass [kg], damping [N s/m], stiffness [N/m], or their rotational counterparts.
         """
 
@@ -275,6 +279,8 @@ class ActuatorEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         """
@@ -286,14 +292,16 @@ class ActuatorEffect(Effect):
 
         Parameters
         ----------
-        u : Array
+        u : array
             Commands, time along the first axis, in the actuator's unit.
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
 
         Returns
         -------
-        Array
+        array
             Forces, shape and unit of `u`.
         """
 
@@ -311,6 +319,8 @@ class SensorEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         """
@@ -323,6 +333,8 @@ class SensorEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         reading : float
@@ -336,8 +348,10 @@ class SensorEffect(Effect):
 
         Parameters
         ----------
-        y : Array
+        y : array
             True signals, time along the first axis.
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         t : (n,) array
@@ -345,7 +359,7 @@ class SensorEffect(Effect):
 
         Returns
         -------
-        Array
+        array
             Recorded signals, shape of `y`.
         """
 
@@ -363,6 +377,8 @@ class SensorEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         """
@@ -376,6 +392,8 @@ class SensorEffect(Effect):
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         """

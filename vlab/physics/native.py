@@ -81,6 +81,8 @@ def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Num
     ----------
     plant : MjcfPlant
         Plant with a compiled model.
+    effect : Effect
+        Effect of the catalogue.
     place : str
         Place of the effect.
     values : Values
@@ -88,7 +90,7 @@ def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Num
 
     Returns
     -------
-    Numbers | None
+    Numbers or None
         Additions; None if the effect has no such form at the place.
     """
     kind, _, name = place.partition(":")
@@ -180,9 +182,20 @@ def _add_point_mass(model: Any, body: int, at: Array, mass: float) -> None:
 def springs(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> tuple[Spring, ...] | None:
     """Return the parallel springs that represent an effect.
 
+    Parameters
+    ----------
+    plant : MjcfPlant
+        Plant of an MJCF model.
+    effect : Effect
+        Effect of the catalogue.
+    place : str
+        Name of the place.
+    values : Values
+        Parameter values.
+
     Returns
     -------
-    tuple[Spring, ...] | None
+    tuple of Spring or None
         Springs; None if the effect has no such form at the place.
     """
     kind, _, name = place.partition(":")
@@ -218,7 +231,7 @@ def _joints(model: Any, tendon: str) -> list[tuple[str, float]] | None:
 
     Returns
     -------
-    list[tuple[str, float]] | None
+    list of tuple of (str, float) or None
         None for a spatial tendon.
     """
     i = model.tendon(tendon).id

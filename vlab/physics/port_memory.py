@@ -18,9 +18,16 @@ STORED_AT_CENTRE = sum(1 / (1 + r * r) for r in RATES)
 def zeros(states: int, shape: tuple[int, ...]) -> list[Any]:
     """Return a law's states at rest.
 
+    Parameters
+    ----------
+    states : int
+        Number of states.
+    shape : tuple of int
+        Shape of each state.
+
     Returns
     -------
-    list[Any]
+    list of object
         Arrays, or plain floats for a single run.
     """
     return [np.zeros(shape) if shape else 0.0 for _ in range(states)]

@@ -129,16 +129,16 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
 
     Parameters
     ----------
-    limit : Any
+    limit : object
         Friction limit [N].
-    v : Any
+    v : object
         Velocity at the middle of the step [m/s].
     step : Step
         Data of the step.
 
     Returns
     -------
-    Any
+    object
         Force on the structure [N], shape of `v`.
 
     References

@@ -221,9 +221,16 @@ class PortForces:
 def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array, Array] | None:
     """Return the added matrices of linear effects at rest.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    attached : sequence of AtPort
+        Effects at ports.
+
     Returns
     -------
-    tuple[Array, Array, Array] | None
+    tuple of (array, array, array) or None
         Mass, damping and stiffness, (nv, nv) each; None without linear effects.
     """
     linear = [a for a in attached if isinstance(a.effect, LinearPortEffect)]
@@ -361,9 +368,16 @@ class Running:
 def tap_index(taps: Sequence[Any], name: str) -> int | None:
     """Return the index of a tap by name or place.
 
+    Parameters
+    ----------
+    taps : sequence of object
+        Taps in channel order.
+    name : str
+        Name of a tap or place, with or without its kind.
+
     Returns
     -------
-    int | None
+    int or None
         None without such a tap.
     """
     bare = name.partition(":")[2] if name.startswith(("sensor:", "actuator:", "coil:", "amplifier:")) else name

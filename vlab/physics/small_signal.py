@@ -61,12 +61,12 @@ class SmallSignal:
 
         Parameters
         ----------
-        s : ComplexArray
+        s : complex array
             Complex frequencies [rad/s], any shape.
 
         Returns
         -------
-        ComplexArray
+        complex array
             Resisting force per unit displacement [N/m], shape of `s`.
         """
         s = np.asarray(s, dtype=complex)
@@ -85,6 +85,10 @@ def small_signal(
 
     Parameters
     ----------
+    effect : PortEffect or LinearPortEffect
+        Linear port effect.
+    values : Values
+        Parameter values.
     own_stiffness : float
         Stiffness of the elastic element at the port, if any [N/m or N m/rad].
     fastest : float
@@ -143,12 +147,16 @@ def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq
 
     Parameters
     ----------
+    effect : ActuatorEffect or SensorEffect
+        Linear effect.
+    values : Values
+        Parameter values.
     freq : (n,) array
         Frequencies [Hz].
 
     Returns
     -------
-    ComplexArray
+    complex array
         Response, (n,).
     """
     p = {k: float(v) for k, v in values.items()}

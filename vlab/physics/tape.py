@@ -161,7 +161,7 @@ def tape_of(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> Ta
 
     Returns
     -------
-    Tape | None
+    Tape or None
         None if the law cannot be recorded.
     """
     names = [p.name for p in effect.parameters]

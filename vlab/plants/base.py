@@ -200,6 +200,11 @@ class Plant:
     def port(self, name: str) -> Port:
         """Return a port by name.
 
+        Parameters
+        ----------
+        name : str
+            Name of the port.
+
         Raises
         ------
         UnknownName
@@ -310,12 +315,14 @@ def sensor_taps(structure: Structure, addresses: Callable[[str], tuple[int, ...]
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     addresses : callable
         Name of a sensor, or of the velocity beside a displacement (``NAME:rate``), to its indices in ``sensordata``.
 
     Returns
     -------
-    tuple[SensorTap, ...]
+    tuple of SensorTap
         One tap a sensor or probe.
     """
     return tuple(
@@ -347,6 +354,11 @@ def without_limits(plant: Plant) -> Plant:
 
     A unit command may exceed the limits.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+
     Returns
     -------
     Plant
@@ -373,6 +385,15 @@ def has_diverged(data: Any) -> list[str]:
 
 def check_run(model: Any, data: Any, expected_time: float) -> None:
     """Refuse the state of a diverged or reset run.
+
+    Parameters
+    ----------
+    model : object
+        Compiled MuJoCo model.
+    data : object
+        State of the run.
+    expected_time : float
+        Simulated time that the clock must have [s].
 
     Raises
     ------

@@ -32,6 +32,15 @@ def _build_native(structure: Structure, variant: str) -> Plant:
 def build_plant(structure: Structure, plant: str = "composite", variant: str = "published") -> Plant:
     """Build a plant of a structure by name.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    plant : str
+        Name in `PLANTS`.
+    variant : str
+        Name of the structure's variant.
+
     Raises
     ------
     UnknownName

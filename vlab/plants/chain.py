@@ -61,7 +61,7 @@ class Chain:
 
         Returns
         -------
-        Array
+        array
             Coefficients [m], (n,).
         """
         h, out = self.pieces, np.zeros(len(self.hinges))

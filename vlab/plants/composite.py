@@ -316,10 +316,12 @@ def build_composite(
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     variant : str
         ``"published"``: the crosspiece has one mode and its weight on the clamp. ``"physical"``: flexible arms with
         weight acting on their deflection.
-    options : CompositeOptions | None
+    options : CompositeOptions or None
         Resolution.
     damped : bool
         Whether to prescribe the structure's modal damping.

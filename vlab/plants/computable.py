@@ -23,7 +23,7 @@ def computable(what: str) -> Iterator[None]:
 
     Returns
     -------
-    Iterator[None]
+    context manager
         Context.
 
     Raises

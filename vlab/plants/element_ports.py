@@ -27,6 +27,10 @@ def element_ports(structure: Structure, variant: str, points: Mapping[str, Array
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    variant : str
+        Name of the structure's variant.
     points : mapping of str to (nv,) array
         Deflection of every point per joint coordinate, at rest.
     slope : callable
@@ -34,7 +38,7 @@ def element_ports(structure: Structure, variant: str, points: Mapping[str, Array
 
     Returns
     -------
-    dict[str, Port]
+    dict of str to Port
         Ports by name, as used in cases and diagnoses.
     """
     ports: dict[str, Port] = {}
@@ -70,8 +74,16 @@ def constant_port(name: str, row: Array, unit: str = "m", stiffness: float = 0.0
 
     Parameters
     ----------
+    name : str
+        Name of the port.
     row : (nv,) array
         Coefficients.
+    unit : str
+        Unit of the coordinate, m or rad.
+    stiffness : float
+        Stiffness of the port's element [N/m or N m/rad]; 0 without an element.
+    tag : str
+        Additional meaning of the place, see `Port`.
 
     Returns
     -------

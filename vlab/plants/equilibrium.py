@@ -24,7 +24,7 @@ def settle(model: Any) -> tuple[Array, list[str]]:
 
     Parameters
     ----------
-    model : Any
+    model : object
         Compiled MuJoCo model.
 
     Returns
@@ -82,12 +82,12 @@ class Forces:
 
         Parameters
         ----------
-        qpos : Array
+        qpos : array
             Configuration, (nq,).
 
         Returns
         -------
-        tuple[Array, float]
+        tuple of (array, float)
             Forces (nv,) and tolerance.
         """
         data = self._data

@@ -33,14 +33,14 @@ def elimination_tree(cliques: Sequence[Sequence[int]], n: int) -> list[int]:
 
     Parameters
     ----------
-    cliques : Sequence[Sequence[int]]
+    cliques : sequence of sequence of int
         Coordinates of each element.
     n : int
         Number of coordinates.
 
     Returns
     -------
-    list[int]
+    list of int
         Parents, length n.
 
     References

@@ -67,9 +67,20 @@ class FeModes:
         the orthogonal Procrustes problem [1]_. Among the plant's own modes the stiffness becomes Q diag(omega_fe^2) Q^T
         in place of its own.
 
+        Parameters
+        ----------
+        plant : Plant
+            Plant with its ports and transducers.
+        linear : SecondOrderModel
+            Linear model.
+        structure : Structure
+            Structure with its points, bars and transducers.
+        variant : str
+            Name of the structure's variant.
+
         Returns
         -------
-        'FeModes'
+        FeModes
             Modes and added stiffness.
 
         Raises
@@ -122,6 +133,11 @@ class FeModes:
         """Return a plant with FE deflections at its transducers.
 
         Ports, coils and sensors then have the FE model's mode shapes.
+
+        Parameters
+        ----------
+        plant : P
+            Plant with its ports and transducers.
 
         Returns
         -------
@@ -254,7 +270,7 @@ def _shown_in_steps(omega: Array, step: float) -> Array:
 
     Returns
     -------
-    Array
+    array
         Frequencies a = (2/h) sin(omega h/2) [rad/s].
 
     Raises

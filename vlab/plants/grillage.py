@@ -43,9 +43,11 @@ def build_grillage(
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     variant : str
         Name checked against the structure's variants. The plant is always the physical one.
-    options : GrillageOptions | None
+    options : GrillageOptions or None
         Resolution and in-plane stiffness.
     damped : bool
         Whether to prescribe the structure's modal damping.

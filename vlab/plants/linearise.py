@@ -22,7 +22,7 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
 
     Parameters
     ----------
-    model : Any
+    model : object
         Compiled model.
     qpos : (nq,) array or None
         Equilibrium configuration; the model's initial one by default.
@@ -80,6 +80,11 @@ def check_free(model: Any) -> None:
     """Refuse equality constraints.
 
     Their forces are no function of position and velocity alone.
+
+    Parameters
+    ----------
+    model : object
+        Compiled MuJoCo model.
 
     Raises
     ------

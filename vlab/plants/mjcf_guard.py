@@ -28,6 +28,13 @@ _XML_FILES = ("include", "model")
 def check_text(text: str, label: str) -> None:
     """Check a model given as text without file references.
 
+    Parameters
+    ----------
+    text : str
+        XML text.
+    label : str
+        Name of the model in messages.
+
     Raises
     ------
     BadStructure

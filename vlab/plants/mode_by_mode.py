@@ -49,6 +49,12 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
 
     Parameters
     ----------
+    plant : P
+        Plant with its ports and transducers.
+    structure : Structure
+        Structure with its points, bars and transducers.
+    variant : str
+        Name of the structure's variant.
     damped : bool
         Whether to prescribe damping.
 
@@ -91,12 +97,14 @@ def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
     zeta : (n,) array
         Damping ratios.
 
     Returns
     -------
-    list[ModalTendon]
+    list of ModalTendon
         One damper a damped mode.
     """
     omega, shapes = linear.eigen
@@ -126,9 +134,16 @@ def with_modal_tendons(spec: Any, tendons: list[ModalTendon]) -> Any:
 
     Both are native fixed tendons on the joints.
 
+    Parameters
+    ----------
+    spec : object
+        MjSpec of the plant.
+    tendons : list of ModalTendon
+        Dampers and springs.
+
     Returns
     -------
-    Any
+    object
         Copy of the spec.
 
     Raises

@@ -45,8 +45,14 @@ def add_points(spec: Any, structure: Structure, rows: Mapping[str, Array], joint
 
     Parameters
     ----------
+    spec : object
+        MjSpec of the plant.
+    structure : Structure
+        Structure with its points, bars and transducers.
     rows : mapping of str to (n_joints,) array
         Deflection of each point per joint coordinate.
+    joints : sequence of str
+        Names of the joints in row order.
     """
     for place in structure.transducer_places:
         tendon = spec.add_tendon(name=place)
@@ -87,8 +93,16 @@ def point_plant(
 
     Parameters
     ----------
+    name : str
+        Name of the plant.
+    spec : object
+        MjSpec of the plant.
+    structure : Structure
+        Structure with its points, bars and transducers.
     rows : mapping of str to (n_joints,) array
         Deflection of every point of the drawing per joint coordinate.
+    left_out : tuple of str
+        Properties of the structure that the plant lacks.
     written : mujoco.MjSpec or None
         Spec for export, if more complete than the running model (dampers).
     dissipation, restoring : (nv, nv) array or None
@@ -128,6 +142,8 @@ def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Arr
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     rows : mapping of str to (nv,) array
         Deflection of every point per joint coordinate.
     onto : callable
@@ -135,7 +151,7 @@ def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Arr
 
     Returns
     -------
-    dict[str, Port]
+    dict of str to Port
         Ports by name.
     """
     points = dict(rows) | {plate.name: onto(fe.deflection(plate.name)) for plate in fe.structure.plate}

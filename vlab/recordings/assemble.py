@@ -203,6 +203,11 @@ def on_even_stamps(recording: Recording) -> Recording:
     count as rounded if each is within `ROUNDING` of an even grid. ``meta["stamps"]`` then notes the correction. Any
     other recording is unchanged.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
     Returns
     -------
     Recording

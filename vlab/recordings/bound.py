@@ -21,9 +21,14 @@ STATED = "recording_sha256"
 def stated_hash(folder: Path) -> str | None:
     """Return the recording's SHA-256 from a folder's manifest.
 
+    Parameters
+    ----------
+    folder : Path
+        Folder with a manifest.
+
     Returns
     -------
-    str | None
+    str or None
         Hexadecimal hash; None without a statement.
     """
     try:
@@ -64,6 +69,11 @@ def check_run(folder: Path) -> None:
     """Check that a folder holds its manifest's recording.
 
     Without a manifest any recording passes.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
 
     Raises
     ------

@@ -17,9 +17,20 @@ def cut_line(text: str, delimiter: str, path: Path, line: int) -> list[str]:
 
     Delimiters inside quotes do not split.
 
+    Parameters
+    ----------
+    text : str
+        Line of text.
+    delimiter : str
+        Delimiter of the cells.
+    path : Path
+        File, for messages.
+    line : int
+        Line number, for messages.
+
     Returns
     -------
-    list[str]
+    list of str
         Cells.
 
     Raises
@@ -40,9 +51,14 @@ def cut_line(text: str, delimiter: str, path: Path, line: int) -> list[str]:
 def parse_number(cell: str) -> complex | None:
     """Return the real or complex number in a cell.
 
+    Parameters
+    ----------
+    cell : str
+        Stripped text of a cell.
+
     Returns
     -------
-    complex | None
+    complex or None
         None if the cell is no number.
     """
     if len(cell) > _LONGEST_CELL or "_" in cell or not cell.isascii():

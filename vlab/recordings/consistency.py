@@ -53,6 +53,11 @@ class Mismatch(NamedTuple):
 def known_factor(ratio: float) -> str:
     """Return the unit mistake that explains a ratio.
 
+    Parameters
+    ----------
+    ratio : float
+        Ratio of two channels [1].
+
     Returns
     -------
     str
@@ -70,12 +75,14 @@ def mismatches(recording: Recording, moving: list[int]) -> Iterator[Mismatch]:
 
     Parameters
     ----------
-    moving : list[int]
+    recording : Recording
+        Recording in SI.
+    moving : list of int
         Indices of channels that move.
 
     Returns
     -------
-    Iterator[Mismatch]
+    iterator of Mismatch
         Pairs with a ratio other than 1.
     """
     if len(recording) < _SHORTEST or not recording.is_uniform:

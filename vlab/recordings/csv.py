@@ -73,6 +73,17 @@ class _Layout:
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
     """Read a CSV file, see `vlab.recordings.open_table`.
 
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Column names of a file without names, or in place of its names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
     Returns
     -------
     Table
@@ -425,9 +436,16 @@ def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecordi
 def write_csv(recording: Recording, path: PathLike) -> tuple[str, ...]:
     """Write a recording as labelled CSV, see `vlab.recordings.write_recording`.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
-    tuple[str, ...]
+    tuple of str
         Empty, because the form is exact.
 
     Raises

@@ -25,7 +25,7 @@ def refuse(path: PathLike, what: str, *, fix: str = "") -> BadRecording:
 
     Parameters
     ----------
-    path : PathLike
+    path : str or path
         File.
     what : str
         Defect.
@@ -113,7 +113,7 @@ def written_whole(path: PathLike, *, is_new: bool = False) -> Iterator[BinaryIO]
 
     Returns
     -------
-    Iterator of BinaryIO
+    context manager of BinaryIO
         Stream of a temporary file.
 
     Raises

@@ -46,8 +46,16 @@ def read_variables(
     ----------
     reader : str
         Module of `vlab.recordings.workers`.
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    columns : sequence of str or None
+        Columns to read; all by default.
     library, install : str
         Required library and its package to install.
+    is_matlab : bool
+        Whether MATLAB's conventions apply.
 
     Returns
     -------

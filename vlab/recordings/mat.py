@@ -218,6 +218,17 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 
     `vlab.recordings.variables.Variables` gives the column names.
 
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
     Returns
     -------
     Table
@@ -261,9 +272,16 @@ _HEADER_TEXT = 116  # bytes of free text, in which scipy writes the time of day
 def write_mat(recording: Recording, path: PathLike) -> tuple[str, ...]:
     """Write a recording as MAT 5, see `vlab.recordings.write_recording`.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
-    tuple[str, ...]
+    tuple of str
         Empty, because the form is exact.
     """
     from scipy.io import savemat  # deferred, because reading does not need scipy

@@ -30,6 +30,17 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 
     `vlab.recordings.variables.Variables` gives the column names.
 
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
     Returns
     -------
     Table

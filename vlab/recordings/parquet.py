@@ -35,9 +35,16 @@ from vlab.signals import Channel, Recording
 def write_parquet(recording: Recording, path: PathLike) -> tuple[str, ...]:
     """Write a recording as Parquet, see `vlab.recordings.write_recording`.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
-    tuple[str, ...]
+    tuple of str
         Empty, because the form is exact.
 
     Raises
@@ -86,6 +93,17 @@ def _digest(channels: Sequence[Channel], meta: str, rows: int) -> str:
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
     """Read a Parquet file, see `vlab.recordings.open_table`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
 
     Returns
     -------

@@ -143,12 +143,12 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
 
     Parameters
     ----------
-    values : Array
+    values : array
         Samples of a channel, (n,).
 
     Returns
     -------
-    dict[str, NDArray[np.bool_]]
+    dict of str to array
         Boolean masks, (n,) each.
     """
     out: dict[str, NDArray[np.bool_]] = {}

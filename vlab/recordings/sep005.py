@@ -88,9 +88,14 @@ def to_sep005(recording: Recording) -> list[dict[str, Any]]:
     An even recording with time stamps exactly k / rate has ``fs``; any other has ``time``. Kinds, places and notes,
     which SEP005 lacks, are under ``vlab``.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
     Returns
     -------
-    list[dict[str, Any]]
+    list of dict of str to object
         One dictionary a channel.
     """
     clock: dict[str, Any] = {"time": recording.time.copy()}

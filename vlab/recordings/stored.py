@@ -28,6 +28,13 @@ def write_recording(recording: Recording, path: PathLike) -> tuple[str, ...]:
 
     The suffix selects the format: ``.parquet`` (native), ``.csv``, ``.mat`` (version 5) or ``.uff`` (58b).
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
     tuple of str
@@ -50,6 +57,13 @@ def read_recording(path: PathLike, *, folder: PathLike | None = None) -> Recordi
     """Read a recording that `write_recording` wrote.
 
     Bits, labels, units and notes are the same.
+
+    Parameters
+    ----------
+    path : str or path
+        Path of the file.
+    folder : str or path or None
+        Folder that must contain the file; `path` is then relative.
 
     Returns
     -------

@@ -120,9 +120,14 @@ class Table:
     def real(self, name: str) -> NDArray[Any]:
         """Return a real column.
 
+        Parameters
+        ----------
+        name : str
+            Name of the column.
+
         Returns
         -------
-        NDArray[Any]
+        array
             Samples, (n,).
 
         Raises
@@ -142,6 +147,15 @@ class Table:
         """Check a given unit against the file's statement.
 
         A file without a known unit passes.
+
+        Parameters
+        ----------
+        name : str
+            Name of the column.
+        unit : str
+            Given unit.
+        si : str
+            SI unit inside vlab.
 
         Raises
         ------
@@ -239,6 +253,13 @@ def meta_to_json(meta: Mapping[str, Any], path: PathLike) -> str:
 
     Arrays become lists.
 
+    Parameters
+    ----------
+    meta : mapping of str to object
+        Notes by name.
+    path : str or path
+        File, for messages.
+
     Returns
     -------
     str
@@ -278,9 +299,16 @@ def check_version(text: str, path: PathLike) -> None:
 def read_meta(text: str, path: PathLike) -> dict[str, Any]:
     """Return the notes of a vlab file.
 
+    Parameters
+    ----------
+    text : str
+        JSON text.
+    path : str or path
+        File, for messages.
+
     Returns
     -------
-    dict[str, Any]
+    dict of str to object
         Notes by name.
 
     Raises
@@ -302,8 +330,10 @@ def read_channel(labels: Sequence[str], path: PathLike) -> Channel:
 
     Parameters
     ----------
-    labels : Sequence[str]
+    labels : sequence of str
         Name, kind, unit, place and ``input`` or ``output``.
+    path : str or path
+        File, for messages.
 
     Returns
     -------

@@ -29,6 +29,17 @@ _SIGNATURE = "vlab-recording"
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
     """Read a universal file, see `vlab.recordings.open_table`.
 
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
     Returns
     -------
     Table
@@ -139,9 +150,16 @@ def write_uff(recording: Recording, path: PathLike) -> tuple[str, ...]:
     too; a note gives the change of any other. Uneven time stamps are refused, because the format keeps them in single
     precision.
 
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
-    tuple[str, ...]
+    tuple of str
         Losses.
 
     Raises
@@ -195,9 +213,16 @@ def write_uff_response(response: FrequencyResponse, path: PathLike) -> tuple[str
     The data are complex doubles, one data set for each output and input. On reading, the columns are ``f`` and ``1/2``
     for the first output and second input; the notes hold the names.
 
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Responses over even frequencies.
+    path : str or path
+        Path of the file.
+
     Returns
     -------
-    tuple[str, ...]
+    tuple of str
         Losses.
 
     Raises

@@ -125,7 +125,7 @@ def read_function(data: bytes, offset: int) -> tuple[Function, int]:
 
     Returns
     -------
-    tuple[Function, int]
+    tuple of (Function, int)
         Function, and offset after its samples.
 
     Raises
@@ -305,9 +305,14 @@ def clock_of(abscissa: NDArray[Any]) -> tuple[Clock, float]:
 
     The clock reproduces the abscissae exactly if possible.
 
+    Parameters
+    ----------
+    abscissa : array
+        Even abscissae, (n,).
+
     Returns
     -------
-    tuple[Clock, float]
+    tuple of (Clock, float)
         Clock, and largest change [abscissa's unit].
     """
     count, start = abscissa.size, float(abscissa[0])
@@ -350,6 +355,13 @@ def function_text(function: Function, clock: Clock) -> bytes:
     """Return a data set 58b with even abscissae.
 
     Text records precede little-endian doubles.
+
+    Parameters
+    ----------
+    function : Function
+        Function with even abscissae.
+    clock : Clock
+        Clock of the abscissae.
 
     Returns
     -------

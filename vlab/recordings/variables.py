@@ -34,12 +34,12 @@ def to_float(values: NDArray[Any]) -> NDArray[Any] | str:
 
     Parameters
     ----------
-    values : NDArray[Any]
+    values : array
         Array of any type.
 
     Returns
     -------
-    NDArray[Any] | str
+    array or str
         Numbers, or the reason of refusal.
     """
     kind, size = values.dtype.kind, values.dtype.itemsize
@@ -74,6 +74,13 @@ class Variables:
 
         The value is an array, a text, a dict of fields, a list of cells or `Skipped`.
 
+        Parameters
+        ----------
+        name : str
+            Name of the variable.
+        value : object
+            Value of the variable.
+
         Raises
         ------
         Damaged
@@ -102,7 +109,9 @@ class Variables:
 
         Parameters
         ----------
-        columns : Sequence[str] | None
+        path : Path
+            Path of the file, for messages.
+        columns : sequence of str or None
             Columns to keep; all if none matches.
 
         Returns

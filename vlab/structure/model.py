@@ -432,7 +432,7 @@ class Structure:
 
         Returns
         -------
-        tuple[float, float]
+        tuple of (float, float)
             x and z [m].
 
         Raises
@@ -467,6 +467,11 @@ class Structure:
 
     def variant_named(self, name: str) -> Variant:
         """Return a variant by name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the variant.
 
         Raises
         ------

@@ -51,6 +51,8 @@ def locate(structure: Structure, place: str) -> Location:
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     place : str
         Name of the place.
 

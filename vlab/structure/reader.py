@@ -16,7 +16,7 @@ def load_structure(name_or_file: str | Path) -> Structure:
 
     Parameters
     ----------
-    name_or_file : str | Path
+    name_or_file : str or Path
         Name such as ``"beam"``, or path of a structure file.
 
     Returns

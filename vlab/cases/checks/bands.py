@@ -87,7 +87,7 @@ class Bands:
 
         Returns
         -------
-        Array
+        array
             Share in each band, at most 1.
         """
         power = self.recorded - 2.0 * factor * self.cross.real + factor**2 * self.simulated
@@ -131,14 +131,14 @@ def spectra(time: Array, *columns: Array) -> tuple[Array, list[ComplexArray]]:
 
     Parameters
     ----------
-    time : Array
+    time : array
         Time stamps [s].
-    columns : Array
+    columns : array
         Signals, (n,) each.
 
     Returns
     -------
-    tuple[Array, list[ComplexArray]]
+    tuple of (array, list of complex array)
         Frequencies [Hz] up to `UPPER`, and one spectrum a column.
     """
     n = len(time)
@@ -160,6 +160,10 @@ def bands_of_spectra(freq: Array, recorded: ComplexArray, simulated: ComplexArra
     ----------
     freq : (n,) array
         Increasing frequencies [Hz].
+    recorded : complex array
+        Recorded spectrum or response, (n,).
+    simulated : complex array
+        Simulated spectrum or response, (n,).
     lowest : float
         Lowest frequency used [Hz].
 

@@ -56,6 +56,10 @@ def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | No
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    runs : sequence of Run
+        Recordings with mapped channels.
     simulated : sequence of Recording or None, optional
         Known simulations.
 
@@ -86,6 +90,10 @@ def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    run : Run
+        Recording with mapped channels.
     most_steps : int
         Largest number of integration steps of the part.
 

@@ -31,6 +31,13 @@ def check_clock(case: Case, runs: Sequence[Run]) -> None:
 
     The check precedes any long simulation.
 
+    Parameters
+    ----------
+    case : Case
+        Case with its model.
+    runs : sequence of Run
+        Recordings with mapped channels.
+
     Raises
     ------
     BadCase

@@ -28,6 +28,11 @@ def unrelated(now: Beside) -> str:
 
     The message requires that the model's outputs are coherent.
 
+    Parameters
+    ----------
+    now : Beside
+        Recordings and their simulation.
+
     Returns
     -------
     str
@@ -60,7 +65,7 @@ def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
 
     Returns
     -------
-    tuple[float, float] | None
+    tuple of (float, float) or None
         None without such lines.
     """
     inputs = [run.measured[d.channel] for d in run.drives if np.ptp(run.measured[d.channel]) > 0.0]

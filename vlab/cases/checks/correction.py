@@ -171,9 +171,14 @@ class Column:
 def columns_of(case: Case) -> dict[str, Column]:
     """Return the column descriptions of a case by channel.
 
+    Parameters
+    ----------
+    case : Case
+        Case with its model.
+
     Returns
     -------
-    dict[str, Column]
+    dict of str to Column
         Description by channel name.
     """
     out: dict[str, Column] = {}
@@ -187,9 +192,14 @@ def columns_of(case: Case) -> dict[str, Column]:
 def slips_of(column: Column) -> dict[str, float]:
     """Return the factor of each possible unit mistake.
 
+    Parameters
+    ----------
+    column : Column
+        Description of the channel.
+
     Returns
     -------
-    dict[str, float]
+    dict of str to float
         Ratio of numbers as read to true numbers, by true unit.
     """
     if not column.si:

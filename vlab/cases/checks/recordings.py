@@ -49,6 +49,8 @@ def check_recordings(
 
     Parameters
     ----------
+    case : Case
+        Case with its model.
     runs : sequence of Run, optional
         Runs of the case; read from the files by default.
     simulated : sequence of Recording, optional

@@ -51,7 +51,7 @@ def shift(time: Array, recorded: Array, simulated: Array) -> Shift | None:
 
     Returns
     -------
-    Shift | None
+    Shift or None
         Shift; None with too few bands.
     """
     n, step = len(time), (time[-1] - time[0]) / (len(time) - 1)
@@ -77,9 +77,16 @@ def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
     A late output may be due to an effect of the catalogue. An output early by more than the model's own delay cannot be
     physical.
 
+    Parameters
+    ----------
+    now : Beside
+        Recordings and their simulation.
+    columns : mapping of str to Column
+        Description by channel.
+
     Returns
     -------
-    list[Found]
+    list of Found
         Findings.
     """
     late = {name: seconds for name in now.channels if (seconds := _same_shift(now, name)) is not None}
@@ -95,7 +102,7 @@ def _same_shift(now: Beside, name: str) -> float | None:
 
     Returns
     -------
-    float | None
+    float or None
         None without a shift, or with different shifts.
     """
     found, step = [], 0.0

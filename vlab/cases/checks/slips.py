@@ -58,12 +58,12 @@ def reading(of_runs: Sequence[Bands]) -> Reading | None:
 
     Parameters
     ----------
-    of_runs : Sequence[Bands]
+    of_runs : sequence of Bands
         Bands of each run.
 
     Returns
     -------
-    Reading | None
+    Reading or None
         None without bands.
     """
     if not of_runs:
@@ -98,14 +98,14 @@ def slip_of_unit(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> tuple[
 
     Parameters
     ----------
-    of_runs : Sequence[Bands]
+    of_runs : sequence of Bands
         Bands of each run.
     slips : mapping of str to float
         Ratio of numbers as read to true numbers, by true unit.
 
     Returns
     -------
-    tuple[str, float] | None
+    tuple of (str, float) or None
         Unit and ratio, negative for the opposite sign; None without a mistake.
     """
     read = reading(of_runs)
@@ -142,14 +142,14 @@ def slip_without_sign(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> t
 
     Parameters
     ----------
-    of_runs : Sequence[Bands]
+    of_runs : sequence of Bands
         Bands of each run.
-    slips : Mapping[str, float]
+    slips : mapping of str to float
         Ratio of numbers as read to true numbers, by true unit.
 
     Returns
     -------
-    tuple[str, float] | None
+    tuple of (str, float) or None
         Unit and ratio; None without a mistake.
     """
     read = reading(of_runs)

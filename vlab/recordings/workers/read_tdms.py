@@ -26,12 +26,14 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
 
     Parameters
     ----------
-    options : dict[str, Any]
+    data : bytes
+        Bytes of the file.
+    options : dict of str to object
         ``limit`` [bytes].
 
     Returns
     -------
-    dict[str, Any]
+    dict of str to object
         ``variables``, ``units``, ``meta`` and ``notes``.
 
     Raises

@@ -51,12 +51,14 @@ def pack(value: Any, buffers: list[Any]) -> tuple[str, Any]:
 
     Parameters
     ----------
-    buffers : list[Any]
+    value : object
+        Value from a reader.
+    buffers : list of object
         List that receives the arrays.
 
     Returns
     -------
-    tuple[str, Any]
+    tuple of (str, object)
         Kind and content.
     """
     if isinstance(value, np.ndarray):
