@@ -20,12 +20,12 @@ from vlab.structure.model import Structure
 WEIGHTS = ("identity", "energy")
 """Kinds of weights."""
 LAWS = ("lqr", "lqg", "mfdrf", "lqdrf", "lqdrf-diagonal")
-"""Names of the laws: regulator, regulator with filter, and direct rate feedback of least force and of least index (coupled
-or diagonal)."""
+"""Names of the laws: regulator, regulator with filter, and direct rate feedback of least force and of least index
+(coupled or diagonal)."""
 
 DESIGNED_ON_FULL = {"beam": ("lqr", "mfdrf", "lqdrf", "lqdrf-diagonal")}
-"""Published designs on the full model (section 6.1), by structure. Every other design is on the published design's reduced
-model."""
+"""Published designs on the full model (section 6.1), by structure. Every other design is on the published design's
+reduced model."""
 
 Design = LqrDesign | LqgDesign | MfdrfDesign | LqdrfDesign
 

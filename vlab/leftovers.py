@@ -13,7 +13,8 @@ from pathlib import Path
 from vlab.locks import lock
 
 PART, OLD = ".vlab-part", ".vlab-old"
-"""PART: suffix of hidden files and folders under construction. OLD: suffix of folders with replaced content."""
+"""PART: suffix of hidden files and folders under construction.
+OLD: suffix of folders with replaced content."""
 WAS = "was"
 """Name of the replaced content in its `OLD` folder."""
 _DRAWN = 8

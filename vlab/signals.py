@@ -19,7 +19,8 @@ ComplexArray = NDArray[Any]
 """Array of complex numbers."""
 
 SMALLEST, LARGEST = (float(limit**0.25) for limit in (np.finfo(float).tiny, np.finfo(float).max))
-"""SMALLEST, LARGEST [1]: range of sizes with products of squares (of two power spectra) within double precision."""
+"""SMALLEST,
+LARGEST [1]: range of sizes with products of squares (of two power spectra) within double precision."""
 
 KIND_UNITS = {
     "command": None,  # unit of the actuator: N, V, N m

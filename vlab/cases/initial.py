@@ -30,30 +30,33 @@ from vlab.signals import Array, Channel, Recording
 PERIODS = 2.0
 """PERIODS [1]: periods of the slowest oscillation in the estimate's window."""
 LEAST_SAMPLES, MOST_SAMPLES = 20, 2000
-"""LEAST_SAMPLES [samples]: shortest window of the estimate. MOST_SAMPLES [samples]: longest window."""
+"""LEAST_SAMPLES [samples]: shortest window of the estimate.
+MOST_SAMPLES [samples]: longest window."""
 MOST_MODES = 8
 """MOST_MODES [1]: largest number of estimated modes."""
 AT_REST, STILL = 0.02, 5
-"""AT_REST [1]: largest first deflection, as a share of the largest, at which a driven recording starts at rest. STILL
-[samples]: number of such samples required of accelerations alone."""
+"""AT_REST [1]: largest first deflection, as a share of the largest, at which a driven recording starts at rest.
+STILL [samples]: number of such samples required of accelerations alone."""
 AT_UNSTABLE_REST = 1e-3
 """AT_UNSTABLE_REST [1]: `AT_REST` for an unstable equilibrium, from which small initial errors grow."""
 REFINEMENTS = 4
 """REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
 WORTH, ENOUGH = 1.1, 0.02
 """WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
-larger ratio means large motion. ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which
-the estimate is refined."""
+larger ratio means large motion.
+ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which the estimate is refined."""
 STAGES = (0.06, 0.25, 1.0)
 """STAGES [1]: successive window lengths of a local start, as shares of the window."""
 LOCAL, HOPELESS = 0.05, 0.2
 """LOCAL [1]: rms residual, relative to the recording's deviation from rest, above which a local start is tried if all
-joints are measured. HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""
+joints are measured.
+HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""
 LEAST_STAGE = 8
 """LEAST_STAGE [samples]: shortest window of a local start."""
 MOST_LOCAL, PER_CHANNEL = 12, 3
-"""MOST_LOCAL [1]: largest number of degrees of freedom of a local start. PER_CHANNEL [1]: largest number per channel. Few
-sensors identify few joints, and more freedom would absorb the model's error."""
+"""MOST_LOCAL [1]: largest number of degrees of freedom of a local start.
+PER_CHANNEL [1]: largest number per channel. Few sensors identify few joints, and more freedom would absorb the
+model's error."""
 STIFF = 3e-3
 """STIFF [1]: weight that ties a local start to the preceding stage, relative to samples of the largest deflection. The
 speed of a joint on a stiff servo decays before the first sample and would fit noise."""

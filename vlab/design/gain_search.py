@@ -24,8 +24,8 @@ ACTIVE = 1e-6
 """ACTIVE [1]: multiplier, relative to the objective per unit of the bound, above which a constraint is active."""
 
 Objective = Callable[[ClosedLoop, Array], tuple[Array, Array, Array, Sequence[str]]]
-"""Closed loops and extra variables (k, n_extra) to smooth constraints. The result has constraints >= 0 (k, m) with their
-names. Their derivatives are by D (k, m, n_coils, n_coils) and by the extra variables (k, m, n_extra)."""
+"""Closed loops and extra variables (k, n_extra) to smooth constraints. The result has constraints >= 0 (k, m) with
+their names. Their derivatives are by D (k, m, n_coils, n_coils) and by the extra variables (k, m, n_extra)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,8 +13,8 @@ from vlab.errors import BadDesign
 from vlab.signals import Array
 
 REACH = 1e-8
-"""REACH [1]: smallest share of a mode's eigenvector that an input drives or an output measures. A smaller share loses half
-of the digits."""
+"""REACH [1]: smallest share of a mode's eigenvector that an input drives or an output measures. A smaller share
+loses half of the digits."""
 ALIKE = 1e-7
 """ALIKE [1]: relative distance below which poles coincide and their eigenvectors are judged together."""
 RESIDUAL = 1e-6

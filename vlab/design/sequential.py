@@ -27,8 +27,8 @@ from vlab.errors import BadDesign
 from vlab.signals import Array
 
 ACCEPT, GOOD = 0.05, 0.7
-"""ACCEPT [1]: smallest share of the predicted decrease of an accepted step. GOOD [1]: share from which the trust region
-grows."""
+"""ACCEPT [1]: smallest share of the predicted decrease of an accepted step.
+GOOD [1]: share from which the trust region grows."""
 RETRIES = 3
 """RETRIES [1]: largest number of reductions of the trust region after a failure of OSQP."""
 CONFINED = 1e-3

@@ -26,8 +26,8 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 INVISIBLE = 1e-7
-"""INVISIBLE [1]: smallest singular value of the modes at the retained coordinates, each of unit length over all modes. The
-reduced mass squares the value, to 1e-14."""
+"""INVISIBLE [1]: smallest singular value of the modes at the retained coordinates, each of unit length over all
+modes. The reduced mass squares the value, to 1e-14."""
 SINGULAR = 1e-12
 """SINGULAR [1]: smallest eigenvalue of a stiffness with unit diagonal that exceeds rounding."""
 RIGID = 1e-4

@@ -36,9 +36,8 @@ class OutputChain:
         self.substeps = substeps
         self._whole, late = delay_split(converter.delay_samples)
         self._matrix = _transition(1.0 / converter.rate, late, self._whole, converter.filter_corner, substeps)
-        # Two buffers of rows [means of the steps | filter state, last commands | new command]. A sample's means and next
-        # memory go into the other buffer. The memory is then in place for the next
-        # sample, without a copy.
+        # Two buffers of rows [means of the steps | filter state, last commands | new command]. A sample's means and
+        # next memory go into the other buffer. The memory is then in place for the next sample, without a copy.
         rows, columns = self._matrix.shape
         buffers = [np.zeros((substeps + columns, channels)) for _ in range(2)]
         self._sides = [(b[-1], b[substeps:], other[:rows], other[:substeps]) for b, other in (buffers, buffers[::-1])]

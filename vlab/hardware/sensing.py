@@ -13,7 +13,8 @@ from vlab.physics.sensors import MainsHum, SensorDrift, SensorQuantisation
 from vlab.signals import Array
 
 CARRIER, DRIFT, QUANTISATION = MainsHum(), SensorDrift(), SensorQuantisation()
-"""CARRIER, DRIFT, QUANTISATION: effects that implement pick-up, drift and quantisation."""
+"""CARRIER, DRIFT,
+QUANTISATION: effects that implement pick-up, drift and quantisation."""
 _NO_TIMES = np.zeros(0)
 
 

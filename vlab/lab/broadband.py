@@ -12,8 +12,8 @@ GROUP = 4
 """GROUP [1]: number of odd lines per omitted line of an odd multisine. The omitted lines, drawn at random, show
 distortion."""
 MOST_LINES = 1e6
-"""MOST_LINES [1]: largest number of lines of a multisine. The value allows a period of four and a half hours in the widest
-default band."""
+"""MOST_LINES [1]: largest number of lines of a multisine. The value allows a period of four and a half hours in the
+widest default band."""
 RAMP = 0.05
 """RAMP [1]: share of a burst for fading in and out, which keeps the burst in its band."""
 

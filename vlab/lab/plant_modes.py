@@ -14,7 +14,8 @@ from vlab.plants.base import Plant
 from vlab.signals import Array, ComplexArray, ModalModel
 
 HZ_ERROR, ZETA_ERROR, LEAST_MAC = 1e-3, 0.05, 0.98
-"""HZ_ERROR [1]: largest relative error of a frequency. ZETA_ERROR [1]: largest relative error of a damping ratio.
+"""HZ_ERROR [1]: largest relative error of a frequency.
+ZETA_ERROR [1]: largest relative error of a damping ratio.
 LEAST_MAC [1]: smallest MAC of the shapes."""
 UNSEEN = 1e-3
 """UNSEEN [1]: largest sensor motion, relative to the most visible mode, below which a mode is unobservable."""

@@ -21,7 +21,8 @@ from vlab.signals import Array
 GAINS = np.geomspace(1.0, 100.0, 41)
 """GAINS [1]: trial gains on all commands, upward and as reciprocals downward, in steps of 12 %."""
 DELAY_STEP, DELAY_SPAN = 0.25, 10.0
-"""DELAY_STEP [samples]: step of the trial delays. DELAY_SPAN [samples]: largest added trial delay."""
+"""DELAY_STEP [samples]: step of the trial delays.
+DELAY_SPAN [samples]: largest added trial delay."""
 CORNERS = np.geomspace(1.0, 1e-3, 41)
 """CORNERS [1]: trial factors on the corner of the RC filters, in steps of 16 %."""
 

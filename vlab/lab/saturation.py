@@ -23,7 +23,8 @@ from vlab.signals import Array
 PASSES = 30
 """PASSES [1]: largest number of fixed-point iterations for coupled amplifiers."""
 SMALLEST, LARGEST = 1e-3, 1e4
-"""SMALLEST, LARGEST [limits]: range of the largest command's amplitude in the search for a limit cycle."""
+"""SMALLEST,
+LARGEST [limits]: range of the largest command's amplitude in the search for a limit cycle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

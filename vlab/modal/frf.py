@@ -17,7 +17,8 @@ Estimator = Literal["H1", "H2", "Hv"]
 
 RANDOM_FLOOR, PERIODIC_FLOOR = 1e-10, 1e-6
 """RANDOM_FLOOR [1]: smallest used input power of random data, relative to the largest line (100 dB); below is rounding.
-PERIODIC_FLOOR [1]: same for periodic data (60 dB), which allows the force drop-out at resonance of a light structure."""
+PERIODIC_FLOOR [1]: same for periodic data (60 dB), which allows the force drop-out at resonance of a light
+structure."""
 
 _INTEGRALS = {"m/s^2": "m/s", "m/s": "m", "rad/s^2": "rad/s", "rad/s": "rad"}
 

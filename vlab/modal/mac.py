@@ -11,8 +11,8 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, ModalModel
 
 FREQUENCY_TIE_BREAK = 1e-3
-"""FREQUENCY_TIE_BREAK [1]: MAC equivalent of a frequency ratio of e in the pairing. The small value decides only between
-similar shapes."""
+"""FREQUENCY_TIE_BREAK [1]: MAC equivalent of a frequency ratio of e in the pairing. The small value decides only
+between similar shapes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,8 +21,8 @@ from vlab.signals import Array, Recording, check_sizes
 SETTLING_SHARE = 0.5
 """SETTLING_SHARE [1]: share of the periods dropped at the start of a periodic record, for decay of the transient."""
 FINE_LINES, FINEST = 201, 1e-3
-"""FINE_LINES [1]: number of lines over a peak for force appropriation. FINEST [1]: smallest half width of a peak relative
-to its frequency."""
+"""FINE_LINES [1]: number of lines over a peak for force appropriation.
+FINEST [1]: smallest half width of a peak relative to its frequency."""
 PEAK_WIDTH = 0.02
 """PEAK_WIDTH [1]: relative half width of the search for a peak, at most half the distance to the next."""
 

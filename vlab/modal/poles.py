@@ -21,8 +21,8 @@ from vlab.modal.plscf import persistent_poles, plscf_chart
 from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
-"""FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders. ZETA_TOLERANCE [1]: same for
-the damping ratio. Both values are customary for stabilisation charts."""
+"""FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders.
+ZETA_TOLERANCE [1]: same for the damping ratio. Both values are customary for stabilisation charts."""
 GHOST_MAC = 0.8
 """GHOST_MAC [1]: MAC above which two poles within one line are one mode and its leakage."""
 

@@ -17,12 +17,13 @@ KINDS: tuple[str, ...] = get_args(SignalKind)
 """Names of the excitations."""
 
 REST_LEVEL, REST_SHARE = 0.05, 0.95
-"""REST_LEVEL [1]: level relative to the peak below which an input is at rest. REST_SHARE [1]: smallest share of time at
-rest of a hammer's input."""
+"""REST_LEVEL [1]: level relative to the peak below which an input is at rest.
+REST_SHARE [1]: smallest share of time at rest of a hammer's input."""
 STEADY_SHARE = 0.6
 """STEADY_SHARE [1]: smallest share of time with constant frequency of a stepped sine."""
 LEAST_STEP, MOST_STEPS = 10, 5000
-"""LEAST_STEP [samples]: shortest plausible step. MOST_STEPS [1]: largest plausible number of steps."""
+"""LEAST_STEP [samples]: shortest plausible step.
+MOST_STEPS [1]: largest plausible number of steps."""
 DRIFT = 0.2
 """DRIFT [1]: frequency change within a step, relative to the change between steps, above which a sine sweeps
 continuously."""

@@ -11,15 +11,15 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, ComplexArray
 
 MIN_SEGMENTS = 4
-"""MIN_SEGMENTS [1]: fewest segments per input of random data. With as many segments as inputs the coherence is 1 whatever
-the noise."""
+"""MIN_SEGMENTS [1]: fewest segments per input of random data. With as many segments as inputs the coherence is 1
+whatever the noise."""
 MIN_PERIODS = 2
 """MIN_PERIODS [1]: fewest periods per input of periodic data, for the same reason as `MIN_SEGMENTS`."""
 REPEATABILITY = 1e-3
 """REPEATABILITY [1]: probability that a line of input noise passes as excited (F test over the periods)."""
 MAX_CONDITION = 1e10
-"""MAX_CONDITION [1]: largest condition number of the inputs' coherence matrix. Beyond the limit several channels hold one
-input."""
+"""MAX_CONDITION [1]: largest condition number of the inputs' coherence matrix. Beyond the limit several channels
+hold one input."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

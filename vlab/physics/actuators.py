@@ -134,8 +134,8 @@ def lagged(x: Array, time_constant: float, h: float) -> Array:
 
 
 CUT_OFF = (0.3, 0.45, 0.6, 0.75, 0.85, 0.92, 0.97)
-"""CUT_OFF [1]: trial limits as shares of the largest command. A limit reached in only a few samples leaves its trace only
-in those samples, so the grid is dense near 1."""
+"""CUT_OFF [1]: trial limits as shares of the largest command. A limit reached in only a few samples leaves its trace
+only in those samples, so the grid is dense near 1."""
 
 
 class ActuatorGain(ActuatorEffect):
@@ -358,8 +358,8 @@ class ActuatorLag(ActuatorEffect):
 
 
 STEPS = tuple(round(0.02 * 1.06**i, 4) for i in range(66))
-"""STEPS [1]: trial converter steps as shares of the largest input. Neighbouring steps differ by 6 % because the residual
-of a wrong step resembles the true one only nearby."""
+"""STEPS [1]: trial converter steps as shares of the largest input. Neighbouring steps differ by 6 % because the
+residual of a wrong step resembles the true one only nearby."""
 
 
 class Quantisation(ActuatorEffect):
@@ -379,8 +379,8 @@ class Quantisation(ActuatorEffect):
 
 
 SAME_CLOCK = 0.02
-"""SAME_CLOCK [1]: relative distance within which a period counts as a whole number of samples. Slower clocks are divided
-from faster ones. Without rounding, the last digit of the period would change which samples are held."""
+"""SAME_CLOCK [1]: relative distance within which a period counts as a whole number of samples. Slower clocks are
+divided from faster ones. Without rounding, the last digit of the period would change which samples are held."""
 
 
 class CoarseHold(ActuatorEffect):

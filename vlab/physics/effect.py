@@ -120,9 +120,9 @@ class Effect(ABC):
     words: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     needs: ClassVar[tuple[str, ...]] = ()
-    """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the port),
-    ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"`` means the rows
-    of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
+    """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the
+    port), ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"``
+    means the rows of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
     form_of: ClassVar[str] = ""
     """Name of the effect of which this class is another form; reports use that name."""
 

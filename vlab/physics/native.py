@@ -110,8 +110,8 @@ def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Num
 
 
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Solver parameters (impedance) of dry friction. MuJoCo's default is soft and lets a stuck joint creep. The time constant
-of two steps makes friction stop a joint within one step."""
+"""Solver parameters (impedance) of dry friction. MuJoCo's default is soft and lets a stuck joint creep. The time
+constant of two steps makes friction stop a joint within one step."""
 
 
 def _fits(plant: MjcfPlant, kind: str, name: str, what: str) -> bool:

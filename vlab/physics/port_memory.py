@@ -9,8 +9,8 @@ from vlab.physics.effect import OWN_SHARE, Parameter, PortEffect, Step, Values, 
 RATES = (0.1, 1.0, 10.0)
 """RATES [1]: relaxation rates of the Maxwell elements of `StructuralDamping`, relative to the centre frequency."""
 LOSS_AT_CENTRE = sum(r / (1 + r * r) for r in RATES)
-"""Loss stiffness of the Maxwell elements at the centre frequency, for unit stiffness each: 0.698. Over the two decades the
-loss stiffness stays between 0.607 and 0.698."""
+"""Loss stiffness of the Maxwell elements at the centre frequency, for unit stiffness each: 0.698. Over the two
+decades the loss stiffness stays between 0.607 and 0.698."""
 STORED_AT_CENTRE = sum(1 / (1 + r * r) for r in RATES)
 """Storage stiffness of the Maxwell elements at the centre frequency; the law subtracts this stiffness."""
 

@@ -125,8 +125,8 @@ class PortForces:
                 self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, a.coil))
                 self._memory.append(a.effect.memory(()))
         self._last = np.zeros(n)
-        """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an unknown
-        present one."""
+        """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an
+        unknown present one."""
         self._is_linear, self._has_inertia = len(self._laws) < n, bool(np.any(self._added))
 
     def push(self, data: Any, commands: Array) -> None:

@@ -22,8 +22,8 @@ from vlab.physics.effect import (
 from vlab.signals import Array
 
 NEAR_LIMIT = 0.98
-"""NEAR_LIMIT [1]: share of a soft limit beyond which the correction is cut. At this share the correction magnifies noise
-25 times."""
+"""NEAR_LIMIT [1]: share of a soft limit beyond which the correction is cut. At this share the correction magnifies
+noise 25 times."""
 MOST_MAGNIFIED = 3.0
 """MOST_MAGNIFIED [1]: largest gain of a resonance's correction, reached at twice the resonance frequency."""
 

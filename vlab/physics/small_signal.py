@@ -33,8 +33,8 @@ SAME = 1e-9
 FINE = 1e-4
 """FINE [rad]: step for identifying a law with memory, in phase of the fastest motion of interest."""
 PER_CYCLE, IMPULSE = 64, 1 << 15
-"""PER_CYCLE [samples]: samples per cycle of the highest frequency in a filter's identification. IMPULSE [samples]: length
-of the impulse response."""
+"""PER_CYCLE [samples]: samples per cycle of the highest frequency in a filter's identification.
+IMPULSE [samples]: length of the impulse response."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -66,7 +66,7 @@ class Chain:
         """
         h, out = self.pieces, np.zeros(len(self.hinges))
         if distance < self.hinges[0]:
-            # at the clamp s1 = 11/24 h gives s1^2/2 - h^2/12 = 25/1152 h^2; towards the first hinge the value changes to +h^2/12
+            # at the clamp s1 = 11/24 h gives s1^2/2 - h^2/12 = 25/1152 h^2, at the first hinge +h^2/12
             share = max(distance, 0.0) / self.hinges[0]
             out[0] = h[0] * (share / 12 - (1 - share) * 25 / 1152)
             return out

@@ -24,7 +24,8 @@ from vlab.signals import Array
 from vlab.structure.model import Bar, Clamp, Section, Structure
 
 UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-"""UP, ALONG: unit vectors of z (upwards) and x (to the right)."""
+"""UP,
+ALONG: unit vectors of z (upwards) and x (to the right)."""
 OUT = 1
 """Index of the out-of-plane axis y."""
 

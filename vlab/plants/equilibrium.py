@@ -11,8 +11,9 @@ from vlab.plants.computable import check_numbers, computable
 from vlab.signals import Array
 
 RELAXING_STEPS, SMALL = 60_000, 300
-"""RELAXING_STEPS [1]: largest number of integration steps of dynamic relaxation. SMALL [1]: degrees of freedom and
-constraints up to which a step counts once. A step of a larger model counts more, in proportion to its cost."""
+"""RELAXING_STEPS [1]: largest number of integration steps of dynamic relaxation.
+SMALL [1]: degrees of freedom and constraints up to which a step counts once. A step of a larger model counts more,
+in proportion to its cost."""
 
 
 def settle(model: Any) -> tuple[Array, list[str]]:

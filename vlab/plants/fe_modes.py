@@ -27,8 +27,8 @@ from vlab.structure.model import Structure
 CLOSE = 1.15
 """CLOSE [1]: frequency ratio below which a coarse mesh may rotate two modes into each other."""
 JOINED = 8
-"""JOINED [1]: joints per tendon in a linear combination of coordinates. MuJoCo merges a tendon's joints one by one, in a
-time quadratic in their number. For a grid with 118 to 158 joints, single tendons took five sixths of a step."""
+"""JOINED [1]: joints per tendon in a linear combination of coordinates. MuJoCo merges a tendon's joints one by one,
+in a time quadratic in their number. For a grid with 118 to 158 joints, single tendons took five sixths of a step."""
 RATE = ":rate"
 """Suffix of a rate sensor's name."""
 P = TypeVar("P", bound=Plant)

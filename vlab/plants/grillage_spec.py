@@ -43,8 +43,9 @@ have no such rotary inertia, but without it the time step would vanish. Softer s
 the bars compensate."""
 
 SHEAR_FACTOR = 13.75
-"""SHEAR_FACTOR [EI/L^3]: out-of-plane shear stiffness of a bar's element; 12 for a massless beam. Chosen with LUMP_SHARE
-on the grid with two elements a span against the refined FE model. Tests validate the value on further grids."""
+"""SHEAR_FACTOR [EI/L^3]: out-of-plane shear stiffness of a bar's element; 12 for a massless beam. Chosen with
+LUMP_SHARE on the grid with two elements a span against the refined FE model. Tests validate the value on further
+grids."""
 
 
 @dataclass(frozen=True, kw_only=True)

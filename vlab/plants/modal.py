@@ -16,8 +16,8 @@ from vlab.plants.base import Plant
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 
 SLIDES_PER_BODY = 3
-"""SLIDES_PER_BODY [1]: slide joints per body. MuJoCo accepts up to six degrees of freedom a body; three orthogonal slides
-are uncoupled."""
+"""SLIDES_PER_BODY [1]: slide joints per body. MuJoCo accepts up to six degrees of freedom a body; three orthogonal
+slides are uncoupled."""
 
 
 def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plant:

@@ -262,8 +262,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 # ------------------------------------------------------------------------------------------------- vlab's own form
 
 _OWN = "vlab_recording"
-"""Variable name of the labels. The value is JSON text for jsondecode; the variables time (n x 1) and data (n x channels)
-accompany it."""
+"""Variable name of the labels. The value is JSON text for jsondecode; the variables time (n x 1) and data (n x
+channels) accompany it."""
 
 
 _HEADER_TEXT = 116  # bytes of free text, in which scipy writes the time of day

@@ -23,8 +23,8 @@ difference of 1.4e-5; two sensors differ more."""
 USUAL = 0.02
 """USUAL [1]: share of long time steps above which sampling counts as uneven, without gaps."""
 COARSE = 0.03
-"""COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise, step/sqrt(12),
-is then above 1 %."""
+"""COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise,
+step/sqrt(12), is then above 1 %."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from vlab.plants.base import Plant
 from vlab.signals import Recording
 
 FEWEST = 3
-"""FEWEST [1]: fewest bands from which a channel is assessed. At a single resonance any phase and size may be the model's
-own error."""
+"""FEWEST [1]: fewest bands from which a channel is assessed. At a single resonance any phase and size may be the
+model's own error."""
 UNEXPLAINED, EXPLAINED = 0.5, 0.3
-"""UNEXPLAINED [1]: residual share of a channel, in most bands of a recording, from which corrections are tried. EXPLAINED
-[1]: largest residual share of an accepted correction."""
+"""UNEXPLAINED [1]: residual share of a channel, in most bands of a recording, from which corrections are tried.
+EXPLAINED [1]: largest residual share of an accepted correction."""
 MOST_STEPS = 40_000
 """MOST_STEPS [1]: integration steps of a run that the checks simulate at most."""
 

@@ -17,8 +17,8 @@ from vlab.cases.wiring import Run
 from vlab.errors import BadCase
 
 COARSE = 50.0
-"""COARSE [1]: integration steps between samples from which a smaller time unit is tried. A thousandth of the value is less
-than one step."""
+"""COARSE [1]: integration steps between samples from which a smaller time unit is tried. A thousandth of the value
+is less than one step."""
 MOST_STEPS = 200_000
 """MOST_STEPS [1]: integration steps for simulating the start of a recording in the stated unit, after another unit
 explains the recording."""

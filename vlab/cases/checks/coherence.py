@@ -8,8 +8,8 @@ from vlab.cases.wiring import Run
 from vlab.signals import Array, Recording
 
 SEGMENTS, EACH = 8, 4
-"""SEGMENTS [1]: half-overlapping segments of a coherence average. EACH [1]: additional segments for every input beyond the
-first."""
+"""SEGMENTS [1]: half-overlapping segments of a coherence average.
+EACH [1]: additional segments for every input beyond the first."""
 DRIVEN = 0.8
 """DRIVEN [1]: coherence of the model's output with the inputs above which a line is used."""
 POWER = 1e-3
@@ -19,8 +19,8 @@ CHANCE = 3.0
 FEWEST_LINES = 8
 """FEWEST_LINES [1]: fewest lines from which a recording is assessed."""
 OVERLAP = 0.947
-"""OVERLAP [1]: independent segments per half-overlapping segment of a Hann window. Source: Welch 1967, eq. 12; 9/19 of the
-degrees of freedom of twice as many segments."""
+"""OVERLAP [1]: independent segments per half-overlapping segment of a Hann window. Source: Welch 1967, eq. 12; 9/19
+of the degrees of freedom of twice as many segments."""
 
 
 def unrelated(now: Beside) -> str:

@@ -15,8 +15,8 @@ LONGEST = 0.1
 LEAST_SAMPLES = 1.5
 """LEAST_SAMPLES [samples]: smallest reported shift. Half a sample or one sample is due to the input hold."""
 SMALLER, MATTERS = 0.1, 0.01
-"""SMALLER [1]: largest ratio of the residual with the shift to the residual without, in the mean over bands. MATTERS [1]:
-smallest residual share without the shift."""
+"""SMALLER [1]: largest ratio of the residual with the shift to the residual without, in the mean over bands.
+MATTERS [1]: smallest residual share without the shift."""
 SAME = 0.2
 """SAME [1]: relative tolerance on the shifts of all recordings; half a sample is allowed as well."""
 FINE = 20

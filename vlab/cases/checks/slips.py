@@ -14,8 +14,8 @@ from vlab.physics.catalogue import EFFECTS
 ALIKE = 0.5
 """ALIKE [1]: smallest likeness at which a band determines the sign."""
 MOST, FEW = 2.0 / 3.0, 0.1
-"""MOST [1]: smallest share of bands with the same sign. FEW [1]: largest share of bands with the opposite sign, as between
-a model's resonance and the structure's."""
+"""MOST [1]: smallest share of bands with the same sign.
+FEW [1]: largest share of bands with the opposite sign, as between a model's resonance and the structure's."""
 CALIBRATION = 2.0
 """CALIBRATION [1]: largest factor that counts as a calibration error instead of a unit mistake."""
 BEYOND_RESONANCE = 2.0
@@ -23,7 +23,8 @@ BEYOND_RESONANCE = 2.0
 REACH = 1.0 / (1.0 - EFFECTS["lost-stiffness"].parameter("share").high)
 """REACH [1]: largest broadband factor of a response by an effect of the catalogue, at the largest stiffness loss."""
 EXACT, NEAR = 0.03, 0.1
-"""EXACT [1]: log-distance from a unit's factor, beside the scatter over bands, at which a unit within `REACH` is accepted.
+"""EXACT [1]: log-distance from a unit's factor, beside the scatter over bands, at which a unit within `REACH` is
+accepted.
 NEAR [1]: same for a unit beyond `REACH`, as a share of the factor's logarithm. Within `REACH` physics could match a
 factor by chance; beyond `REACH` nothing else could."""
 SMALL = 0.1
