@@ -1,4 +1,4 @@
-"""The form of a control law."""
+"""Interface of a control law."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -11,35 +11,52 @@ from vlab.errors import BadController
 
 @runtime_checkable
 class Controller(Protocol):
-    """A discrete control law: samples in, commands out, once a sample.
+    """A discrete control law from samples to commands.
 
-    A user's own law has this form, too (`vlab.controllers.user_law`): two attributes and two methods. A law that was made for
-    one sampling rate says so with a further attribute `rate` [Hz] and is refused in a loop of another; one that is linear
-    may say its matrices (`vlab.controllers.linear.LinearController`), so that theory can predict its loop.
+    A user's own law has the same interface (`vlab.controllers.user_law`): two attributes and two methods. A law for a
+    single sampling rate has the further attribute `rate` [Hz] and is refused in a loop of another rate. A linear law
+    may provide its matrices (`vlab.controllers.linear.LinearController`), from which theory predicts the loop.
 
     Parameters
     ----------
     sensors, actuators : sequence of str
-        The places it is wired to, in the order of y and u: names of coils and sensors, such as ``("40in", "base")``.
+        Places of y and u in order: names of coils and sensors, such as ``("40in", "base")``.
     """
 
     sensors: tuple[str, ...]
     actuators: tuple[str, ...]
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Clear the memory of the law."""
 
     def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the commands u, (n_actuators,), to the samples y, (n_sensors,); SI."""
+        """Return the commands u, (n_actuators,), in SI.
+
+        `y` holds the samples, (n_sensors,), in SI.
+        """
 
 
 def as_gain_matrix(values: Any, *, rows: Sequence[str], columns: Sequence[str], name: str) -> NDArray[np.float64]:
-    """Return a finite (rows x columns) matrix, or refuse it.
+    """Return a finite (rows x columns) matrix.
+
+    Parameters
+    ----------
+    values : object
+        Numbers.
+    rows, columns : sequence of str
+        Channel names.
+    name : str
+        Name of the matrix in messages.
+
+    Returns
+    -------
+    array
+        Matrix, (n_rows, n_columns).
 
     Raises
     ------
     BadController
-        The wrong shape for the channels, or a number that is not finite.
+        The shape does not fit the channels, or a number is not finite.
     """
     try:
         matrix = np.array(values, dtype=float)

@@ -1,4 +1,7 @@
-"""A discrete law in block-diagonal form: the same law with the fewest numbers (equations 5.6 to 5.13)."""
+"""Block-diagonal form of a discrete law (equations 5.6 to 5.13).
+
+The form has the fewest nonzero numbers.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,21 +12,33 @@ from vlab.errors import BadController
 
 Array = NDArray[np.float64]
 REAL = 1e-9
-"""Imaginary part of an eigenvalue, relative to its size, below which it is real."""
+"""REAL [1]: imaginary part relative to the eigenvalue's size below which an eigenvalue is real."""
 WORST_CONDITION = 1e10
-"""Condition number of the eigenvectors (of unit length) beyond which their inverse keeps fewer than six digits."""
+"""WORST_CONDITION [1]: largest condition number of the unit eigenvectors; beyond it their inverse keeps fewer than six
+digits."""
 
 
 def block_diagonal(law: LinearController) -> LinearLaw:
-    """Return the same law from samples to commands with a block-diagonal A, for x = T x'.
+    """Return the law with a block-diagonal A, for x = T x'.
 
-    A sampled observer exp(A~ dt) has the eigenvectors of the continuous A~, so that transforming the discrete law gives
-    the matrices of (5.11)-(5.13), which transform before they discretise. As printed (5.13) has T F_R; it is F_R T.
+    The input-output behaviour stays. A sampled observer exp(A~ dt) has the eigenvectors of the continuous A~.
+    Transforming the discrete law therefore gives the matrices of (5.11)-(5.13), which transform before they discretise.
+    The printed (5.13) has T F_R in place of F_R T.
+
+    Parameters
+    ----------
+    law : LinearController
+        Discrete linear law.
+
+    Returns
+    -------
+    LinearLaw
+        Transformed law.
 
     Raises
     ------
     BadController
-        Eigenvectors that are nearly dependent: a law with equal eigenvalues has no such form.
+        The eigenvectors are nearly dependent; a law with equal eigenvalues has no such form.
     """
     A, B, C, D = law.matrices
     T, blocks = real_modal_form(A)
@@ -39,14 +54,25 @@ def block_diagonal(law: LinearController) -> LinearLaw:
 
 
 def real_modal_form(A: Array) -> tuple[Array, list[Array]]:
-    """Return T and the blocks of T^-1 A T: [[a, b], [-b, a]] for a pair a +- i b, [[a]] for a real eigenvalue.
+    """Return T and the diagonal blocks of T^-1 A T.
 
-    T has the real and the imaginary part of one eigenvector of each pair side by side (5.6).
+    A pair a +- i b has the block [[a, b], [-b, a]], a real eigenvalue the block [[a]]. T has the real and imaginary
+    parts of one eigenvector of each pair as columns (5.6).
+
+    Parameters
+    ----------
+    A : array
+        Matrix, (n, n).
+
+    Returns
+    -------
+    tuple of (array, list of array)
+        T and the blocks.
 
     Raises
     ------
     BadController
-        Eigenvectors that are nearly dependent.
+        The eigenvectors are nearly dependent.
     """
     if not len(A):
         return np.zeros((0, 0)), []

@@ -1,4 +1,4 @@
-"""The designed laws by name, with the weights, bounds and models of the published designs unless others are asked for."""
+"""Designed laws by name, with defaults of the published designs."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
@@ -18,18 +18,23 @@ from vlab.fe.reduced import build_reduced_model
 from vlab.structure.model import Structure
 
 WEIGHTS = ("identity", "energy")
+"""Kinds of weights."""
 LAWS = ("lqr", "lqg", "mfdrf", "lqdrf", "lqdrf-diagonal")
-"""Regulator, regulator with filter, and direct rate feedback of least force and of least index, coupled or diagonal."""
+"""Names of the laws: regulator, regulator with filter, and direct rate feedback of least force and of least index
+(coupled or diagonal)."""
 
 DESIGNED_ON_FULL = {"beam": ("lqr", "mfdrf", "lqdrf", "lqdrf-diagonal")}
-"""Published designs on the full model (section 6.1); all others are on the reduced model that the published design names."""
+"""Published designs on the full model (section 6.1), by structure. Every other design is on the published design's
+reduced model."""
 
 Design = LqrDesign | LqgDesign | MfdrfDesign | LqdrfDesign
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What a design is asked for; weights, noise and margin in inches, pounds and centiseconds, as they are published.
+    """Requirements of a design.
+
+    Weights, noise and margin are in inches, pounds and centiseconds, as published.
 
     Parameters
     ----------
@@ -38,17 +43,17 @@ class Asked:
     q, r, v1, v2, alpha : float
         Q = q I, R = r I, V_1 = v1 I, V_2 = v2 I, stability margin of the filter.
     damping : float
-        Smallest damping ratio of the first `modes` modes that the coils can drive.
+        Smallest damping ratio of the first `modes` coil-driven modes.
     modes, shapes : int
-        n_m, bounded modes; n_f, initial shapes of LQDRF.
+        Number n_m of bounded modes; number n_f of initial shapes of LQDRF.
     kind : str
-        What LQDRF minimises: the ``"largest"`` index or the largest ``"ratio"`` to the regulator's.
+        Objective of LQDRF: the ``"largest"`` index or the largest ``"ratio"`` to the regulator's.
     starts : int or None
         Random starts of the search; None for the law's own number.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     rate : float
-        Samples per second of a law with states [Hz].
+        Sample rate of a law with states [Hz].
     """
 
     weights: Literal["identity", "energy"] = "identity"
@@ -73,7 +78,10 @@ class Asked:
 
 
 def default_model(structure: Structure, law: str) -> str:
-    """Return the model that the published design of a law was made on; ``"full"`` where there is none."""
+    """Return the model of a law's published design.
+
+    The result is ``"full"`` without a published design.
+    """
     published = published_designs(structure.name)
     if not published or law in DESIGNED_ON_FULL.get(structure.name, ()):
         return "full"
@@ -81,12 +89,26 @@ def default_model(structure: Structure, law: str) -> str:
 
 
 def requested_of(structure: Structure, model: str, **changes: Any) -> Asked:
-    """Return what the published design on a model was asked for, with changes; None changes nothing.
+    """Return the requirements of the published design on a model.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    model : str
+        Name of the model.
+    changes : object
+        Replaced requirements; None keeps the published value.
+
+    Returns
+    -------
+    Asked
+        Requirements.
 
     Raises
     ------
     BadDesign
-        Nothing was published for the structure and the changes do not say everything.
+        No design was published for the structure, and the changes are incomplete.
     """
     given = {key: value for key, value in changes.items() if value is not None}
     weights = given.get("weights", "identity")
@@ -120,12 +142,26 @@ def requested_of(structure: Structure, model: str, **changes: Any) -> Asked:
 def design_law(fe: FeModel, law: str, asked: Asked) -> Design:
     """Design a law of the catalogue on a model.
 
+    Parameters
+    ----------
+    fe : FeModel
+        Model for the design.
+    law : str
+        Name in `LAWS`.
+    asked : Asked
+        Requirements.
+
+    Returns
+    -------
+    Design
+        Design of the law's class.
+
     Raises
     ------
     UnknownName
         No such law.
     BadDesign
-        The design cannot be made as asked.
+        The requirements cannot be met.
     """
     if law not in LAWS:
         raise unknown_name("law", law, LAWS)
@@ -147,11 +183,14 @@ def design_law(fe: FeModel, law: str, asked: Asked) -> Design:
 def published_way(
     structure: Structure, law: str, *, rate: float, variant: str = "published", model: str = ""
 ) -> Design:
-    """Design a law as it was published for a structure, for a loop of this rate [Hz]; on another model if one is named."""
+    """Design a law as published for a structure.
+
+    `rate` is the loop's sample rate [Hz]; `model` replaces the published model.
+    """
     model = model or default_model(structure, law)
     return design_law(build_reduced_model(structure, model, variant), law, requested_of(structure, model, rate=rate))
 
 
 def as_plain(asked: Asked) -> dict[str, Any]:
-    """Return what was asked for as plain data."""
+    """Return requirements as plain data."""
     return {field.name: getattr(asked, field.name) for field in fields(asked)}

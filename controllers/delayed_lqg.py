@@ -1,7 +1,7 @@
-"""LQG on the plant as the array controller sees it: sampled, held, and with the loop's delay in it.
+"""LQG design on the sampled plant with hold and delay.
 
-The published design leaves the delay of 1.35 samples out (section 5.3). Here the commands that are still under way are
-states of the design model, known exactly, and the regulator and the filter are those of the discrete plant.
+The published design neglects the delay of 1.35 samples (section 5.3). In this design the pending commands are exactly
+known states of the model. Regulator and filter are those of the discrete plant.
 """
 
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ class DelayedLqgDesign:
     Parameters
     ----------
     A, B, C : array
-        The discrete plant; states [x, u_(k-1), ...].
+        Discrete plant with states [x, u_(k-1), ...].
     F, L : array
-        u = -F z, z+ = A z + B u + L (y - C z).
+        Gains of u = -F z, z+ = A z + B u + L (y - C z).
     controller : LinearLaw
-        What runs.
+        Law for the loop.
     """
 
     A: Array
@@ -43,34 +43,46 @@ class DelayedLqgDesign:
 
     @property
     def regulator_poles(self) -> Array:
-        """Eigenvalues of A - B F in the z-plane; states that the delay alone moves are at zero."""
+        """Eigenvalues of A - B F in the z-plane.
+
+        States of the delay alone have eigenvalue zero.
+        """
         return np.asarray(np.linalg.eigvals(self.A - self.B @ self.F))
 
     @property
     def filter_poles(self) -> Array:
-        """Eigenvalues of A - L C in the z-plane, all within exp(-alpha T)."""
+        """Eigenvalues of A - L C, all within exp(-alpha T)."""
         return np.asarray(np.linalg.eigvals(self.A - self.L @ self.C))
 
 
 def design(model: StateModel, weights: Weights, noise: Noise, *, rate: float, delay_samples: float) -> DelayedLqgDesign:
-    """Design an LQG law for the sampled plant with the loop's delay.
+    """Design an LQG law for the sampled plant with delay.
 
-    The index is summed at the samples, Q T and R T, and the noise enters as V1 T and V2 / T: what the continuous
-    problem tends to at fast sampling. The filter has the same prescribed margin alpha (4.9).
+    The index is a sum over samples with weights Q T and R T; the noise has V1 T and V2 / T. Both tend to the continuous
+    problem at fast sampling. The filter has the same prescribed margin alpha (4.9).
 
     Parameters
     ----------
+    model : StateModel
+        Model of the structure.
+    weights, noise : Weights, Noise
+        Weights and noise, see `vlab.design.weights`.
     rate : float
-        Samples per second [Hz].
+        Sample rate [Hz].
     delay_samples : float
-        From a sample to its output, in sample periods; the hold is in the design, too.
+        Delay from a sample to its output [samples]; the design adds the hold.
+
+    Returns
+    -------
+    DelayedLqgDesign
+        Gains and law.
 
     Raises
     ------
     BadDesign
-        Weights or noise that do not fit the model, or no stabilising solution of a Riccati equation.
+        Weights or noise do not fit the model, or a Riccati equation has no stabilising solution.
     BadController
-        A rate or a delay that makes no sense.
+        The rate or delay is invalid.
     """
     if weights.Q.shape != model.A.shape or weights.R.shape[0] != model.B.shape[1]:
         raise BadDesign(

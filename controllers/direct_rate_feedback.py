@@ -1,4 +1,14 @@
-"""Direct rate feedback, u = -D y (equation 4.30): an electric dashpot between collocated coils."""
+"""Direct rate feedback u = -D y (equation 4.30).
+
+The law acts as an electric dashpot between collocated coils [1]_ [2]_. With a positive definite D and without delay the
+loop only dissipates energy and is stable.
+
+References
+----------
+.. [1] M. J. Balas, Direct velocity feedback control of large space structures, Journal of Guidance and Control 2 (1979)
+       252-253.
+.. [2] A. Preumont, Vibration Control of Active Structures: An Introduction, 3rd ed., Springer, 2011.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -32,12 +42,12 @@ class DirectRateFeedback:
 
     @property
     def matrices(self) -> Matrices:
-        """A, B, C, D of a law without states: D is -D of (4.30)."""
+        """A, B, C, D without states: the last is -D of (4.30)."""
         rows, columns = self.gains.shape
         return np.zeros((0, 0)), np.zeros((0, columns)), np.zeros((rows, 0)), self._negative
 
     def reset(self) -> None:
-        """Nothing to forget: the law has no memory."""
+        """Do nothing, because the law has no memory."""
 
     def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return -D y."""

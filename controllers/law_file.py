@@ -1,7 +1,8 @@
-"""A control law as a file: ``controller.toml``, which `vlab design` writes and `vlab experiment --law FILE` runs.
+"""Control law as a file: ``controller.toml``.
 
-Either `gains`, the matrix D of u = -D y [N s/m], or `A`, `B`, `C`, `D` of x+ = A x + B y, u = C x + D y with the rate they
-were made for. Everything is in SI: y in m/s, u in N.
+`vlab design` writes the file, and `vlab experiment --law FILE` runs the law. Static gains are the matrix D of u = -D y
+[N s/m] under `gains`. Any other linear law has the matrices of x+ = A x + B y, u = C x + D y and their rate. All values
+are in SI: y in m/s, u in N.
 """
 
 import json
@@ -17,11 +18,14 @@ from vlab.errors import BadController
 from vlab.files.toml import Reader
 
 FORMAT = "vlab-law-1"
+"""Format name in every law file."""
 Matrix = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _LawFile:
+    """Contents of a law file."""
+
     format: Literal["vlab-law-1"]
     sensors: tuple[str, ...]
     actuators: tuple[str, ...]
@@ -37,7 +41,7 @@ class _LawFile:
 
 
 def is_law_file(text: str) -> bool:
-    """Say whether a name means a law file."""
+    """Return whether a name means a law file."""
     return text.endswith(".toml")
 
 
@@ -48,8 +52,12 @@ def write_law(
 
     Parameters
     ----------
+    law : DirectRateFeedback or LinearLaw
+        Static gains or linear law.
+    path : Path or str
+        Path of the file.
     name, structure, model : str
-        What it was designed as, for, and on; for the reader only.
+        Design name, structure and design model, as remarks.
     """
     lines = [
         "# Control law in SI: y in m/s, u in N.",
@@ -74,10 +82,20 @@ def write_law(
 def load_law(path: Path | str) -> DirectRateFeedback | LinearLaw:
     """Load a law from a file.
 
+    Parameters
+    ----------
+    path : Path or str
+        Law file.
+
+    Returns
+    -------
+    DirectRateFeedback or LinearLaw
+        Law.
+
     Raises
     ------
     BadController
-        No such file, malformed, unknown keys, or matrices that do not fit the channels.
+        The file is missing or malformed, a key is unknown, or a matrix does not fit the channels.
     """
     reader = Reader(path, provenance_required=False, error=BadController)
     content = reader.table(_LawFile, reader.load())
@@ -106,7 +124,10 @@ def load_law(path: Path | str) -> DirectRateFeedback | LinearLaw:
 
 
 def _shaped(matrix: Matrix, shape: tuple[int, int]) -> object:
-    """Return an empty matrix in its shape, which nested lists cannot say; leave all others to be checked."""
+    """Return an empty matrix in its shape.
+
+    Nested lists cannot express the shape of an empty matrix. Any other matrix is returned unchanged.
+    """
     return np.zeros(shape) if 0 in shape else matrix
 
 

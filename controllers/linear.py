@@ -1,4 +1,7 @@
-"""A discrete linear law, x+ = A x + B y, u = C x + D y: observers, filters and static gains alike."""
+"""Discrete linear control law.
+
+x+ = A x + B y, u = C x + D y. Observers, filters and static gains have the same form.
+"""
 
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -10,20 +13,22 @@ from vlab.controllers.base import Controller, as_gain_matrix
 from vlab.errors import BadController
 
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""A (n, n), B (n, n_sensors), C (n_actuators, n), D (n_actuators, n_sensors) of a discrete law."""
+"""Matrices A (n, n), B (n, n_sensors), C (n_actuators, n), D (n_actuators, n_sensors) of a discrete law."""
 
 
 @runtime_checkable
 class LinearController(Controller, Protocol):
-    """A controller that says its matrices, so that theory can predict its loop."""
+    """A controller with matrices, for prediction of its loop."""
 
     @property
     def matrices(self) -> Matrices:
-        """A, B, C, D of x+ = A x + B y, u = C x + D y."""
+        """A, B, C, D of the law."""
 
 
 class LinearLaw:
-    """The law x+ = A x + B y, u = C x + D y, run as one matrix product a sample (equation 5.1).
+    """A linear law as one matrix product a sample.
+
+    x+ = A x + B y and u = C x + D y (equation 5.1).
 
     Parameters
     ----------
@@ -32,12 +37,12 @@ class LinearLaw:
     sensors, actuators : sequence of str
         Places of the samples y and of the commands u.
     rate : float or None
-        Samples per second that the matrices were made for [Hz]; None: any rate.
+        Sample rate of the matrices [Hz]; None for any rate.
 
     Raises
     ------
     BadController
-        Matrices that do not fit together or the channels, or are not finite; a rate that is not positive.
+        The matrices do not fit together or the channels, or are not finite, or the rate is not positive.
     """
 
     def __init__(
@@ -61,8 +66,8 @@ class LinearLaw:
             raise BadController(f"the law's rate {rate} Hz is not a positive number; leave it out for any rate")
         self.rate = rate
         n, n_sensors, n_actuators = len(states), len(self.sensors), len(self.actuators)
-        # Two buffers [u | x | y]. One product takes x and y of one buffer to u and x of the other, where the new state
-        # already stands as the next sample's input: nothing is moved.
+        # Two buffers [u | x | y]. One product maps x and y of one buffer to u and x of the other. The new state is
+        # then in place for the next sample, without a copy.
         product = np.block([[self.C, self.D], [self.A, self.B]]).dot
         buffers = [np.zeros(n_actuators + n + n_sensors) for _ in range(2)]
         self._sides = tuple(
@@ -73,26 +78,36 @@ class LinearLaw:
 
     @property
     def matrices(self) -> Matrices:
-        """A, B, C, D."""
+        """A, B, C, D of the law."""
         return self.A, self.B, self.C, self.D
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """The present state x, (n,), a copy."""
+        """Copy of the present state x, (n,)."""
         return np.array(self._sides[self._now][2][: len(self.A)])
 
     def reset(self) -> None:
-        """Start from a zero state."""
+        """Set the state to zero."""
         for buffer in self._buffers:
             buffer[:] = 0.0
 
     def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return u = C x + D y, and move the state on by one sample.
+        """Return u = C x + D y and advance the state.
+
+        Parameters
+        ----------
+        y : array
+            Samples, (n_sensors,).
+
+        Returns
+        -------
+        array
+            Commands, (n_actuators,).
 
         Raises
         ------
         BadController
-            The wrong number of samples.
+            The number of samples is wrong.
         """
         if len(y) != self._n_sensors:
             raise BadController(

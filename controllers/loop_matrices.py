@@ -1,4 +1,7 @@
-"""The continuous loops of a design, for Bode, Nyquist and pole plots and as python-control objects."""
+"""Continuous loops of a design, for Bode, Nyquist and pole plots.
+
+The results are python-control objects.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,19 +15,19 @@ from vlab.design import performance
 from vlab.signals import Array
 
 CHUNK = 100
-"""Lines that are solved at once: enough to save calls, few enough for the memory of a large model."""
+"""CHUNK [lines]: number of lines solved at once. A larger value saves calls and takes more memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loops:
-    """Structure, loop gain and closed loop of a design on the model it was made on.
+    """Plant, loop gain and closed loop on the design model.
 
     Parameters
     ----------
     plant, closed : StateSpace
-        From forces at the coils to velocities there, without and with the law.
+        Systems from coil forces to coil velocities, without and with the law.
     gain : StateSpace
-        The loop opened at the coils, from force to minus the law's answer: L of the return difference I + L.
+        Loop opened at the coils, from force to minus the law's response: L of the return difference I + L.
     """
 
     plant: Any
@@ -33,7 +36,18 @@ class Loops:
 
 
 def loops_of(design: Design) -> Loops:
-    """Return the loops of a design as python-control's `StateSpace`."""
+    """Return a design's loops as python-control's `StateSpace`.
+
+    Parameters
+    ----------
+    design : Design
+        Design of a law.
+
+    Returns
+    -------
+    Loops
+        Plant, gain and closed loop.
+    """
     import control
 
     model = design.model
@@ -56,9 +70,21 @@ def loops_of(design: Design) -> Loops:
 
 
 def response(system: Any, freq: Array) -> Array:
-    """Return the frequency response of a `StateSpace` at frequencies [Hz], (n, n_outputs, n_inputs).
+    """Return the frequency response of a `StateSpace`.
 
-    Many lines are solved at once, where python-control takes them one by one.
+    Many lines are solved at once; python-control solves lines one by one.
+
+    Parameters
+    ----------
+    system : object
+        State-space system.
+    freq : array
+        Frequencies [Hz].
+
+    Returns
+    -------
+    array
+        Response, (n, n_outputs, n_inputs).
     """
     A, B, C, D = (np.asarray(part) for part in (system.A, system.B, system.C, system.D))
     lines = 2j * np.pi * np.asarray(freq, dtype=float)

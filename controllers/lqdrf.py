@@ -1,8 +1,9 @@
-"""Linear quadratic direct rate feedback (equation 4.38): the best constant gains for initial shapes of the first modes.
+"""Linear quadratic direct rate feedback (equation 4.38).
 
-The index of each shape is that of the linear quadratic regulator (4.4). Either the largest of them is minimised, or the
-largest ratio to what the regulator reaches (section 6.2.1), which keeps high modes from deciding alone. D is coupled or
-diagonal. Where several D reach the same objective, D is not determined: on the beam the sixth mode alone decides.
+The design finds the best constant gains for initial shapes of the first modes. The index of each shape is the linear
+quadratic regulator's (4.4). The objective is the largest index, or the largest ratio to the regulator's index (section
+6.2.1), which keeps high modes from dominating. D is coupled or diagonal. If several D reach the same objective, D is
+not determined: on the beam the sixth mode alone decides.
 """
 
 from collections.abc import Sequence
@@ -25,24 +26,25 @@ from vlab.signals import Array
 
 Kind = Literal["largest", "ratio"]
 KINDS = ("largest", "ratio")
+"""Kinds of objective."""
 STARTS = 8
-"""Random starts of a design; the optima found on both structures are reached from most of them."""
+"""STARTS [1]: random starts of a design. On both structures most starts reach the optimum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LqdrfDesign(RateFeedbackDesign):
-    """A design of least quadratic index.
+    """Direct rate feedback of least quadratic index.
 
     Parameters
     ----------
     weights : Weights
-        Q and R.
+        Weights Q and R.
     shapes : tuple of int
-        Modes whose shapes are the initial conditions, from 0.
+        Modes of the initial shapes, from 0.
     regulator_indices : (n_f,) array
-        What the linear quadratic regulator reaches from each shape (4.7): no law does better.
+        Index of the linear quadratic regulator for each shape (4.7), a lower bound of every law.
     kind : str
-        What was minimised: the largest index, or the largest ratio to the regulator's.
+        Objective: the largest index, or the largest ratio to the regulator's.
     """
 
     law: str = field(default="lqdrf", init=False)
@@ -53,7 +55,7 @@ class LqdrfDesign(RateFeedbackDesign):
 
     @property
     def objective(self) -> float:
-        """beta, the largest index, or the largest ratio to the regulator's."""
+        """beta: the largest index, or the largest ratio."""
         J = self.indices(self.weights, self.shapes)
         return float((J / self.regulator_indices if self.kind == "ratio" else J).max())
 
@@ -70,33 +72,39 @@ def design(
     starts: int = STARTS,
     seed: int = 0,
 ) -> LqdrfDesign:
-    """Design the law.
+    """Design linear quadratic direct rate feedback.
 
     Parameters
     ----------
     fe : FeModel
-        The model, full or reduced.
+        Full or reduced model.
     weights : Weights
-        Q and R; see `vlab.design.weights`.
+        Weights Q and R, see `vlab.design.weights`.
     shapes : int or sequence of int
-        Initial shapes: the first n_f modes that the coils can drive, or which (from 0).
+        Initial shapes: number n_f of the first coil-driven modes, or their numbers from 0.
     kind : str
-        ``"largest"``: minimise the largest index (4.37). ``"ratio"``: the largest ratio to the regulator's.
+        ``"largest"``: minimise the largest index (4.37). ``"ratio"``: minimise the largest ratio to the regulator's
+        index.
     diagonal : bool
-        Each coil listens to its own sensor only.
+        Whether each coil uses its own sensor only.
     damping : float
         Smallest damping ratio zeta_L of the bounded modes.
     modes : int or sequence of int
-        Bounded modes: the first n_m that the coils can drive, or which (from 0).
+        Bounded modes: number n_m of the first coil-driven modes, or their numbers from 0.
     starts, seed : int
-        How many random starts the search makes, and their seed.
+        Number of random starts, and their seed.
+
+    Returns
+    -------
+    LqdrfDesign
+        Gains with their evaluation.
 
     Raises
     ------
     BadDesign
-        The bounds cannot be met (which mode falls short is said), or sizes that do not fit.
+        The bounds cannot be met (the message names the mode), or sizes do not fit.
     UnknownName
-        No such kind of objective.
+        No such objective.
     """
     if kind not in KINDS:
         raise unknown_name("objective", kind, KINDS, where="lqdrf")
@@ -109,7 +117,7 @@ def design(
     best = np.einsum("ik,ij,jk->k", x0, lqr(model.A, model.B, weights.Q, weights.R).S, x0)
     unit = best if kind == "ratio" else np.full(len(best), best.max())
 
-    # the logarithm of the index is searched: far from the optimum the index spans decades
+    # the search uses the logarithm of the index, which spans decades far from the optimum
     def objective(closed: ClosedLoop, beta: Array) -> tuple[Array, Array, Array, Sequence[str]]:
         J, slopes = indices(closed)
         names = [f"index of mode {mode + 1}" for mode in chosen]

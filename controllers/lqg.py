@@ -1,4 +1,4 @@
-"""LQG: the regulator on the states that a Kalman filter estimates (equations 4.8-4.29), discrete by (5.2)-(5.5)."""
+"""LQG: regulator on Kalman-filter estimates (4.8-4.29), discretised by (5.2)-(5.5)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,21 +19,21 @@ from vlab.fe.model import FeModel
 from vlab.signals import Array
 
 RATE = 1000.0
-"""Samples per second of the published LQG controllers (section 5.3)."""
+"""RATE [Hz]: sample rate of the published LQG controllers (section 5.3)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LqgDesign:
-    """Regulator, filter, and the discrete law made of them.
+    """Regulator, filter and the resulting discrete law.
 
     Parameters
     ----------
     regulator : LqrDesign
-        F and the model that the law was designed on.
+        Gain F with the design model.
     noise : Noise
-        V_1, V_2, alpha.
+        V_1, V_2 and alpha.
     K : (2n, n_s) array
-        Filter gain; SI.
+        Filter gain in SI.
     controller : LinearLaw
         x_est+ = F22 x_est + F21 y, u = F12 x_est at `controller.rate`.
     """
@@ -46,7 +46,7 @@ class LqgDesign:
 
     @property
     def model(self) -> StateModel:
-        """The model that the law was designed on."""
+        """Design model of the law."""
         return self.regulator.model
 
     @property
@@ -61,17 +61,20 @@ class LqgDesign:
 
     @property
     def A_estimator(self) -> Array:
-        """A - B F - K C: what the continuous law integrates (5.5)."""
+        """Matrix A - B F - K C of the continuous law (5.5)."""
         return estimator(self.model, self.F, self.K)
 
     @property
     def A_closed(self) -> Array:
-        """The closed loop on the design model for [x, e] (4.16)."""
+        """Closed loop on the design model for [x, e] (4.16)."""
         return performance.lqg_loop(self.model, self.F, self.K)
 
     @property
     def poles(self) -> performance.Poles:
-        """Poles of the regulator: with those of the filter, all there are on the design model."""
+        """Poles of the regulator.
+
+        On the design model the loop has only regulator and filter poles.
+        """
         return self.regulator.poles
 
     @property
@@ -80,28 +83,41 @@ class LqgDesign:
         return performance.poles(self.model.A - self.K @ self.model.C)
 
     def indices(self, modes: int | Sequence[int] | Array) -> Array:
-        """Return J of initial shapes of the design model, the first so many or which (from 0): equation (4.20)."""
+        """Return J of initial shapes of the design model: (4.20).
+
+        `modes` is the number of first modes, or their numbers from 0.
+        """
         x0 = performance.initial_states(self.model, modes)
         return performance.lqg_index(self.model, self.F, self.K, self.weights, x0)
 
     def A_on(self, full: StateModel) -> Array:
-        """Return the closed loop with another model for [x, x_est], A_E of (4.24)."""
+        """Return the closed loop with another model, A_E of (4.24).
+
+        The state is [x, x_est].
+        """
         return performance.reduced_controller_loop(full, self.model, self.F, self.K)
 
     def poles_on(self, full: StateModel) -> tuple[performance.Poles, performance.Spillover]:
-        """Return the regulator's poles on a larger model, in the order of `poles`, and the modes that spillover reaches."""
+        """Return the regulator's poles on a larger model, and spillover.
+
+        The poles are in the order of `poles`.
+        """
         return performance.reduced_controller_poles(full, self.model, self.F, self.K)
 
     def indices_on(self, full: StateModel, weights: Weights, count: int) -> Array:
-        """Return J of initial shapes of another model, with weights for its states: equation (4.26).
+        """Return J of initial shapes of another model: (4.26).
 
-        The shapes are those of the modes that the first of the design model are in the other one.
+        `weights` belong to the other model's states. The shapes are those of the modes that correspond to the design
+        model's first.
         """
         x0 = performance.initial_states(full, performance.shared_modes(full, self.model)[:count])
         return performance.reduced_controller_index(full, self.model, self.F, self.K, weights, x0)
 
     def to_control(self) -> Any:
-        """Return the continuous law, velocities in and forces out, in python-control's form."""
+        """Return the continuous law in python-control's form.
+
+        Inputs are velocities, outputs forces.
+        """
         import control
 
         zero = np.zeros((self.model.B.shape[1], len(self.model.C)))
@@ -117,23 +133,29 @@ class LqgDesign:
 
 
 def design(fe: FeModel | StateModel, weights: Weights, noise: Noise, *, rate: float = RATE) -> LqgDesign:
-    """Design an LQG law on a model, full or reduced.
+    """Design an LQG law on a full or reduced model.
 
     Parameters
     ----------
     fe : FeModel or StateModel
-        The model.
+        Model for the design.
     weights, noise : Weights and Noise
-        See `vlab.design.weights`.
+        Weights and noise, see `vlab.design.weights`.
     rate : float
-        Samples per second of the discrete law [Hz].
+        Sample rate of the discrete law [Hz].
+
+    Returns
+    -------
+    LqgDesign
+        Gains and law.
 
     Raises
     ------
     BadDesign
-        Weights or noise do not fit the model, or a Riccati equation has no stabilising solution: why is said.
+        Weights or noise do not fit the model, or a Riccati equation has no stabilising solution; the message has the
+        reason.
     BadController
-        A rate that is not positive.
+        The rate is not positive.
     """
     regulator = design_lqr(fe, weights)
     model = regulator.model
@@ -152,9 +174,23 @@ def estimator(model: StateModel, F: Array, K: Array) -> Array:
 
 
 def discrete_law(model: StateModel, F: Array, K: Array, *, rate: float = RATE) -> LinearLaw:
-    """Return the law of (5.2)-(5.5): the samples y are held over a period.
+    """Return the law of (5.2)-(5.5), with samples held over a period.
 
-    F12 = -F, F22 = exp(A~ dt), F21 = (F22 - I) A~^-1 K, the integral of exp(A~ t) K; no delay is in the design.
+    F12 = -F, F22 = exp(A~ dt), F21 = (F22 - I) A~^-1 K, the integral of exp(A~ t) K. The design has no delay.
+
+    Parameters
+    ----------
+    model : StateModel
+        Design model.
+    F, K : array
+        Regulator and filter gain.
+    rate : float
+        Sample rate [Hz].
+
+    Returns
+    -------
+    LinearLaw
+        Discrete law.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise BadDesign(f"the rate {rate} Hz is not a positive number")

@@ -1,4 +1,7 @@
-"""The linear quadratic regulator u = -F x (equations 4.3-4.7): every state is measured."""
+"""Linear quadratic regulator u = -F x (equations 4.3-4.7).
+
+Every state must be measured.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,20 +21,20 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LqrDesign:
-    """A regulator and what it achieves on the model it was designed on.
+    """A regulator and its performance on the design model.
 
     Parameters
     ----------
     model : StateModel
-        The model, in state form.
+        Design model in state form.
     weights : Weights
-        Q and R.
+        Weights Q and R.
     F : (n_c, 2n) array
-        Gain on x = [q', q]; SI.
+        Gain on x = [q', q] in SI.
     S : (2n, 2n) array
-        Riccati solution.
+        Solution of the Riccati equation.
     controller : LinearLaw
-        u = -F y for y = x, at any rate. Its sensors are the states: it runs where all of them are measured.
+        u = -F y for y = x at any rate. The sensors are the states, so the law needs all of them measured.
     """
 
     law: str = field(default="lqr", init=False)
@@ -43,7 +46,7 @@ class LqrDesign:
 
     @property
     def A_closed(self) -> Array:
-        """A - B F."""
+        """Closed-loop matrix A - B F."""
         return self.model.A - self.model.B @ self.F
 
     @property
@@ -52,12 +55,18 @@ class LqrDesign:
         return performance.poles(self.A_closed)
 
     def indices(self, modes: int | Sequence[int] | Array) -> Array:
-        """Return J of initial shapes, the first so many or which (from 0): equation (4.7)."""
+        """Return J of initial shapes: equation (4.7).
+
+        `modes` is the number of first modes, or their numbers from 0.
+        """
         x0 = performance.initial_states(self.model, modes)
         return np.einsum("ik,ij,jk->k", x0, self.S, x0)
 
     def to_control(self) -> Any:
-        """Return the closed loop in python-control's form: forces added to u in, velocities at the coils out."""
+        """Return the closed loop in python-control's form.
+
+        Inputs are forces added to u, outputs velocities at the coils.
+        """
         import control
 
         zero = np.zeros((len(self.model.C), self.model.B.shape[1]))
@@ -65,19 +74,25 @@ class LqrDesign:
 
 
 def design(fe: FeModel | StateModel, weights: Weights) -> LqrDesign:
-    """Design the regulator of a model.
+    """Design a regulator on a full or reduced model.
 
     Parameters
     ----------
     fe : FeModel or StateModel
-        The model, full or reduced.
+        Model for the design.
     weights : Weights
-        See `vlab.design.weights`.
+        Weights, see `vlab.design.weights`.
+
+    Returns
+    -------
+    LqrDesign
+        Gain and law.
 
     Raises
     ------
     BadDesign
-        The weights do not fit the model, or the Riccati equation has no stabilising solution: why is said.
+        The weights do not fit the model, or the Riccati equation has no stabilising solution; the message has the
+        reason.
     """
     model = fe if isinstance(fe, StateModel) else state_model(fe)
     if weights.Q.shape != model.A.shape or len(weights.R) != model.B.shape[1]:

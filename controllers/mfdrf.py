@@ -1,8 +1,9 @@
-"""Minimised maximum force direct rate feedback (equation 4.32): the smallest actuators that still damp the first modes.
+"""Minimised maximum force direct rate feedback (equation 4.32).
 
-The largest force of coil i per bound of all velocities is f_i = sum_j |d_ij| (4.31). The design minimises gamma >= f_i with
-bounds on exact closed-loop damping ratios and D > 0. |d_ij| is carried by a variable t_ij >= +-d_ij, which is exact where
-the published design rounds it off with a quartic; zeros of D then come out as zeros.
+The design finds the smallest actuators that still damp the first modes. The largest force of coil i per bound of all
+velocities is f_i = sum_j |d_ij| (4.31). The design minimises gamma >= f_i with bounds on exact closed-loop damping
+ratios and D > 0. Variables t_ij >= +-d_ij represent |d_ij| exactly, so zeros of D come out as zeros. The published
+design approximates |d_ij| by a quartic.
 """
 
 from collections.abc import Sequence
@@ -20,41 +21,47 @@ from vlab.fe.model import FeModel
 from vlab.signals import Array
 
 STARTS = 20
-"""Random starts of a design; on the beam each reaches the global optimum with a probability above one half."""
+"""STARTS [1]: random starts of a design. On the beam each start reaches the global optimum with a probability above
+0.5."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MfdrfDesign(RateFeedbackDesign):
-    """A design of minimised maximum force."""
+    """Direct rate feedback of minimised maximum force."""
 
     law: str = field(default="mfdrf", init=False)
 
     @property
     def objective(self) -> float:
-        """gamma, the largest force ratio f_i (4.31) [N s/m]."""
+        """gamma: the largest force ratio f_i (4.31) [N s/m]."""
         return float(performance.force_bounds(self.D).max())
 
 
 def design(
     fe: FeModel, *, damping: float = 0.03, modes: int | Sequence[int] = 6, starts: int = STARTS, seed: int = 0
 ) -> MfdrfDesign:
-    """Design the law.
+    """Design minimised maximum force direct rate feedback.
 
     Parameters
     ----------
     fe : FeModel
-        The model, full or reduced.
+        Full or reduced model.
     damping : float
         Smallest damping ratio zeta_L of the bounded modes.
     modes : int or sequence of int
-        The first n_m modes that the coils can drive, or which (from 0).
+        Number n_m of the first coil-driven modes, or their numbers from 0.
     starts, seed : int
-        How many random starts the search makes, and their seed.
+        Number of random starts, and their seed.
+
+    Returns
+    -------
+    MfdrfDesign
+        Gains with their evaluation.
 
     Raises
     ------
     BadDesign
-        The bounds cannot be met (which mode falls short is said), or sizes that do not fit.
+        The bounds cannot be met (the message names the mode), or sizes do not fit.
     """
     model = state_model(fe)
     search = GainSearch(loop=RateFeedbackLoop(fe.linear, fe.coils), damping=damping, modes=bounded_modes(fe, modes))
@@ -83,13 +90,19 @@ def design(
 
 
 def _no_more(closed: ClosedLoop, extra: Array) -> tuple[Array, Array, Array, Sequence[str]]:
-    """The force ratios are linear in the variables: no smooth constraint is added."""
+    """Return no smooth constraint.
+
+    The force ratios are linear in the variables.
+    """
     k, coils = len(extra), closed.gains.shape[1]
     return np.zeros((k, 0)), np.zeros((k, 0, coils, coils)), np.zeros((k, 0, extra.shape[1])), ()
 
 
 def _force_constraints(search: GainSearch, channels: Sequence[str]) -> tuple[LinearConstraints, list[str]]:
-    """Return t_ij >= +-d_ij and gamma >= sum_j |d_ij|, the diagonal being positive, with names for those of interest."""
+    """Return t_ij >= +-d_ij and gamma >= sum_j |d_ij|, with names.
+
+    The diagonal is positive. Only reported constraints have names.
+    """
     rows, columns = search.entries
     aside = np.flatnonzero(rows != columns)
     n = search.count + len(aside) + 1

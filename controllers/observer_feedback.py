@@ -1,4 +1,4 @@
-"""State feedback on a discrete observer, with an optional limit on the commands."""
+"""State feedback on a discrete observer, with optional saturation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,9 @@ from vlab.errors import BadController
 
 
 class ObserverFeedback:
-    """The law u = -K x, x+ = A x + B u + M (y - C x).
+    """State feedback on an observer.
+
+    u = -K x, x+ = A x + B u + M (y - C x).
 
     Parameters
     ----------
@@ -23,12 +25,12 @@ class ObserverFeedback:
     M : (n_states, n_sensors) array
         Observer gain.
     limit : float or None
-        Largest magnitude of a command; the observer is told the limited one. None: no limit.
+        Largest magnitude of a command; the observer uses the limited command. None for no limit.
 
     Raises
     ------
     BadController
-        Matrices that do not fit together or the channels, or are not finite.
+        The matrices do not fit together or the channels, or are not finite.
     """
 
     def __init__(
@@ -57,15 +59,26 @@ class ObserverFeedback:
 
     @property
     def matrices(self) -> Matrices:
-        """A, B, C, D of the law while no command is at its limit."""
+        """A, B, C, D of the unsaturated law."""
         return self.A - self.B @ self.K - self.M @ self.C, self.M, -self.K, np.zeros((len(self.K), len(self.C)))
 
     def reset(self) -> None:
-        """Start from a zero estimate."""
+        """Set the estimate to zero."""
         self._x = np.zeros(len(self.A))
 
     def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return -K x, limited, and move the estimate on by one sample."""
+        """Return the limited -K x and advance the estimate.
+
+        Parameters
+        ----------
+        y : array
+            Samples, (n_sensors,).
+
+        Returns
+        -------
+        array
+            Commands, (n_actuators,).
+        """
         u = -(self.K @ self._x)
         if self.limit is not None:
             u = np.clip(u, -self.limit, self.limit)

@@ -1,4 +1,4 @@
-"""What every design of direct rate feedback leaves, whatever it optimised."""
+"""Common result of direct rate feedback designs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RateFeedbackDesign:
-    """A law u = -D y with what it achieves on the model it was designed on.
+    """A law u = -D y and its performance on the design model.
 
     Parameters
     ----------
     model : StateModel
-        The model in state form.
+        Design model in state form.
     loop : RateFeedbackLoop
-        The model with its coils, in modes.
+        Model with its coils in modal coordinates.
     D : (n_c, n_c) array
-        Symmetric, positive definite [N s/m].
+        Symmetric positive definite gains [N s/m].
     damping : float
-        zeta_L, the bound that the design was given.
+        Required damping ratio zeta_L.
     bounded : tuple of int
-        Modes that it holds for, from 0.
+        Modes with the bound, from 0.
     search : Search
-        How the optimum was found and how far it may be trusted.
+        Report of the search and its reliability.
     """
 
     model: StateModel
@@ -43,12 +43,12 @@ class RateFeedbackDesign:
 
     @property
     def controller(self) -> DirectRateFeedback:
-        """The law, ready to run."""
+        """The law for a loop."""
         return DirectRateFeedback(self.D, sensors=self.model.channels, actuators=self.model.channels)
 
     @property
     def A_closed(self) -> Array:
-        """A - B D C (4.35)."""
+        """Closed-loop matrix A - B D C (4.35)."""
         return performance.rate_feedback_loop(self.model, self.D)
 
     @property
@@ -57,17 +57,26 @@ class RateFeedbackDesign:
         return performance.poles(self.A_closed)
 
     def zeta(self, modes: int) -> Array:
-        """Return the damping ratios of the first modes, each followed from the open loop."""
+        """Return the damping ratios of the first modes.
+
+        Each mode is followed from the open loop.
+        """
         return self.loop.track(self.D, modes).zeta[0]
 
     def indices(self, weights: Weights, modes: int | Sequence[int] | Array) -> Array:
-        """Return J of initial shapes, the first so many or which (from 0): equation (4.33)."""
+        """Return J of initial shapes: equation (4.33).
+
+        `modes` is the number of first modes, or their numbers from 0.
+        """
         return performance.rate_feedback_index(
             self.model, self.D, weights, performance.initial_states(self.model, modes)
         )
 
     def to_control(self) -> Any:
-        """Return the law, velocities in and forces out, in python-control's form."""
+        """Return the law in python-control's form.
+
+        Inputs are velocities, outputs forces.
+        """
         import control
 
         names = self.model.channels

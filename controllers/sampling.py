@@ -1,4 +1,12 @@
-"""A continuous system between a sampled law's output and input: zero-order hold and loop delay, discretised exactly."""
+"""Exact discretisation of a continuous system with hold and delay.
+
+The matrix exponential of an augmented matrix gives the integrals [1]_.
+
+References
+----------
+.. [1] C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Transactions on Automatic Control 23
+       (1978) 395-404.
+"""
 
 from typing import Any
 
@@ -12,16 +20,31 @@ Array = NDArray[np.float64]
 
 
 def delay_split(delay_samples: float) -> tuple[int, float]:
-    """Split a delay into whole samples and the rest in [0, 1); rounding of a hair below a whole sample is taken up."""
+    """Split a delay into whole samples and a rest in [0, 1).
+
+    A delay just below a whole number by rounding counts as whole.
+    """
     whole = int(np.floor(delay_samples + 1e-9))
     return whole, max(delay_samples - whole, 0.0)
 
 
 def hold(A: Any, B: Any, duration: float) -> tuple[Array, Array]:
-    """Return exp(A T) and the integral of exp(A t) B over T: the step of x' = A x + B u under a held input.
+    """Return exp(A T) and the integral of exp(A t) B over T.
 
-    The matrix exponential is that of a Pade approximant with scaling and squaring. A need not be invertible, unlike in
-    (5.3) and (5.11), which are the same integral.
+    Both describe the step of x' = A x + B u under a held input. The matrix exponential is a Pade approximant with
+    scaling and squaring. A may be singular, unlike in (5.3) and (5.11), which are the same integral.
+
+    Parameters
+    ----------
+    A, B : (n, n), (n, n_inputs) array
+        System matrices.
+    duration : float
+        T [s].
+
+    Returns
+    -------
+    tuple of (array, array)
+        Transition matrix and input matrix.
     """
     A, B = np.asarray(A, dtype=float), np.asarray(B, dtype=float)
     n = len(A)
@@ -32,27 +55,30 @@ def hold(A: Any, B: Any, duration: float) -> tuple[Array, Array]:
 
 
 def sample_with_delay(A: Any, B: Any, C: Any, *, rate: float, delay_samples: float = 0.0) -> tuple[Array, Array, Array]:
-    """Return the discrete system from the commands u_k to the samples y_k of x' = A x + B w, y = C x.
+    """Return the discrete system from commands u_k to samples y_k.
 
-    w is the staircase of the commands, `delay_samples` periods late. A fraction of a sample puts the stair inside the
-    period; its share is exact.
+    The continuous system is x' = A x + B w, y = C x. The input w is the staircase of the commands, late by
+    `delay_samples` periods. A fraction of a sample puts the step inside the period; its share is exact.
 
     Parameters
     ----------
+    A, B, C : array
+        Matrices of the continuous system.
     rate : float
-        Samples per second [Hz].
+        Sample rate [Hz].
     delay_samples : float
-        From a sample to its output, in sample periods.
+        Delay from a sample to its output [samples].
 
     Returns
     -------
     A, B, C : array
-        Of z = [x, u_(k-1), u_(k-2), ...], with as many past commands as the delay needs. y_k does not depend on u_k.
+        Matrices for z = [x, u_(k-1), u_(k-2), ...], with as many past commands as the delay needs. y_k does not depend
+        on u_k.
 
     Raises
     ------
     BadController
-        A rate or a delay that makes no sense.
+        The rate or delay is invalid.
     """
     if not (np.isfinite(rate) and rate > 0 and np.isfinite(delay_samples) and delay_samples >= 0):
         raise BadController(f"a rate of {rate} Hz with a delay of {delay_samples} samples makes no sense")

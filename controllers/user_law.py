@@ -1,9 +1,9 @@
-"""A user's own control law, from a file or an entry point that the user names.
+"""Guarded loading of a user's own control law.
 
-The law is a class without required arguments that has the form of `vlab.controllers.base.Controller`: the attributes `sensors`
-and `actuators`, `reset()` and `step(y) -> u`. Loading it runs the file's code, so nothing is ever searched for or loaded
-that was not named: ``path/to/law.py:ClassName``, or ``entry:NAME`` for the entry point NAME of the group ``vlab.laws`` of
-an installed package.
+The law is a class without required arguments with the interface of `vlab.controllers.base.Controller`. Its members are
+the attributes `sensors` and `actuators` and the methods `reset()` and `step(y) -> u`. Loading a law runs the code of
+its file, so only a named file is loaded: ``path/to/law.py:ClassName``. ``entry:NAME`` means the entry point NAME of the
+group ``vlab.laws`` of an installed package.
 """
 
 import hashlib
@@ -23,21 +23,30 @@ from vlab.controllers.linear import LinearLaw
 from vlab.errors import BadController, VlabError, unknown_name
 
 GROUP = "vlab.laws"
-"""Entry point group of packages that bring control laws."""
+"""Entry point group of packages with control laws."""
 ENTRY = "entry:"
+"""Prefix of an entry point's name."""
 FORM = "path/to/law.py:ClassName or entry:NAME"
+"""Form of a user's law, for messages."""
 MOST_CHANNELS = 1000
+"""MOST_CHANNELS [1]: largest number of sensors or actuators of a law."""
 FAILURES = (Exception, SystemExit)
-"""What a user's code may end with, and becomes one line; an interrupt from the keyboard does not."""
+"""Exceptions of a user's code that become one line. A keyboard interrupt does not."""
 
 
 def is_user_law(text: str) -> bool:
-    """Say whether a name means a user's own law rather than one of vlab's: it names a Python file or an entry point."""
+    """Return whether a name means a user's own law.
+
+    Such a name contains a Python file or an entry point.
+    """
     return text.startswith(ENTRY) or text.endswith(".py") or ".py:" in text
 
 
 def code_of(name: str) -> str:
-    """Return what a name would run: ``mine.py`` of ``mine.py:Class``, ``entry:NAME`` itself, ``""`` of a name without code."""
+    """Return the code that a name would run.
+
+    The result is ``mine.py`` for ``mine.py:Class``, ``entry:NAME`` itself, and ``""`` for a name without code.
+    """
     if not is_user_law(name):
         return ""
     file, colon, _ = name.rpartition(":")
@@ -47,22 +56,24 @@ def code_of(name: str) -> str:
 def check_code(
     name: str, code: Collection[str] | None, *, kind: str = "law", error: type[VlabError] = BadController
 ) -> None:
-    """Refuse a name that would run code which the user has not named: names may come from a data folder.
+    """Refuse a name with code that the user did not name.
+
+    A name may come from a data folder.
 
     Parameters
     ----------
     name : str
-        Of a law or an effect.
+        Name of a law or an effect.
     code : collection of str or None
-        Python files and entry points that the user named, as `code_of` returns them; None where the user gives the name itself,
-        in Python or on the command line.
+        Python files and entry points that the user named, as returned by `code_of`. None if the user gave `name` in
+        Python or on the command line.
     kind, error : str, type
-        What is named, and what is raised, in the message.
+        Kind of object in the message, and type of the exception.
 
     Raises
     ------
     BadController
-        Or `error`: the code is not among them.
+        The code is not listed; `error` replaces the type.
     """
     wanted = code_of(name)
     if code is None or not wanted or wanted in code:
@@ -76,17 +87,22 @@ def check_code(
 
 
 def load_user_law(text: str) -> Controller:
-    """Load a user's own law and put a guard around it.
+    """Load a user's own law with a guard.
 
     Parameters
     ----------
     text : str
         ``path/to/law.py:ClassName`` or ``entry:NAME``.
 
+    Returns
+    -------
+    Controller
+        Guarded law.
+
     Raises
     ------
     BadController
-        No such file, code that fails, no such class, an object without the form of a `Controller`.
+        The file is missing, its code fails, or the object lacks the interface of a `Controller`.
     UnknownName
         No such class in the file, or no such entry point.
     """
@@ -98,23 +114,25 @@ def load_user_law(text: str) -> Controller:
             raise BadController(f"the law {text!r} names no class of a file; write {FORM}")
         made_by = class_from_file(Path(path), name)
     law = _instance(made_by, text)
-    return law if type(law) in (DirectRateFeedback, LinearLaw) else GuardedLaw(law, text)  # those check themselves
+    return law if type(law) in (DirectRateFeedback, LinearLaw) else GuardedLaw(law, text)  # check themselves
 
 
 class GuardedLaw:
-    """A user's law of which every answer is checked: its mistakes become one line that names the law and the sample.
+    """A user's law with checked results.
+
+    An error becomes one line with the law's name and the sample.
 
     Parameters
     ----------
     law : Controller
-        The user's object.
+        Object of the user.
     name : str
-        How the user named it.
+        Name given by the user.
 
     Raises
     ------
     BadController
-        The object has not the form of a `Controller`.
+        The object lacks the interface of a `Controller`.
     """
 
     def __init__(self, law: Any, name: str) -> None:
@@ -130,7 +148,7 @@ class GuardedLaw:
         self._samples = 0
 
     def reset(self) -> None:
-        """Let the law forget the past.
+        """Clear the memory of the law.
 
         Raises
         ------
@@ -144,12 +162,22 @@ class GuardedLaw:
             raise BadController(f"the law {self.name} fails in reset(): {_said(error)}") from error
 
     def step(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the law's commands.
+        """Return the law's commands, (n_actuators,).
+
+        Parameters
+        ----------
+        y : array
+            Samples, (n_sensors,).
+
+        Returns
+        -------
+        array
+            Finite commands.
 
         Raises
         ------
         BadController
-            The law's own code failed, or gave something else than as many finite numbers as it has actuators.
+            The law's code failed, or its result is not one finite number an actuator.
         """
         self._samples += 1
         try:
@@ -189,7 +217,24 @@ class GuardedLaw:
 def class_from_file(
     path: Path, name: str, *, kind: str = "law", form: str = FORM, error: type[VlabError] = BadController
 ) -> Any:
-    """Run a user's Python file and return what it calls `name`; `kind` and `form` say in errors what was asked for."""
+    """Run a user's Python file and return an object by name.
+
+    Parameters
+    ----------
+    path : Path
+        Python file.
+    name : str
+        Name in the file.
+    kind, form : str
+        Kind of object and required form, for messages.
+    error : type
+        Type of the exception.
+
+    Returns
+    -------
+    object
+        The object.
+    """
     if not path.is_file():
         raise error(f"there is no {kind} file {str(path)!r}; write {form}")
     label = f"vlab_user_{kind}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
@@ -197,7 +242,7 @@ def class_from_file(
     if spec is None or spec.loader is None:
         raise error(f"{path} cannot be read as Python")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[label] = module  # dataclasses look their module up
+    sys.modules[label] = module  # dataclasses look up their module
     try:
         spec.loader.exec_module(module)
     except FAILURES as failure:
@@ -227,7 +272,10 @@ def _entry_point(name: str) -> Any:
 
 
 def _instance(made_by: Any, text: str) -> Any:
-    """Return an object of a class or what a function makes; an object is taken as it is."""
+    """Return an object from a class, function or object.
+
+    A class or function is called without arguments.
+    """
     if not callable(made_by) or (callable(getattr(made_by, "step", None)) and not isinstance(made_by, type)):
         return made_by
     try:

@@ -1,7 +1,7 @@
-"""The errors that vlab raises on purpose.
+"""Exceptions of vlab.
 
-Each one is also the built-in kind that a caller would expect, and its text is one line that says what was
-given, where, what is accepted and the likely fix; the command line prints exactly that line.
+Each exception is also the built-in kind that a caller expects. The text is one line with the given value, its location,
+the accepted values and the likely fix. The command line prints exactly that line.
 """
 
 import difflib
@@ -9,47 +9,47 @@ from collections.abc import Iterable
 
 
 class VlabError(Exception):
-    """Anything that vlab refuses; the command line turns it into exit status 2."""
+    """Base of all exceptions; exit status 2 on the command line."""
 
 
 class BadStructure(VlabError, ValueError):
-    """A structure, rig or hardware description that does not describe something buildable."""
+    """Invalid description of a structure, model or hardware."""
 
 
 class BadUnit(VlabError, ValueError):
-    """A unit that is unknown or of the wrong dimension."""
+    """Unknown unit or unit of wrong dimension."""
 
 
 class BadRecording(VlabError, ValueError):
-    """A recording that is damaged, empty, inconsistent or not what its labels say."""
+    """Damaged, empty, inconsistent or mislabelled recording."""
 
 
 class BadCase(VlabError, ValueError):
-    """A case whose description does not fit its model or its recordings."""
+    """Case that does not fit its model or recordings."""
 
 
 class BadExperiment(VlabError, ValueError):
-    """An experiment that cannot be run as asked (rate, channels, excitation, place)."""
+    """Impossible experiment (rate, channels, excitation, place)."""
 
 
 class BadController(VlabError, ValueError):
-    """A control law that does not fit the loop it is put into."""
+    """Control law that does not fit its loop."""
 
 
 class BadDesign(VlabError, ValueError):
-    """A control design that cannot be made as asked (weights, sizes, what coils and sensors can reach)."""
+    """Impossible control design (weights, sizes, reach of coils and sensors)."""
 
 
 class BadProof(VlabError, ValueError):
-    """Sealed cases, truth or answers that are not what was committed to."""
+    """Sealed cases, truth or answers that break their commitment."""
 
 
 class UnknownName(VlabError, LookupError):
-    """A name that matches nothing."""
+    """Name without a match."""
 
 
 class Diverged(VlabError, ArithmeticError):
-    """A simulation that left the finite world or was reset by MuJoCo; never a result."""
+    """Simulation that became nonfinite or was reset by MuJoCo."""
 
 
 class OutputRefused(VlabError, OSError):
@@ -57,7 +57,24 @@ class OutputRefused(VlabError, OSError):
 
 
 def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = "") -> UnknownName:
-    """Build the error for a name that matches nothing: what was given, the nearest, and all that are accepted."""
+    """Return the error for a name without a match.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of name.
+    given : str
+        Name as given.
+    known : iterable of str
+        Accepted names; the nearest is suggested.
+    where : str
+        Location, for the message.
+
+    Returns
+    -------
+    UnknownName
+        Exception to raise.
+    """
     names = list(known)
     near = difflib.get_close_matches(given, names, n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -1,7 +1,7 @@
-"""Ctrl-C and polite kills: heard wherever they come, and ended with one line.
+"""Interrupts and termination signals, ended with one line.
 
-This is the first module that a command imports, so it imports next to nothing itself: until its import has ended, an interrupt ends
-in a traceback.
+A command imports the module first, and the module imports little: until its import ends, an interrupt gives a
+traceback.
 """
 
 import os
@@ -9,14 +9,15 @@ import signal
 from collections.abc import Callable
 
 STATUS = 130
-"""Exit status of an interrupted command, as shells have it."""
+"""STATUS [1]: exit status of an interrupted command, as in shells."""
 LEFT = "nothing half-written was left"
+"""Message after an interrupt."""
 
 
 class _Handling:
-    """Handles interrupts while its block runs.
+    """Interrupt handler of a block.
 
-    A thread may not handle them, and a job that a shell started in the background has no Ctrl-C: these stay as they are.
+    A thread cannot install handlers. A background job of a shell has no Ctrl-C. In both cases the handlers stay.
     """
 
     def __init__(self) -> None:
@@ -32,7 +33,7 @@ class _Handling:
                 if before is not signal.SIG_IGN:
                     signal.signal(number, self._handle)
                     self._before[number] = signal.SIG_DFL if before is None else before
-        except ValueError:  # not the main thread
+        except ValueError:  # not in the main thread
             assert not self._before
         return self._check
 
@@ -45,9 +46,10 @@ class _Handling:
 
 
 class Noted(_Handling):
-    """Raises KeyboardInterrupt on an interrupt; its block gets a check that raises it again after one.
+    """Handler that raises KeyboardInterrupt, with a check.
 
-    Python drops an exception that comes up in a callback, and libraries turn it into errors of their own.
+    Python drops an exception of a callback, and libraries replace it by their own. The check raises the interrupt
+    again.
     """
 
     def __init__(self) -> None:
@@ -57,7 +59,7 @@ class Noted(_Handling):
     def _handle(self, number: int, frame: object) -> None:
         self._pressed = True
         before = self._before.get(number)
-        if callable(before):  # whoever noted interrupts before hears of this one, too
+        if callable(before):  # passes the interrupt to the earlier handler
             before(number, frame)
         raise KeyboardInterrupt
 
@@ -67,9 +69,9 @@ class Noted(_Handling):
 
 
 class LeavingAtOnce(_Handling):
-    """Ends the process at once on an interrupt, for the time in which modules are imported: nothing is being written then.
+    """Handler that ends the process at once during imports.
 
-    An exception would not do: Python prints it and goes on where it comes up in a callback of the import system.
+    No file is being written then. Python would print an exception of an import callback and continue.
     """
 
     def _handle(self, number: int, frame: object) -> None:

@@ -1,6 +1,6 @@
-"""What the laboratory passes around: recordings, frequency responses and modal models.
+"""Recordings, frequency responses and modal models.
 
-All three are frozen, check themselves when made, and label every channel. Arrays have time or frequency first.
+All three are frozen, check themselves on creation and label every channel. Arrays have time or frequency first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from vlab.errors import BadRecording, unknown_name
 
 Array = NDArray[Any]
-"""An array of floats (or of indices or truth values where the name says so)."""
+"""Array of floats, or of indices or truth values as named."""
 ComplexArray = NDArray[Any]
-"""An array of complex numbers."""
+"""Array of complex numbers."""
 
 SMALLEST, LARGEST = (float(limit**0.25) for limit in (np.finfo(float).tiny, np.finfo(float).max))
-"""Sizes between which products of squares, as of two power spectra, are numbers in double precision."""
+"""SMALLEST,
+LARGEST [1]: range of sizes with products of squares (of two power spectra) within double precision."""
 
 KIND_UNITS = {
-    "command": None,  # whatever the actuator takes: N, V, N m
+    "command": None,  # unit of the actuator: N, V, N m
     "excitation": None,
     "force": "N",
     "moment": "N m",
@@ -37,25 +38,25 @@ KIND_UNITS = {
     "strain": "1",
     "other": None,
 }
-"""The kinds of channel and the SI unit that each has inside vlab (None: free)."""
+"""SI unit of each kind of channel inside vlab; None for a free unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """The label of one column of a recording.
+    """Label of one column of a recording.
 
     Parameters
     ----------
     name : str
-        Unique in its recording, for example ``"sensor:base"``.
+        Name, unique in its recording, such as ``"sensor:base"``.
     kind : str
         One of `KIND_UNITS`.
     unit : str
-        The SI unit of the numbers.
+        SI unit of the numbers.
     at : str
-        The place, actuator or sensor it belongs to.
+        Place, actuator or sensor of the channel.
     is_input : bool
-        True where the channel drives the structure.
+        Whether the channel drives the structure.
     """
 
     name: str
@@ -77,23 +78,23 @@ def _frozen(array: Any, dtype: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """Channels sampled together, in SI units.
+    """Simultaneously sampled channels in SI units.
 
     Parameters
     ----------
     time : (n,) array
-        Time stamps [s], strictly increasing, not necessarily even.
+        Strictly increasing time stamps [s], even or uneven.
     data : (n, n_channels) array
         Finite samples, one column a channel.
     channels : sequence of Channel
         Labels of the columns.
     meta : mapping
-        Free notes that travel with the recording (seed, structure, law, ...).
+        Free notes on the recording (seed, structure, law).
 
     Raises
     ------
     BadRecording
-        Empty, ragged, not finite, time not increasing, or channel names that repeat.
+        The data are empty, ragged or not finite, time does not increase, or a channel name is repeated.
     """
 
     time: Array
@@ -136,17 +137,17 @@ class Recording:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The channel names in column order."""
+        """Channel names in column order."""
         return tuple(channel.name for channel in self.channels)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the channels that drive the structure."""
+        """Names of the input channels."""
         return tuple(c.name for c in self.channels if c.is_input)
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the time steps are even to within one part in ten thousand."""
+        """Whether time steps are even within 1e-4."""
         steps = np.diff(self.time)
         return bool(np.ptp(steps) <= 1e-4 * np.mean(steps) + 4 * np.spacing(np.abs(self.time).max()))
 
@@ -167,7 +168,18 @@ class Recording:
         return float((len(self) - 1) / (self.time[-1] - self.time[0]))
 
     def index(self, name: str) -> int:
-        """Return the column of a channel, or raise `UnknownName` with the names there are."""
+        """Return the column of a channel.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Raises
+        ------
+        UnknownName
+            No such channel.
+        """
         if name not in self.names:
             raise unknown_name("channel", name, self.names)
         return self.names.index(name)
@@ -176,30 +188,34 @@ class Recording:
         return self.data[:, self.index(name)]
 
     def select(self, names: Sequence[str]) -> "Recording":
-        """Return the recording of the named channels only."""
+        """Return the recording of the named channels."""
         columns = [self.index(name) for name in names]
         return replace(self, data=self.data[:, columns], channels=tuple(self.channels[i] for i in columns))
 
     def between(self, start: float, stop: float) -> "Recording":
-        """Return the part with start <= time < stop [s]."""
+        """Return the samples with start <= time < stop [s]."""
         keep = (self.time >= start) & (self.time < stop)
         return replace(self, time=self.time[keep], data=self.data[keep])
 
 
 def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, why: str = "") -> None:
-    """Refuse samples too large to be computed with, and motion too small.
+    """Refuse excessive samples and vanishing motion.
 
     Parameters
     ----------
+    recording : Recording
+        Recording to check.
     what : str
-        The file or recording, as errors name it.
+        Name of the file or recording in messages.
     largest : float
-        What the samples may be at most, and `why`.
+        Largest allowed sample, with the reason in `why`.
+    why : str
+        Reason of the limit, for the message.
 
     Raises
     ------
     BadRecording
-        A sample is larger, or a channel moves by less than `SMALLEST`, though it moves.
+        A sample is too large, or a moving channel moves by less than `SMALLEST`.
     """
     for channel, samples in zip(recording.channels, recording.data.T, strict=True):
         size = float(np.abs(samples).max())
@@ -215,7 +231,7 @@ def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, wh
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyResponse:
-    """Responses over frequency of some outputs to some inputs.
+    """Frequency responses of outputs to inputs.
 
     Parameters
     ----------
@@ -226,7 +242,7 @@ class FrequencyResponse:
     outputs, inputs : sequence of str
         Channel names.
     unit : str
-        Unit of H where it is one for all, for example ``"m/s/N"``.
+        Common unit of H, such as ``"m/s/N"``; empty if units differ.
     coherence : (n, n_outputs) array or None
         Ordinary (one input) or multiple coherence, in [0, 1].
     """
@@ -258,13 +274,16 @@ class FrequencyResponse:
                 )
 
     def between(self, low: float, high: float) -> "FrequencyResponse":
-        """Return the part with low <= frequency <= high [Hz]."""
+        """Return the lines with low <= frequency <= high [Hz]."""
         keep = (self.freq >= low) & (self.freq <= high)
         coherence = None if self.coherence is None else self.coherence[keep]
         return replace(self, freq=self.freq[keep], H=self.H[keep], coherence=coherence)
 
     def to_frd(self) -> Any:
-        """Return python-control's `FRD`: axes (output, input, frequency), frequency in rad/s."""
+        """Return python-control's `FRD`.
+
+        The axes are (output, input, frequency), with frequency in rad/s.
+        """
         import control
 
         return control.FRD(np.transpose(self.H, (1, 2, 0)), 2 * np.pi * self.freq)
@@ -272,7 +291,7 @@ class FrequencyResponse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalModel:
-    """Natural frequencies, damping ratios and mode shapes at labelled coordinates.
+    """Natural frequencies, damping ratios and labelled mode shapes.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Units at the edges: SI inside, everything else is converted here and nowhere else.
+"""Unit conversion at the interfaces; vlab is SI inside.
 
-Inside vlab every number is SI (m, kg, s, N, V, A, rad). Structure files, cases, published tables and printing use
-the units of their trade; `to_si`, `from_si` and `factor` are the only way in and out.
+Inside vlab every number is SI (m, kg, s, N, V, A, rad). Structure files, cases, published tables and printing use the
+units of their field. `to_si`, `from_si` and `factor` are the only conversions.
 """
 
 import re
@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from vlab.errors import BadUnit
 
 _G = re.compile(r"(?<![\w.])(m?)g(?!\w)")
-"""The letter g where it stands for a unit of its own, or its thousandth."""
+"""The letter g (or mg) as a unit of its own."""
 
 _ALIASES = {"": "dimensionless", "-": "dimensionless", "counts": "dimensionless", "count": "dimensionless"}
 
 SIGNS = str.maketrans({"²": "^2", "³": "^3", "·": " ", "µ": "u", "μ": "u", "°": "deg"})
-"""Signs of other programs, as they are read here."""
+"""Unit signs of other programs, with their spelling in vlab."""
 _SPELLINGS = tuple(
     (re.compile(rf"(?<![\w^]){pattern}(?![\w^])"), spelled)
     for pattern, spelled in (
@@ -38,17 +38,17 @@ _SPELLINGS = tuple(
         ("[Aa]mps?", "A"),
     )
 )
-"""How laboratories write units that have another name in the registry."""
+"""Laboratory spellings of units with another name in the registry."""
 
 _BAD_POWER = re.compile(
     r"\^(?!\s*(?:[-+]?\d{1,2}|\(\s*[-+]?\d{1,2}(?:\s*/\s*\d{1,2})?\s*\))(?!\s*\^|\d))|\)\s*\^.*\)\s*\^"
 )
-"""A power that is no short number, and powers of powers of powers: their integers would be computed for hours."""
+"""Powers that are refused: long numbers, and powers of powers, which would take hours to compute."""
 
 _TURNS = re.compile(r"rad|deg|grad|turn|cycle|revolution|rpm")
 _PER_SECOND = re.compile(r"Hz|hertz|cps")
 ANGLES = ("rad", "rad/s", "rad/s^2")
-"""Units of motion at a rotation: what is counted in cycles or in nothing is no radian."""
+"""SI units of rotational motion. Cycles and dimensionless numbers do not count as radians."""
 
 _LENGTHS = ("m", "cm", "mm", "um", "in", "ft", "mil")
 _ANGLES = ("rad", "mrad", "deg", "rev")
@@ -67,25 +67,25 @@ WRITTEN = {
     **{f"m/{s}": tuple(f"{unit}/{s}" for unit in _LENGTHS) for s in ("s", "s^2")},
     **{f"rad/{s}": tuple(f"{unit}/{s}" for unit in _ANGLES) for s in ("s", "s^2")},
 }
-"""Units that laboratories write into files, by the SI unit of what they measure."""
+"""Units that laboratories write into files, by SI unit of the quantity."""
 WRITTEN["m/s^2"] += ("g", "mg")
 WRITTEN["rad/s"] += ("rpm",)
 
 ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/s": "rad/s"}
-"""Units at a rotation by those at a translation."""
+"""Units at a rotation by units at a translation."""
 
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    """Return the registry of units, after it has shown that it works.
+    """Return the tested registry of units.
 
     Raises
     ------
     ImportError
-        The library cannot be loaded, or fails at a plain unit: nothing is said of any unit then.
+        The library cannot be loaded or fails at a plain unit; no unit is then judged.
     """
     try:
-        import pint  # deferred: reading the unit definitions costs a second that most calls do not need
+        import pint  # deferred, because reading the unit definitions takes a second that most calls can save
 
         registry: Any = pint.UnitRegistry()
         registry.Quantity(1.0, registry.parse_units("kg m/s^2")).to_base_units()
@@ -99,7 +99,10 @@ def _registry() -> Any:
 
 
 def spelled(unit: str) -> str:
-    """Return a unit as the registry of units spells it; unknown ones as they are."""
+    """Return a unit in the registry's spelling.
+
+    An unknown unit stays unchanged.
+    """
     text = unit.strip().translate(SIGNS)
     for pattern, name in _SPELLINGS if len(text) <= 60 else ():
         text = pattern.sub(name, text)
@@ -108,7 +111,7 @@ def spelled(unit: str) -> str:
 
 @lru_cache(maxsize=512)
 def _parse(unit: str) -> tuple[float, Any]:
-    """Return the factor to SI base units and the dimensionality of a unit expression."""
+    """Return a unit's factor to SI base units, and its dimensionality."""
     text = spelled(unit)
     if len(text) > 60:
         raise BadUnit(
@@ -119,7 +122,7 @@ def _parse(unit: str) -> tuple[float, Any]:
     registry = _registry()
     try:
         base, zero = (registry.Quantity(value, registry.parse_units(text)).to_base_units() for value in (1.0, 0.0))
-    except Exception as error:  # a registry that works raises a dozen kinds at bad text, TypeError among them
+    except Exception as error:  # a working registry raises a dozen kinds of error on bad text, TypeError among them
         raise BadUnit(f"unknown unit {unit!r}; write it like 'lbf s/in', 'in', 'mm', 'm/s^2', 'V'") from error
     if zero.magnitude != 0:
         raise BadUnit(f"unit {unit!r} has an offset: no factor leads to {base.units}; convert the values beforehand")
@@ -127,21 +130,26 @@ def _parse(unit: str) -> tuple[float, Any]:
 
 
 def factor(unit: str, si: str) -> float:
-    """Return what a value in `unit` must be multiplied by to be in the SI unit `si`.
+    """Return the factor from a unit to an SI unit.
 
     Parameters
     ----------
     unit : str
-        The unit as written, for example ``"lbf s/in"``. ``g`` is gram where that suits `si` and standard gravity
-        where only that does, alone or in an expression like ``"g/N"``. Hertz are turns a second where `si` counts radians.
+        Unit as written, such as ``"lbf s/in"``. ``g`` is gram if that fits `si`, else standard gravity, alone or in an
+        expression like ``"g/N"``. Hertz are turns a second if `si` has radians.
     si : str
-        The SI unit that the number has inside vlab, for example ``"N s/m"``.
+        SI unit inside vlab, such as ``"N s/m"``.
+
+    Returns
+    -------
+    float
+        Factor on a value in `unit`.
 
     Raises
     ------
     BadUnit
-        The unit is unknown, has an offset (degree Celsius) or another dimension than `si`; or it is to be an angle and does
-        not say of what.
+        The unit is unknown, has an offset (degree Celsius), has another dimension than `si`, or leaves an angle
+        undefined.
     """
     target, target_dimension = _parse(si)
     value, dimension = _parse(unit)
@@ -158,7 +166,10 @@ def factor(unit: str, si: str) -> float:
 
 
 def _turns(unit: str, si: str) -> float:
-    """Return what makes radians of turns, or turns of radians, which the dimensions do not tell apart."""
+    """Return the factor between turns and radians.
+
+    The dimensions do not distinguish both.
+    """
     text = spelled(unit)
     has_angle = bool(_TURNS.search(text))
     if si == "Hz":
@@ -174,19 +185,19 @@ def _turns(unit: str, si: str) -> float:
 
 
 def mistaken(unit: str, si: str) -> dict[str, float]:
-    """Return the units that numbers may be in where they are said to be in another one.
+    """Return the units that a wrong unit label may hide.
 
     Parameters
     ----------
     unit : str
-        What is said; `si` itself where a scale stands in its place.
+        Stated unit; `si` itself if a scale replaces the unit.
     si : str
-        The SI unit inside vlab; a ratio of two of `WRITTEN`, as of a frequency response, is one, too.
+        SI unit inside vlab, or a ratio of two units of `WRITTEN`, as for a frequency response.
 
     Returns
     -------
     dict
-        By unit: what the numbers then are over what is said of them, in SI. The unit itself is not among them.
+        Ratio of true to stated value in SI, by candidate unit. The stated unit is excluded.
     """
     above, _, below = si.rpartition("/")
     written = WRITTEN.get(si, ())
@@ -203,17 +214,33 @@ def mistaken(unit: str, si: str) -> dict[str, float]:
 
 
 def to_si(value: ArrayLike, unit: str, si: str) -> Any:
-    """Convert a value or an array from `unit` to the SI unit `si`; see `factor`."""
+    """Convert values from a unit to SI, see `factor`."""
     return np.asarray(value, dtype=float) * factor(unit, si) if np.ndim(value) else float(value) * factor(unit, si)  # type: ignore[arg-type]
 
 
 def from_si(value: ArrayLike, unit: str, si: str) -> Any:
-    """Convert a value or an array from the SI unit `si` to `unit`, for printing and published tables."""
+    """Convert values from SI to a unit.
+
+    The function serves printing and published tables.
+    """
     return np.asarray(value, dtype=float) / factor(unit, si) if np.ndim(value) else float(value) / factor(unit, si)  # type: ignore[arg-type]
 
 
 def same_dimension(unit: str, other: str) -> bool:
-    """Say whether two units measure the same thing (``g`` counts as an acceleration beside one)."""
+    """Return whether two units measure the same quantity.
+
+    ``g`` counts as an acceleration beside another acceleration.
+
+    Parameters
+    ----------
+    unit, other : str
+        Units as written.
+
+    Returns
+    -------
+    bool
+        True for equal dimensions.
+    """
     try:
         factor(unit, other)
     except BadUnit:

@@ -1,7 +1,7 @@
-"""Cases: a model and what was measured on the thing it is a model of, simulated beside each other and compared.
+"""Cases: a model with measurements, simulated and compared.
 
-`load_case` reads ``case.toml`` strictly and checks every name in it against the model; `simulate` runs the model as the
-recording was made; `compare_case` says how far they are apart, per channel, in time and in frequency.
+`load_case` reads ``case.toml`` strictly and checks every name against the model. `simulate` runs the model under the
+recorded inputs. `compare_case` measures the residual per channel, in time and in frequency.
 """
 
 from vlab.cases.case import Case, load_case

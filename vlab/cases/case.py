@@ -1,7 +1,7 @@
-"""A case: a model and what was measured on the thing that it is a model of.
+"""Case: a model and measurements on the modelled structure.
 
-A case is a TOML file, ``case.toml`` in its folder or any other file by its own name, so that several cases can share one
-folder. Every file that it names lies in the folder of the case file; nothing is read from elsewhere.
+A case is a TOML file: ``case.toml`` in its folder, or a file of any other name. Several cases can therefore share a
+folder. Every file that a case names lies in the folder of the case file.
 """
 
 from collections.abc import Sequence
@@ -32,25 +32,27 @@ _NAMED = {
     "actuator": ("gain",),
     "sensor": ("gain",),
 }
-"""What may be uncertain of which type of element; a geom's mass is that of its body."""
+"""Uncertain quantities by type of element; a geom's mass is the mass of its body."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A case whose names all match its model; its recordings are read when they are asked for.
+    """A case with names that match its model.
+
+    The recordings are read on request.
 
     Parameters
     ----------
     path : Path
         The case file.
     table : CaseTable
-        What it says.
+        Contents of the case file.
     plant : Plant
-        The nominal model.
+        Nominal model.
     hardware : Hardware or None
-        What stands between law and structure; None for an MJCF model, whose converters are ideal.
+        Converters and amplifiers between law and structure; None for an MJCF model, with ideal converters.
     structure : Structure or None
-        What the plant was built from, where it was.
+        Structure from which the plant was built, if any.
     """
 
     path: Path
@@ -61,23 +63,31 @@ class Case:
 
     @property
     def folder(self) -> Path:
-        """The folder that all files of the case lie in."""
+        """Folder of all files of the case."""
         return self.path.parent
 
     def recordings(self, roles: Sequence[str] = ("fit", "holdout")) -> list[tuple[str, RecordingTable]]:
-        """Return name and description of the recordings in some roles; nothing is read from them yet."""
+        """Return name and table of recordings by role.
+
+        No file is read.
+        """
         named = [(r.name or f"recording{i + 1}", r) for i, r in enumerate(self.table.recording)]
         return [(name, r) for name, r in named if r.role in roles]
 
     def runs(self, roles: Sequence[str] = ("fit", "holdout")) -> list[Run]:
-        """Read the recordings in some roles and wire them to the model.
+        """Read recordings by role and map their channels.
+
+        Parameters
+        ----------
+        roles : sequence of str
+            Roles of the recordings.
 
         Raises
         ------
         BadRecording
-            A file is damaged or not what the case says.
+            A file is damaged or contradicts the case.
         BadCase
-            A recording that the model cannot be driven with.
+            The model cannot take a recording's inputs.
         """
         return [self._read(name, table) for name, table in self.recordings(roles)]
 
@@ -91,12 +101,22 @@ class Case:
 
 
 def load_case(path: Path | str) -> Case:
-    """Load a case from its folder or its file and check every name in it against the model.
+    """Load a case and check its names against the model.
+
+    Parameters
+    ----------
+    path : Path or str
+        Folder or file of the case.
+
+    Returns
+    -------
+    Case
+        The case; its recordings are not read yet.
 
     Raises
     ------
     BadCase
-        The file is malformed, a key is unknown, a file is missing or outside the folder, a name matches nothing.
+        The file is malformed, a key is unknown, a file is missing or outside the folder, or a name matches nothing.
     BadStructure
         The model cannot be built.
     """
@@ -104,7 +124,7 @@ def load_case(path: Path | str) -> Case:
     is_folder = path.is_dir()
     path = path / "case.toml" if is_folder else path
     reader = Reader(path, provenance_required=False, error=BadCase)
-    if is_folder and path.exists():  # a file that the user names himself may be a link
+    if is_folder and path.exists():  # a file that the user names directly may be a link
         _check_inside(reader, "", path.name)
     table = reader.table(CaseTable, reader.load())
     for i, recording in enumerate(table.recording):
@@ -152,7 +172,10 @@ def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None, St
 
 
 def _with_effects(reader: Reader, table: CaseTable, plant: Plant) -> Plant:
-    """Return the plant with the physics of ``[[model.effect]]``; only the catalogue's own, a case runs nobody's code."""
+    """Return the plant with the effects of ``[[model.effect]]``.
+
+    Only effects of the catalogue are allowed, because a case runs no foreign code.
+    """
     channels = {name for recording in table.recording for name in recording.channel_names}
     for i, effect in enumerate(table.model.effect):
         try:
@@ -188,7 +211,10 @@ def _check_names(reader: Reader, table: CaseTable, plant: Plant) -> None:
 
 
 def _check_uncertain(reader: Reader, name: str, table: CaseTable, plant: Plant) -> None:
-    """Check a name such as ``geom:arm:mass`` against an MJCF model; a structure's names are its own tables'."""
+    """Check an uncertain quantity's name against an MJCF model.
+
+    A name has the form ``geom:arm:mass``. A structure's names are keys of its tables.
+    """
     if ":" not in name or not table.model.mjcf:
         return
     kind, _, rest = name.partition(":")
@@ -215,4 +241,4 @@ _COUNT = {
     "actuator": "u",
     "sensor": "sensor",
 }
-"""What MuJoCo calls the number of each type of element."""
+"""MuJoCo's count attribute by type of element."""

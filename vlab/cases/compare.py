@@ -1,4 +1,4 @@
-"""A case's model beside its recordings."""
+"""Comparison of a case's model with its recordings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from vlab.plants.base import Plant
 from vlab.signals import Recording
 
 OVERLAY_POINTS = 2000
-"""Samples of an overlay in a JSON document; longer recordings are thinned to every n-th sample."""
+"""OVERLAY_POINTS [samples]: length of an overlay in a JSON document; a longer recording is decimated."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,13 +28,13 @@ class RunComparison:
     Parameters
     ----------
     run : Run
-        The recording as it was wired to the model.
+        Recording with mapped channels.
     simulation : Simulation
-        What the model does.
+        Response of the model.
     misfits : tuple of Misfit
-        One a compared channel that moves.
+        Residual of each compared channel that moves.
     constant : tuple of str
-        Compared channels that never change in the recording; no misfit can be measured against them.
+        Compared channels without motion in the recording; a relative residual is undefined.
     """
 
     run: Run
@@ -44,16 +44,27 @@ class RunComparison:
 
     @property
     def measured(self) -> Recording:
-        """The part of the recording that is compared, all channels."""
+        """Compared part of the recording, all channels."""
         return self.run.measured
 
     @property
     def simulated(self) -> Recording:
-        """The same channels at the same times from the model; inputs as recorded."""
+        """Simulated channels at the same times, inputs as recorded."""
         return self.simulation.recording
 
     def overlay(self, points: int = OVERLAY_POINTS) -> list[dict[str, Any]]:
-        """Return measured and simulated samples of every compared channel for a plot, thinned to at most `points`."""
+        """Return measured and simulated samples for a plot.
+
+        Parameters
+        ----------
+        points : int
+            Largest number of samples.
+
+        Returns
+        -------
+        list of dict of str to object
+            One dictionary a compared channel.
+        """
         every = max(1, -(-len(self.measured) // points))
         return [
             {
@@ -67,7 +78,18 @@ class RunComparison:
         ]
 
     def to_json(self, *, overlay: bool = False) -> dict[str, Any]:
-        """Return plain values for a JSON document, with the samples where `overlay` asks for them."""
+        """Return plain values for a JSON document.
+
+        Parameters
+        ----------
+        overlay : bool
+            Whether to include samples.
+
+        Returns
+        -------
+        dict of str to object
+            Residuals and settings by name.
+        """
         out: dict[str, Any] = {
             "name": self.run.name,
             "role": self.run.role,
@@ -87,12 +109,12 @@ class RunComparison:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """A case's model beside its recordings.
+    """A case's model compared with its recordings.
 
     Parameters
     ----------
     check : FileCheck
-        What is wrong with what the case says of its recordings.
+        Findings of the file checks.
     """
 
     case: Case
@@ -101,7 +123,7 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What must be said beside the misfits: channels that stand still, and what the checks of the files found."""
+        """Remarks beside the residuals: constant channels and file findings."""
         still = [
             f"{run.run.name}: {name} is {run.measured[name][0]:g} {run.measured.channels[run.measured.index(name)].unit} throughout: "
             "nothing can be measured against it"
@@ -112,11 +134,22 @@ class Comparison:
 
     @property
     def nrmse(self) -> dict[str, float]:
-        """Root mean square over channels of the NRMSE, by recording that has a channel that moves."""
+        """Rms of the channels' NRMSE, by recording with motion."""
         return {r.run.name: float(np.sqrt(np.mean([m.nrmse**2 for m in r.misfits]))) for r in self.runs if r.misfits}
 
     def to_json(self, *, overlay: bool = False) -> dict[str, Any]:
-        """Return plain values for a JSON document."""
+        """Return plain values for a JSON document.
+
+        Parameters
+        ----------
+        overlay : bool
+            Whether to include samples.
+
+        Returns
+        -------
+        dict of str to object
+            Residuals and settings by name.
+        """
         return {
             "title": self.case.table.title,
             "model": self.case.table.model.mjcf or self.case.table.model.structure,
@@ -127,7 +160,22 @@ class Comparison:
 
 
 def compare_run(plant: Plant, run: Run, *, progress: Callable[[float], None] = lambda share: None) -> RunComparison:
-    """Simulate one recording with a plant and measure the misfit of every compared channel."""
+    """Simulate one recording and measure every channel's residual.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    run : Run
+        Recording with mapped channels.
+    progress : callable
+        Called with the share of the run done.
+
+    Returns
+    -------
+    RunComparison
+        Simulation and residuals.
+    """
     simulation = simulate(plant, run, progress=progress)
     channels = [c.channel for c in run.compared]
     constant = tuple(name for name in channels if np.ptp(run.measured[name]) == 0.0)
@@ -145,21 +193,26 @@ def compare_case(
     roles: Sequence[str] = ("fit", "holdout"),
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> Comparison:
-    """Simulate a case's recordings with its nominal model and say how far they are apart.
+    """Simulate a case's recordings and measure the residuals.
 
     Parameters
     ----------
     path : path
-        The case's folder or file.
+        Folder or file of the case.
     roles : sequence of str
-        Which recordings to use; those of other roles are not opened.
+        Roles of the recordings to use; recordings of any other role stay closed.
     progress : callable
-        Called with the share done and what is being done.
+        Called with the share done and the present activity.
+
+    Returns
+    -------
+    Comparison
+        Case, comparisons and file findings.
 
     Raises
     ------
     BadCase
-        The case does not fit its model, has no recording in these roles, or its time is in another unit than it says.
+        The case does not fit its model, has no recording in `roles`, or has a wrong time unit.
     """
     case = load_case(path)
     runs = case.runs(roles)

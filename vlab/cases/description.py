@@ -1,4 +1,4 @@
-"""What a ``case.toml`` may say: its tables as frozen dataclasses, read strictly by `vlab.files.toml.Reader`."""
+"""Tables of ``case.toml`` as frozen dataclasses, read strictly by `vlab.files.toml.Reader`."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -28,10 +28,10 @@ UNCERTAIN_KINDS = (
     "place",
     "delay",
 )
-"""Kinds of what may be off in a model; anything more particular is named as type:name:quantity."""
+"""Kinds of uncertain quantities in a model. A particular quantity has a name of the form type:name:quantity."""
 
 HELD_KINDS = ("command", "voltage", "current")
-"""Kinds of input that a converter holds from one sample to the next; the others are sampled from a smooth signal."""
+"""Kinds of input that a converter holds between samples; every other kind is sampled from a smooth signal."""
 Hold = Literal["", "zero", "zero-first", "past", "linear"]
 
 
@@ -44,10 +44,11 @@ OTHER_WORDS = {
     "angular-position": ("angle",),
     "angular-displacement": ("angle",),
 }
-"""Words for kinds of channels that other programs use, and the kind that each may mean; the unit says which."""
+"""Words of other programs for kinds of channels, with candidate kinds; the unit decides."""
 LEAST_SCALE = 1e-30
+"""LEAST_SCALE [1]: smallest scale of a channel."""
 MOST_HZ = 1e9
-"""No laboratory samples faster."""
+"""MOST_HZ [Hz]: largest sample rate, above any laboratory's."""
 
 
 def _same_length(what: str, values: tuple[object, ...], n: int, against: str) -> None:
@@ -61,19 +62,33 @@ def _check_scale(scale: float) -> None:
 
 
 def check_unit(unit: str, si: str) -> None:
-    """Refuse a unit that is unknown or not of the dimension of `si`."""
+    """Refuse an unknown unit or one of another dimension."""
     units.factor(unit, si)
 
 
 def known_kind(word: str, unit: str) -> str:
-    """Return the kind of channel that a word means, itself where it is one: blanks, underscores and others' words count too.
+    """Return the kind of channel that a word means.
+
+    Blanks, underscores and words of other programs are accepted.
+
+    Parameters
+    ----------
+    word : str
+        Kind as written.
+    unit : str
+        Unit of the channel, which resolves ambiguous words.
+
+    Returns
+    -------
+    str
+        Kind of channel.
 
     Raises
     ------
     UnknownName
-        No kind.
+        No such kind.
     BadCase
-        The word may mean several kinds and the unit does not say which.
+        The word has several meanings and the unit leaves them open.
     """
     word = word.strip().lower().replace(" ", "-").replace("_", "-")
     if word in KIND_UNITS:
@@ -88,7 +103,10 @@ def known_kind(word: str, unit: str) -> str:
 
 
 def check_unit_of_kind(unit: str, kind: str, si: str) -> None:
-    """Refuse a unit that is not one of a kind of channel; where it is one of another kind, say of which."""
+    """Refuse a unit that does not fit the channel's kind.
+
+    The message names the kind that the unit fits.
+    """
     try:
         check_unit(unit, si)
     except BadUnit as error:
@@ -100,7 +118,7 @@ def check_unit_of_kind(unit: str, kind: str, si: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectTable:
-    """``[[model.effect]]``: physics of the catalogue that the model has besides what its file says, see `vlab effects`."""
+    """``[[model.effect]]``: an effect added to the model's file, see `vlab effects`."""
 
     name: str
     place: str
@@ -109,18 +127,18 @@ class EffectTable:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelTable:
-    """``[model]``: an MJCF file in the case's folder, or a structure by name or file.
+    """``[model]``: an MJCF file in the case's folder, or a structure.
 
     Parameters
     ----------
     plant, variant : str
-        Of a structure: which of its plants, and which variant.
+        For a structure: name of the plant and of the variant.
     hardware : str
-        Of a structure: a hardware description in the case's folder; the laboratory's own by default.
+        For a structure: hardware description in the case's folder; the laboratory's by default.
     uncertain : mapping
-        Relative standard deviation by kind (`UNCERTAIN_KINDS`) or by name (``geom:arm:mass``); of places [m].
+        Relative standard deviation by kind (`UNCERTAIN_KINDS`) or name (``geom:arm:mass``); in m for positions.
     effect : sequence of EffectTable
-        Physics that is added, in this order.
+        Added effects in order.
     """
 
     mjcf: str = ""
@@ -144,22 +162,23 @@ class ModelTable:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelTable:
-    """``[[recording.channel]]``: what a column of the file is.
+    """``[[recording.channel]]``: meaning of a column of the file.
 
     Parameters
     ----------
     offset : float
-        What the file reads where there is nothing, in its own unit: a laser's standoff, an encoder's zero.
+        Reading at zero, in the channel's own unit: a laser's standoff, an encoder's zero.
     from_rest : bool
-        The file counts from the equilibrium: the model's value there is subtracted before comparing.
+        Whether the column counts from equilibrium. If true, the model's equilibrium value is subtracted before
+        comparison.
     delay_s : float
-        By how much its readings show what was before (negative: after) the stamps of their rows, less than a sample: an instrument's
-        skew. Longer delays are physics.
+        Age of the readings at their row's time stamp [s], less than a sample; negative for readings after the stamp.
+        The value describes an instrument's skew; longer delays are physics.
     hold : str
-        How an input goes on between its samples: ``"linear"`` on a straight line; ``"zero"`` it stands from its sample to the
-        next, and readings of its sample were taken before; ``"zero-first"`` the same, but they were taken after; ``"past"`` it
-        stood from the sample before until its own. Where it is not said, ``"zero"`` for what a converter holds (`HELD_KINDS`),
-        else ``"linear"``; a diagnosis says where recordings contradict that.
+        Input between samples. ``"linear"``: a straight line. ``"zero"``: constant from its sample to the next, with
+        readings taken before the change. ``"zero-first"``: same, with readings taken after the change. ``"past"``:
+        constant from the preceding sample to its own. Default: ``"zero"`` for `HELD_KINDS`, else ``"linear"``; a
+        diagnosis reports a contradiction by the recordings.
     """
 
     column: str
@@ -189,7 +208,18 @@ class ChannelTable:
             check_unit(self.unit, self.unit)
 
     def spec(self, name: str = "") -> ColumnSpec:
-        """Return what the column is, as the reader of files has it."""
+        """Return the column specification for the file reader.
+
+        Parameters
+        ----------
+        name : str
+            Name of the channel.
+
+        Returns
+        -------
+        ColumnSpec
+            Specification.
+        """
         return ColumnSpec(
             column=self.column,
             kind=self.kind,
@@ -208,24 +238,25 @@ class ChannelTable:
 
     @property
     def is_first(self) -> bool:
-        """Whether readings of an input's sample see it already, although it is held."""
+        """Whether readings follow the change of a held input."""
         return self.hold == "zero-first"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerTable:
-    """``[recording.controller]``: the law that was in the loop.
+    """``[recording.controller]``: the control law in the loop.
 
-    Either static rate feedback u = -gains y, or an observer u = -K x, x+ = A x + B u + M (y - C x) with |u| <= limit.
+    The law is static rate feedback u = -gains y, or an observer. The observer is u = -K x, x+ = A x + B u + M (y - C x)
+    with |u| <= limit.
 
     Parameters
     ----------
     gains_unit : str
         Unit of the gains, such as ``"lbf s/in"``.
     sensor_unit, actuator_unit : str
-        Units in which the law takes y and gives u; the model's own by default.
+        Units of y and u in the law; the model's own by default.
     sensor_scale, actuator_scale : float
-        Model unit per unit of the law, where it is not a unit conversion; they take the place of the units.
+        Model unit per unit of the law, in place of the units.
     """
 
     sensors: tuple[str, ...]
@@ -268,17 +299,17 @@ class ControllerTable:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingTable:
-    """``[[recording]]``: a file, what it is for and what its columns are.
+    """``[[recording]]``: a file, its role and its columns.
 
     Parameters
     ----------
     rate_hz, time : float, str
-        The sample rate, or the name of the time column.
+        Sample rate [Hz], or name of the time column.
     start_s, stop_s : float
-        The part of the file that is compared, start <= t < stop; what stands before it warms up a law's memory.
+        Compared part of the file [s], start <= t < stop. Samples before the part initialise a law's memory.
     initial : str
-        How the model starts: ``"rest"``, ``"estimated"`` from the first samples, or ``"auto"``: estimated unless the
-        recording begins at rest.
+        Initial state: ``"rest"``, ``"estimated"`` from the first samples, or ``"auto"``: estimated unless the recording
+        begins at rest.
     """
 
     file: str
@@ -310,7 +341,20 @@ class RecordingTable:
                 raise BadCase(f"two channels are called {name!r}; give one of them another name")
 
     def shares_samples_with(self, other: "RecordingTable") -> bool:
-        """Return whether another recording has samples of the same columns of the same file."""
+        """Return whether another recording shares samples of the file.
+
+        Shared samples belong to the same columns of the same file.
+
+        Parameters
+        ----------
+        other : RecordingTable
+            Recording to compare with.
+
+        Returns
+        -------
+        bool
+            Whether the time ranges overlap.
+        """
         if self.file != other.file or not {c.column for c in self.channel} & {c.column for c in other.channel}:
             return False
         starts = [-np.inf if r.start_s is None else r.start_s for r in (self, other)]
@@ -319,25 +363,28 @@ class RecordingTable:
 
     @property
     def channel_names(self) -> list[str]:
-        """The channels' names in the recording: as given, or the place, with the kind where a place repeats."""
+        """Channel names in the recording.
+
+        The default name is the place, with the kind if the place repeats.
+        """
         places = [channel.at for channel in self.channel]
         return [c.name or (c.at if places.count(c.at) == 1 else f"{c.kind}:{c.at}") for c in self.channel]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrfChannelTable:
-    """``[[frf.channel]]``: a column with the response at one output.
+    """``[[frf.channel]]``: a column with one output's response.
 
     Parameters
     ----------
     imaginary : str
-        The column of the imaginary part, where `column` is the real one.
+        Column of the imaginary part, with `column` the real part.
     phase, phase_unit : str
-        The column of the phase and its unit, where `column` is the magnitude, also in dB.
+        Column of the phase and its unit, with `column` the magnitude (also in dB).
     coherence, variance : str
-        Columns with the coherence, or with the variance of the response in the square of its unit, where there are any.
+        Column of the coherence, or of the response's variance in the square of its unit, if any.
     scale : float
-        What the response is multiplied by; -1 where its sign is turned.
+        Factor on the response; -1 for a reversed sign.
     """
 
     column: str
@@ -360,26 +407,26 @@ class FrfChannelTable:
 
 @dataclass(frozen=True, kw_only=True)
 class FrfTable:
-    """``[[frf]]``: measured frequency responses of some outputs to one input.
+    """``[[frf]]``: measured frequency responses to one input.
 
     Parameters
     ----------
     form_db : bool
-        The columns hold 20 log10 of the magnitude.
+        Whether columns hold 20 log10 of the magnitude.
     frequency : str
         Name of the frequency column.
     unit : str
         Unit of the response; the SI unit of the form by default.
     level : float
-        How large the excitation was (rms of the input, in a unit that all responses of the case share), where it is known.
+        Excitation level (rms of the input, in a unit common to all responses of the case), if known.
     averages : float
-        Averages behind a coherence.
+        Number of averages of the coherence.
     scale : float
-        What all responses of the file are multiplied by; -1 where their sign is turned.
+        Factor on all responses of the file; -1 for a reversed sign.
     conjugate : bool
-        The file counts phases the other way: exp(-i omega t) where exp(i omega t) is meant.
+        Whether the file uses exp(-i omega t) in place of exp(i omega t).
     low_hz, high_hz : float
-        Lines outside are left out: those that the excitation does not reach, or of modes that the model does not have.
+        Used frequency range [Hz]. Lines outside are beyond the excitation or belong to modes outside the model.
     """
 
     file: str
@@ -423,7 +470,7 @@ class FrfTable:
 
 @dataclass(frozen=True, kw_only=True)
 class ModalTable:
-    """``[[modal]]``: measured natural frequencies, damping ratios and shapes.
+    """``[[modal]]``: measured frequencies, damping ratios and shapes.
 
     Parameters
     ----------
@@ -459,7 +506,7 @@ class ModalTable:
 
 @dataclass(frozen=True, kw_only=True)
 class CaseTable:
-    """The whole file."""
+    """Contents of a case file."""
 
     title: str = ""
     model: ModelTable

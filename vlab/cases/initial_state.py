@@ -1,13 +1,17 @@
-"""The state that a recording starts from: at rest, or estimated from its first samples.
+"""Initial state of a recording: at rest, or estimated from its first samples.
 
-The linearised model says how every mode's initial displacement and velocity shows in the compared channels, so they follow
-by least squares from the first two periods of the slowest mode; how many modes are worth estimating is chosen by the
-Bayesian information criterion. The estimate is then refined on the model itself (Gauss-Newton), which takes up large
-motion. The window is short on purpose: an error of frequency turns the phase by little within it.
+The linearised model gives the response of the compared channels to every mode's initial displacement and velocity.
+Linear least squares over the first two periods of the slowest mode gives both. The Bayesian information criterion [1]_
+chooses the number of modes. Gauss-Newton iterations on the model itself then account for large motion. The window is
+short, so a frequency error changes the phase little.
 
-Motion so large that the linearised model leads nowhere is started locally: measured joints from a polynomial through their
-first samples, joints that a position servo moves from its commands, the others as the linear estimate has them, refined on a
-window that grows from a few samples.
+For large motion the linearised model fails and a local start replaces the estimate. Measured joints start from a
+polynomial through their first samples, and servo-driven joints from their commands. All remaining joints keep the
+linear estimate. Refinement then uses a window that grows from a few samples.
+
+References
+----------
+.. [1] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461-464.
 """
 
 import copy
@@ -24,51 +28,60 @@ from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array, Channel, Recording
 
 PERIODS = 2.0
-"""Periods of the slowest oscillation in the window of the estimate."""
+"""PERIODS [1]: periods of the slowest oscillation in the estimate's window."""
 LEAST_SAMPLES, MOST_SAMPLES = 20, 2000
+"""LEAST_SAMPLES [samples]: shortest window of the estimate.
+MOST_SAMPLES [samples]: longest window."""
 MOST_MODES = 8
+"""MOST_MODES [1]: largest number of estimated modes."""
 AT_REST, STILL = 0.02, 5
-"""A driven recording starts at rest where its first sample is within this share of its largest deflection; of accelerations
-alone, where so many samples are."""
+"""AT_REST [1]: largest first deflection, as a share of the largest, at which a driven recording starts at rest.
+STILL [samples]: number of such samples required of accelerations alone."""
 AT_UNSTABLE_REST = 1e-3
-"""The same where the rest is unstable: all that follows grows out of how it begins."""
+"""AT_UNSTABLE_REST [1]: `AT_REST` for an unstable equilibrium, from which small initial errors grow."""
 REFINEMENTS = 4
+"""REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
 WORTH, ENOUGH = 1.1, 0.02
-"""The estimate is refined on the model where it leaves this much more there than on the linearisation, which says that
-the motion is large, or more than this share of the recording."""
+"""WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
+larger ratio means large motion.
+ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which the estimate is refined."""
 STAGES = (0.06, 0.25, 1.0)
-"""Shares of the window on which a local start is refined, one after the other."""
+"""STAGES [1]: successive window lengths of a local start, as shares of the window."""
 LOCAL, HOPELESS = 0.05, 0.2
-"""Where more than the first share is left, of joints that are all measured, or the second, of others, a local start is tried;
-a linear estimate that leaves more than the second is no start for a refinement at all."""
+"""LOCAL [1]: rms residual, relative to the recording's deviation from rest, above which a local start is tried if all
+joints are measured.
+HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""
 LEAST_STAGE = 8
-"""Samples of the first of them."""
+"""LEAST_STAGE [samples]: shortest window of a local start."""
 MOST_LOCAL, PER_CHANNEL = 12, 3
-"""Degrees of freedom that a local start can have, in all and for every channel: few sensors say little of many joints, and
-what a model lacks would go into the start."""
+"""MOST_LOCAL [1]: largest number of degrees of freedom of a local start.
+PER_CHANNEL [1]: largest number per channel. Few sensors identify few joints, and more freedom would absorb the
+model's error."""
 STIFF = 3e-3
-"""Weight that a local start is held by to where the stage before left it, beside samples of the largest deflection: the speed of a
-joint on a stiff servo is gone before a sample shows it, and would be fitted to noise."""
+"""STIFF [1]: weight that ties a local start to the preceding stage, relative to samples of the largest deflection. The
+speed of a joint on a stiff servo decays before the first sample and would fit noise."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
+"""Kinds of channels that respond to acceleration."""
 _ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+"""Joint types with one degree of freedom."""
 _STEP = 1e-6
-"""Step of the central differences of the sensors [largest joint motion, m or rad]."""
+"""_STEP [largest joint motion, m or rad]: step of the central differences of the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialState:
-    """The true state at a recording's first sample.
+    """State at a recording's first sample.
 
     Parameters
     ----------
     how : str
         ``"rest"`` or ``"estimated"``.
     modes_hz : tuple of float
-        Natural frequencies of the modes that were estimated.
+        Natural frequencies of the estimated modes [Hz].
     window_s : float
-        Length of the part that the estimate is from.
+        Length of the estimate's window [s].
     nrmse : float
-        What is left over on that part, beside the deviation of the recording from rest there.
+        Residual in the window over the recording's deviation from rest.
     """
 
     qpos: Array
@@ -79,7 +92,10 @@ class InitialState:
     nrmse: float = 0.0
 
     def to_json(self) -> dict[str, object]:
-        """Return plain values for a JSON document; the state is in the model's own coordinates."""
+        """Return plain values for a JSON document.
+
+        The state is in the model's own coordinates.
+        """
         return {
             "how": self.how,
             "modes_hz": list(self.modes_hz),
@@ -92,21 +108,24 @@ class InitialState:
 
 @dataclass(eq=False)
 class _Problem:
-    """The least squares problem of one run's window."""
+    """Least-squares problem of one run's window."""
 
     bench: Bench
     clock: Clock
-    run: Run  # the window, without a law
-    measured: Array  # (samples, channels), from the model's rest
+    run: Run  # window without a law
+    measured: Array  # (samples, channels), relative to the model's rest
     weight: Array  # (channels,)
     shapes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     scale: Array = field(default_factory=lambda: np.zeros(0))
-    origin: State | None = None  # what the coordinates count from; rest without it
-    held: float = 0.0  # weight of the coordinates beside the samples
+    origin: State | None = None  # origin of the coordinates; rest if None
+    held: float = 0.0  # weight of the coordinates relative to the samples
     servoed: dict[int, tuple[str, float]] = field(default_factory=dict)  # see `_servoed`
 
     def state(self, x: Array) -> State:
-        """Return the state of scaled modal coordinates, displacements before velocities."""
+        """Return the state of scaled modal coordinates.
+
+        Displacements precede velocities.
+        """
         m = self.shapes.shape[1]
         origin = self.bench.rest if self.origin is None else self.origin
         qpos = origin.qpos.copy()
@@ -115,13 +134,22 @@ class _Problem:
 
 
 def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> InitialState:
-    """Find the state at the first sample of a run.
+    """Estimate the state at the first sample of a run.
 
     Parameters
     ----------
+    plant : Plant
+        Nominal plant.
+    run : Run
+        Recording with mapped channels.
     law : Law or None
-        The run's law with its memory at the start. Its commands over the window are those recorded, or else what it
-        gives to the recorded sensors.
+        The run's law with its initial memory. Commands over the window are the recorded ones, or else the law's
+        response to the recorded sensors.
+
+    Returns
+    -------
+    InitialState
+        State and details of the estimate.
 
     Raises
     ------
@@ -181,7 +209,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         nearby, remains = _from_nearby(problem, local, offset)
         if remains < lost:
             state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)
-        elif is_measured and not np.isfinite(lost):  # where the model runs away, what was measured stands
+        elif is_measured and not np.isfinite(lost):  # if the model diverges, the measured joints remain the best start
             state, chosen = local, np.zeros(0, dtype=int)
     span = float(window.measured.time[-1] - window.measured.time[0])
     return InitialState(
@@ -200,12 +228,17 @@ def begins_at_rest(deviation: Array, slow: Array, plant: Plant) -> bool:
     Parameters
     ----------
     deviation : (n, n_channels) array
-        From rest.
+        Deviation from rest.
     slow : (n_channels,) array of bool
-        Channels that stand still while the thing does; accelerations do so under a steady force as well, so where there is
-        nothing else, several samples must be still.
+        Channels that are zero only at rest. Accelerations are zero under a steady force too, so several samples must be
+        zero without other channels.
     plant : Plant
-        Whose rest it is.
+        Plant with the equilibrium.
+
+    Returns
+    -------
+    bool
+        True at rest.
     """
     largest = np.abs(deviation).max(axis=0, initial=0.0)
     first, share = (deviation[:1, slow], largest[slow]) if np.any(slow) else (deviation[:STILL], largest)
@@ -223,7 +256,22 @@ def _is_unstable(plant: Plant) -> bool:
 
 
 def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
-    """Return (degree of freedom, order) of a channel that reads a hinge's or slide's position (0) or velocity (1)."""
+    """Return the degree of freedom and order of a joint channel.
+
+    The order is 0 for position and 1 for velocity of a hinge or slide.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    channel : Compared
+        Compared channel.
+
+    Returns
+    -------
+    tuple of (int, int) or None
+        None for any other channel.
+    """
     model = plant.model
     if channel.sensor is None:
         kind, _, name = channel.port.partition(":")
@@ -239,7 +287,10 @@ def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
 
 
 def _lost(problem: _Problem, x: Array, offset: Array) -> float:
-    """Return the sum of squares that an estimate leaves on the model; infinite where the model runs away."""
+    """Return the sum of squared residuals on the model.
+
+    The result is infinite if the model diverges.
+    """
     try:
         left = _residual(problem, x, offset)
     except Diverged:
@@ -248,7 +299,10 @@ def _lost(problem: _Problem, x: Array, offset: Array) -> float:
 
 
 def _clock(timestep: float, run: Run) -> Clock:
-    """Return the clock of a window; where samples are uneven it reads at their mean rate and splines go between."""
+    """Return the clock of a window.
+
+    For uneven samples the clock runs at the mean rate and splines interpolate.
+    """
     clock = plan_clock(timestep, run)
     if run.measured.is_uniform or run.law is not None:
         return clock
@@ -258,8 +312,11 @@ def _clock(timestep: float, run: Run) -> Clock:
 
 
 def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
-    """Return the degrees of freedom that a recorded command moves by a position servo and no channel shows, by the command's channel and
-    the motion for a unit of it: they are where they are told to be."""
+    """Return servo-driven, unmeasured degrees of freedom.
+
+    A position servo with a recorded command holds each of them at the command. The result gives the command's channel
+    and the motion per unit command.
+    """
     model = plant.model
     out: dict[int, tuple[str, float]] = {}
     shown = {found[0] for c in run.compared if (found := joint_of(plant, c))}
@@ -277,7 +334,7 @@ def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
 
 
 def _stage(problem: _Problem, share: float) -> _Problem:
-    """Return the problem of the first part of a window."""
+    """Return the problem on the first part of a window."""
     whole = problem.run.measured
     count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
     part = replace(whole, time=whole.time[:count], data=whole.data[:count])
@@ -302,7 +359,10 @@ def _stage(problem: _Problem, share: float) -> _Problem:
 
 
 def _local_start(problem: _Problem, state: State) -> State:
-    """Return a state with the measured joints as a cubic through their first samples has them, and those of servos as their commands."""
+    """Return a state with joints from samples and commands.
+
+    A cubic through the first samples gives the measured joints; commands give the servo-driven joints.
+    """
     first = _stage(problem, STAGES[0]).run.measured
     time = first.time - first.time[0]
     qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
@@ -326,7 +386,13 @@ def _local_start(problem: _Problem, state: State) -> State:
 
 
 def _from_nearby(problem: _Problem, state: State, offset: Array) -> tuple[State, float]:
-    """Refine a state on a window that grows from a few samples; return it and the sum of squares that it leaves."""
+    """Refine a state on a growing window.
+
+    Returns
+    -------
+    tuple of (State, float)
+        State and its sum of squared residuals.
+    """
     left = np.array([np.inf])
     for share in STAGES:
         stage = replace(_stage(problem, share), origin=state)
@@ -341,16 +407,16 @@ def _from_nearby(problem: _Problem, state: State, offset: Array) -> tuple[State,
 
 
 def _window(run: Run, freq: Array) -> int:
-    """Return how many samples the estimate is from."""
+    """Return the number of samples in the window."""
     time = run.measured.time - run.measured.time[0]
-    slow = freq[freq > 0.5 / time[-1]]  # what turns at least half a time in the recording
+    slow = freq[freq > 0.5 / time[-1]]  # modes with at least half a period in the recording
     span = PERIODS / slow[0] if slow.size else time[-1] / 10 if freq.size == 0 else 0.0
     count = int(np.searchsorted(time, span, side="right"))
     return min(max(count, LEAST_SAMPLES), MOST_SAMPLES, len(run.measured))
 
 
 def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
-    """Return the first samples of a run with its law's commands as recorded inputs."""
+    """Return a run's window with commands as recorded inputs."""
     part = replace(run.measured, time=run.measured.time[:samples], data=run.measured.data[:samples])
     if law is None:
         return replace(run, measured=part, law=None)
@@ -362,7 +428,7 @@ def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
     channels = tuple(Channel(name=name, kind="command", unit="", is_input=True) for name in names)
     both = Recording(time=part.time, data=np.column_stack([part.data, commands]), channels=(*part.channels, *channels))
     at_rate = run.hardware is not None and part.is_uniform and abs(part.rate / law.rate_hz - 1) < 1e-6
-    is_held = not part.is_uniform or law.rate_hz < 1.5 * part.rate  # of a faster law's staircase only samples are known
+    is_held = not part.is_uniform or law.rate_hz < 1.5 * part.rate  # a faster law's staircase is known at samples only
     drives = tuple(
         Drive(channel=n, actuator=i, through_chain=at_rate, is_held=is_held)
         for n, i in zip(names, law.actuators, strict=True)
@@ -371,7 +437,24 @@ def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
 
 
 def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Array:
-    """Return what a copy of the law gives to the recorded sensors; zero where they were not all recorded."""
+    """Return a law's response to the recorded sensors.
+
+    Parameters
+    ----------
+    run : Run
+        Recording with mapped channels.
+    law : Law
+        The run's law.
+    part : Recording
+        Window of the recording.
+    bench : Bench
+        Plant prepared for replay.
+
+    Returns
+    -------
+    array
+        Commands (n, n_actuators); zero if a sensor was not recorded.
+    """
     commands = np.zeros((len(part), len(law.actuators)))
     channels = compared_with_sensors(run, law.sensors)
     if channels is None:
@@ -391,9 +474,9 @@ def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Arra
 
 
 def _linear_estimate(problem: _Problem, linear: SecondOrderModel) -> tuple[Array, Array, float]:
-    """Return scaled modal coordinates, which modes they are, and the sum of squares that they leave.
+    """Return scaled modal coordinates, mode indices and sum of squares.
 
-    The number of modes is chosen by the information criterion.
+    The information criterion chooses the number of modes.
     """
     omega, all_shapes = linear.eigen
     time = problem.run.measured.time
@@ -415,7 +498,7 @@ def _linear_estimate(problem: _Problem, linear: SecondOrderModel) -> tuple[Array
         matrix *= np.tile(problem.weight, len(time))[:, None]
         x = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
         left = target - matrix @ x
-        floor = 1e-20 * float(target @ target) + 1e-300  # rounding: below it a better fit means nothing
+        floor = 1e-20 * float(target @ target) + 1e-300  # rounding level: a better fit has no meaning
         score = target.size * np.log(float(left @ left) + floor) + 2 * m * np.log(target.size)
         if best is None or score < best[0]:
             best = (float(score), x, m, float(left @ left))
@@ -428,7 +511,10 @@ def _linear_estimate(problem: _Problem, linear: SecondOrderModel) -> tuple[Array
 
 
 def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tuple[Array, Array]:
-    """Return the channels' responses to the scaled modal coordinates, (samples * channels, 2 m), and to the inputs."""
+    """Return channel responses to modal coordinates and inputs.
+
+    The first has shape (samples * channels, 2 m).
+    """
     shapes, scale, m, window = problem.shapes, problem.scale, len(omega), problem.run
     damping = shapes.T @ linear.C @ shapes
     A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.diag(np.sign(omega) * omega**2), -damping]])
@@ -455,9 +541,25 @@ def _responses(problem: _Problem, omega: Array, linear: SecondOrderModel) -> tup
 
 
 def exponentials(matrices: Array) -> Array:
-    """Return the exponentials of many small matrices: Taylor's series after scaling, then squaring.
+    """Return the exponentials of many small matrices.
 
-    To rounding: with a norm of 1/4 the first term left out is 1/4^13/13! = 2e-18. (scipy takes 7 ms a small matrix here.)
+    Scaling and squaring with a Taylor series [1]_. With a norm of 1/4 the first omitted term is 1/4^13/13! = 2e-18,
+    below rounding. scipy takes 7 ms a small matrix here.
+
+    Parameters
+    ----------
+    matrices : array
+        Square matrices, (k, n, n).
+
+    Returns
+    -------
+    array
+        exp of each, (k, n, n).
+
+    References
+    ----------
+    .. [1] C. Moler and C. Van Loan, Nineteen dubious ways to compute the exponential of a matrix, twenty-five years
+           later, SIAM Review 45 (2003) 3-49, method 3.
     """
     norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / 0.25))))
@@ -473,7 +575,10 @@ def exponentials(matrices: Array) -> Array:
 
 
 def _output_matrix(problem: _Problem) -> Array:
-    """Return the channels per modal displacement and velocity, by central differences."""
+    """Return the channels per modal displacement and velocity.
+
+    Central differences of the sensors give the derivatives.
+    """
     bench, m = problem.bench, problem.shapes.shape[1]
     columns = []
     for i in range(2 * m):
@@ -500,9 +605,12 @@ def _values(
 
 
 def _input_matrices(problem: _Problem) -> tuple[Array, Array]:
-    """Return the generalised forces (nv, inputs) and the direct effect on the channels (channels, inputs) of the drives."""
+    """Return the drives' generalised forces and direct feedthrough.
+
+    Shapes: (nv, inputs) and (channels, inputs).
+    """
     window = problem.run
-    plant = without_limits(problem.bench.plant)  # a unit command may be far outside of them
+    plant = without_limits(problem.bench.plant)  # a unit command may exceed the limits
     bench = bench_for(plant, window)
     data = plant.new_data()
     base = data.qfrc_actuator.copy()
@@ -526,7 +634,7 @@ def _input_matrices(problem: _Problem) -> tuple[Array, Array]:
 
 
 def _residual(problem: _Problem, x: Array, offset: Array) -> Array:
-    """Return the weighted difference between the window and the model's own response."""
+    """Return the weighted residual of the window on the model."""
     run, clock = problem.run, problem.clock
     replayed = play(problem.bench, run, clock, problem.state(x), None)
     time = run.measured.time - run.measured.time[0]
@@ -535,7 +643,10 @@ def _residual(problem: _Problem, x: Array, offset: Array) -> Array:
 
 
 def _refine(problem: _Problem, x: Array, left: Array, offset: Array) -> tuple[Array, Array]:
-    """Improve the linear estimate on the model itself (Gauss-Newton); keep it where that does not help."""
+    """Improve the linear estimate by Gauss-Newton iterations.
+
+    A failed iteration keeps the preceding estimate.
+    """
     try:
         for _ in range(REFINEMENTS):
             step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
@@ -552,5 +663,5 @@ def _refine(problem: _Problem, x: Array, left: Array, offset: Array) -> tuple[Ar
             if gained < 1e-3:
                 break
     except Diverged:
-        pass  # a step too far; what was found before it stands
+        pass  # the step was too long; the preceding estimate stands
     return x, left

@@ -1,4 +1,4 @@
-"""How far a simulation is from a recording: per channel, over time and over frequency."""
+"""Residual of a simulation per channel, in time and frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,39 +11,39 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, Recording
 
 WINDOWS = 20
-"""Moving windows over a recording by default; they overlap by half."""
+"""WINDOWS [1]: default number of moving windows over a recording, overlapping by half."""
 BANDS = 12
-"""Frequency bands by default, of equal width in log frequency."""
+"""BANDS [1]: default number of frequency bands, of equal width in log frequency."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
-    """The misfit of one channel.
+    """Residual of one channel.
 
     Parameters
     ----------
     channel, unit : str
-        The channel and the SI unit of its numbers.
+        Channel and its SI unit.
     nrmse : float
-        Rms of the error over the rms of the recording about its mean.
+        Rms error over the recording's rms about its mean.
     vaf : float
-        Variance accounted for, 1 - var(error)/var(recording); a constant error does not lower it.
+        Variance accounted for, 1 - var(error)/var(recording); a constant error has no influence.
     mean_error, rms_error : float
-        Of simulation minus recording [unit].
+        Mean and rms of simulation minus recording [unit].
     rms_ratio : float
-        Rms of the recording over that of the simulation, both about their means; infinite where the simulation stands still.
+        Rms of the recording over rms of the simulation, both about their means; infinite for a constant simulation.
     correlation : float
-        Of recording and simulation, from -1 to 1; 0 where the simulation stands still.
+        Correlation of recording and simulation, from -1 to 1; 0 for a constant simulation.
     window_time_s, window_nrmse : array
-        Middles of moving windows, and the rms of the error there over the rms of the whole recording about its mean.
+        Centres of moving windows [s], and rms error there over the whole recording's rms about its mean.
     window_rms : array
         Rms of the recording about its mean in the windows [unit].
     band_edges_hz : (n + 1,) array
-        Edges of the frequency bands, the first one the resolution of the spectrum.
+        Band edges [Hz]; the first is the resolution of the spectrum.
     band_share : (n,) array
-        Share of the error's power about its mean in each band; they sum to one.
+        Share of the error's power about its mean in each band, with sum 1.
     band_nrmse : (n,) array
-        Root of the error's over the recording's power in each band.
+        Root of the ratio of error power to recorded power in each band.
     """
 
     channel: str
@@ -99,19 +99,28 @@ def misfit(
     windows: int = WINDOWS,
     band_edges_hz: Sequence[float] | None = None,
 ) -> Misfit:
-    """Compare one channel of a simulation with the recording.
+    """Compare one simulated channel with the recording.
 
     Parameters
     ----------
+    measured, simulated : Recording
+        Recordings with the same time stamps.
+    channel : str
+        Name of the channel.
     windows : int
-        How many moving windows lie over the recording, overlapping by half.
+        Number of moving windows, overlapping by half.
     band_edges_hz : sequence of float, optional
-        Edges of the frequency bands; `BANDS` even steps in log frequency up to half the sample rate by default.
+        Band edges [Hz]; by default `BANDS` even steps in log frequency up to half the sample rate.
+
+    Returns
+    -------
+    Misfit
+        Residual measures.
 
     Raises
     ------
     BadRecording
-        The time stamps differ, or the recorded channel is constant: there is nothing to measure the error by.
+        The time stamps differ, or the recorded channel is constant.
     """
     if not np.array_equal(measured.time, simulated.time):
         raise BadRecording(f"channel {channel!r}: recording and simulation have different time stamps")
@@ -147,7 +156,7 @@ def _rms(values: Array) -> float:
 
 
 def _windows(time: Array, count: int) -> tuple[Array, list[slice]]:
-    """Return middles and index ranges of windows that overlap by half."""
+    """Return centres and index ranges of half-overlapping windows."""
     half = (time[-1] - time[0]) / (count + 1)
     middles = time[0] + half * np.arange(1, count + 1)
     first = np.searchsorted(time, middles - half)
@@ -156,11 +165,14 @@ def _windows(time: Array, count: int) -> tuple[Array, list[slice]]:
 
 
 def _bands(time: Array, error: Array, y: Array, edges: Sequence[float] | None) -> tuple[Array, Array, Array]:
-    """Return the bands' edges and the power of error and recording in them (Welch, Hann, eight segments)."""
+    """Return band edges and the power of error and recording.
+
+    Welch's method with a Hann window and eight segments.
+    """
     rate = (time.size - 1) / (time[-1] - time[0])
     grid = time[0] + np.arange(time.size) / rate
     even = [v if np.allclose(grid, time, rtol=0, atol=1e-4 / rate) else np.interp(grid, time, v) for v in (error, y)]
-    segment = max(min(time.size, 16), 2 * time.size // 9)  # eight segments that overlap by half
+    segment = max(min(time.size, 16), 2 * time.size // 9)  # eight segments with half overlap
     powers = []
     for values in even:
         freq, density = signal.welch(values - values.mean(), rate, nperseg=segment, detrend=False)
@@ -172,6 +184,6 @@ def _bands(time: Array, error: Array, y: Array, edges: Sequence[float] | None) -
         if bounds.size < 2 or not np.all(np.diff(bounds) > 0) or bounds[0] < 0:
             raise BadRecording(f"the band edges {list(edges)} do not increase from zero or above")
     at = np.searchsorted(bounds, freq, side="right") - 1
-    at = np.clip(at, 0, bounds.size - 2)  # what lies beyond the outer edges belongs to the outer bands
+    at = np.clip(at, 0, bounds.size - 2)  # power beyond the outer edges counts in the outer bands
     sums = [np.bincount(at, weights=p, minlength=bounds.size - 1) for p in powers]
     return bounds, sums[0], sums[1]

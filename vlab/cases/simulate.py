@@ -1,4 +1,4 @@
-"""Simulating a recording: the model driven as the thing was, sampled at the same time stamps."""
+"""Simulation of a recording under its inputs and time stamps."""
 
 import copy
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from vlab.signals import Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulation:
-    """What the model does where a recording was made.
+    """Response of the model to a recording's inputs.
 
     Parameters
     ----------
     recording : Recording
-        The recording's channels and time stamps: inputs as recorded, the compared channels from the model.
+        Channels and time stamps of the recording: inputs as recorded, compared channels from the model.
     initial : InitialState
-        How the model started.
+        Initial state of the model.
     timestep_s : float
-        Integration step.
+        Integration step [s].
     notes : tuple of str
-        What a reader should know of how it was simulated.
+        Remarks on the simulation.
     """
 
     recording: Recording
@@ -45,23 +45,31 @@ def simulate(
 ) -> Simulation:
     """Simulate a recording.
 
-    The inputs act as they were recorded; where a law was in the loop, it acts on the simulated sensors at its own rate and
-    the inputs are added to it. Irregular time stamps are kept: the response is computed at every integration step and
-    interpolated (cubic splines) at the recording's times.
+    The inputs act as recorded. A law in the loop acts on the simulated sensors at its own rate, and the recorded inputs
+    add to its commands. For irregular time stamps, cubic splines interpolate the response of every integration step.
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its effects.
+    run : Run
+        Recording with mapped channels.
     initial : InitialState, optional
-        Where the model starts; found from the recording by default, see `find_initial_state`.
+        Initial state; estimated by `find_initial_state` by default.
     progress : callable
-        Called with the share of the run that is done.
+        Called with the share of the run done.
+
+    Returns
+    -------
+    Simulation
+        Simulated recording and notes.
 
     Raises
     ------
     Diverged
-        The run left the finite world or MuJoCo reset it.
+        The run became nonfinite or MuJoCo reset the state.
     BadCase
-        An initial state cannot be found, or the run is too long.
+        No initial state can be found, or the run is too long.
     """
     clock = plan_clock(plant.timestep, run)
     notes = []
@@ -87,7 +95,22 @@ def simulate(
 
 
 def warmed_up(law: Law, run: Run, bench: Bench) -> tuple[Law, str]:
-    """Return a law of its own whose memory is what the samples before the recording's part leave in it, and in words."""
+    """Return a law with memory from the preceding samples.
+
+    Parameters
+    ----------
+    law : Law
+        The run's law.
+    run : Run
+        Recording with mapped channels.
+    bench : Bench
+        Plant prepared for replay.
+
+    Returns
+    -------
+    tuple of (Law, str)
+        A copy of the law, and a note for the report.
+    """
     law = replace(law, controller=copy.deepcopy(law.controller))
     law.controller.reset()
     channels = compared_with_sensors(run, law.sensors)

@@ -1,4 +1,4 @@
-"""Columns of a recording brought to the stamps of their rows: inputs that stood before them, readings that are skewed."""
+"""Correction of time stamps: inputs of the past and skewed readings."""
 
 from dataclasses import replace
 
@@ -9,18 +9,31 @@ from vlab.errors import BadCase
 from vlab.signals import Array, Recording
 
 TAPS = 16
-"""Samples on both sides that a value between two samples is made of."""
+"""TAPS [samples]: samples on each side of an interpolated value."""
 BETA = 6.0
-"""Kaiser's window of the ideal interpolator: flat within 0.1 % up to nine tenths of half the sample rate."""
+"""BETA [1]: shape of the interpolator's Kaiser window; the response is flat within 0.1 % up to 0.9 of half the sample
+rate."""
 
 
 def in_time(whole: Recording, table: RecordingTable) -> Recording:
-    """Return a recording whose inputs stand from their samples on and whose readings show what is at their stamps.
+    """Return a recording with inputs and readings at their time stamps.
+
+    Parameters
+    ----------
+    whole : Recording
+        Recording as read.
+    table : RecordingTable
+        Description of the recording.
+
+    Returns
+    -------
+    Recording
+        Recording with zero skew; inputs hold from their sample onwards.
 
     Raises
     ------
     BadCase
-        A skew of a sample or more, or of rows without even stamps.
+        A skew of a sample or more, or of rows with uneven time stamps.
     """
     columns = dict(zip(table.channel_names, table.channel, strict=True))
     past = [name for name, c in columns.items() if c.input and c.hold == "past"]
@@ -47,7 +60,22 @@ def in_time(whole: Recording, table: RecordingTable) -> Recording:
 
 
 def between_samples(column: Array, later: float) -> Array:
-    """Return a column (n,) read so many samples later, less than one: a windowed ideal interpolator, ends reflected at their values."""
+    """Return a column shifted by part of a sample.
+
+    A windowed ideal interpolator with ends reflected about their values.
+
+    Parameters
+    ----------
+    column : array
+        Signal, (n,).
+    later : float
+        Shift [samples], less than one.
+
+    Returns
+    -------
+    array
+        Shifted signal, (n,).
+    """
     n = min(TAPS, len(column) - 1)
     padded = np.concatenate([2.0 * column[0] - column[n:0:-1], column, 2.0 * column[-1] - column[-2 : -n - 2 : -1]])
     at = np.arange(-n, n + 1) - later

@@ -1,1 +1,1 @@
-"""Design of control laws on models of a structure: weights, Riccati equations, closed loops and their performance."""
+"""Design of control laws: weights, Riccati equations, performance."""

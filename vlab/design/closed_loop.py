@@ -1,10 +1,10 @@
-"""The structure with direct rate feedback closed around it: exact poles, which mode each belongs to, and gradients.
+"""Closed loop of direct rate feedback: poles, mode tracking, gradients.
 
-The open loop's modes eta carry the equations: eta'' + (C + Psi D Psi^T) eta' + Omega^2 eta = 0, q = Phi eta, with Psi the
-modes at the coils. With the state z = [eta', Omega eta] the system matrix A obeys A^T = S A S, S = diag(I, -I), so the left
-eigenvector of a right one v is S v, and every derivative with respect to the gains follows from v alone.
+The open loop's modes eta carry the equations: eta'' + (C + Psi D Psi^T) eta' + Omega^2 eta = 0, q = Phi eta, with the
+modes Psi at the coils. With the state z = [eta', Omega eta] the system matrix satisfies A^T = S A S, S = diag(I, -I).
+The left eigenvector of a right eigenvector v is therefore S v, and v alone gives every derivative by the gains.
 
-All functions take one gain matrix or a stack of them; a stack costs one call of LAPACK a matrix and no Python loop.
+All functions take one gain matrix or a stack of them. A stack costs one LAPACK call a matrix and no Python loop.
 """
 
 from collections.abc import Sequence
@@ -19,28 +19,31 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 TRUSTED = 0.25
-"""A pole is taken for the continuation of a mode where it lies this much closer to the predicted place than to any other."""
+"""TRUSTED [1]: largest distance of a pole from its prediction, relative to the distance to any other pole, of a clear
+match."""
 HALVINGS = 12
-"""Most halvings of a step of the continuation; modes that meet more closely than that have no identity to follow."""
+"""HALVINGS [1]: largest number of halvings of a continuation step. Closer modes cannot be distinguished."""
 REAL = 1e-9
-"""Below this share of |s| an imaginary part is rounding: the pole is overdamped."""
+"""REAL [1]: imaginary part relative to |s| below which a pole is overdamped."""
 
 
 @dataclass(frozen=True, eq=False)
 class RateFeedbackLoop:
-    """A structure and its collocated coils, ready for u = -D y with a symmetric D (equation 4.30).
+    """A structure with collocated coils under u = -D y.
+
+    D is symmetric (equation 4.30).
 
     Parameters
     ----------
     model : SecondOrderModel
-        The open loop, with positive definite stiffness.
+        Open loop with positive definite stiffness.
     coils : (n, n_coils) array
         Load distribution of the collocated pairs.
 
     Raises
     ------
     BadDesign
-        Coils that do not fit the model, or a stiffness that is not positive definite.
+        The coils do not fit the model, or the stiffness is not positive definite.
     """
 
     model: SecondOrderModel
@@ -78,22 +81,30 @@ class RateFeedbackLoop:
 
     @cached_property
     def to_states(self) -> Array:
-        """The map x = T z from z = [eta', Omega eta] to x = [q', q], (2n, 2n)."""
+        """Transform T from modal states to states, (2n, 2n).
+
+        x = T z with z = [eta', Omega eta] and x = [q', q].
+        """
         shapes, zero = self.model.eigen[1], np.zeros((self.model.n, self.model.n))
         return np.block([[shapes, zero], [zero, shapes / self.omega]])
 
     def from_states(self, x: Array) -> Array:
-        """Return z of the states x = [q', q], (2n, k)."""
+        """Return z for states x = [q', q], (2n, k)."""
         n, back = self.model.n, self.model.eigen[1].T @ self.model.M
         return np.vstack([back @ x[:n], self.omega[:, None] * (back @ x[n:])])
 
     def closed(self, gains: Array) -> "ClosedLoop":
-        """Close the loop.
+        """Close the loop with given gains.
 
         Parameters
         ----------
         gains : (k, n_coils, n_coils) array or one matrix
             Symmetric gain matrices D [N s/m].
+
+        Returns
+        -------
+        ClosedLoop
+            Poles and eigenvectors.
 
         Raises
         ------
@@ -118,12 +129,22 @@ class RateFeedbackLoop:
         return ClosedLoop(loop=self, gains=gains, s=s.astype(complex), V=V.astype(complex))
 
     def open_modes(self, count: int) -> "TrackedModes":
-        """Return the first modes of the open loop, by frequency, from where tracking sets out.
+        """Return the first open-loop modes, the start of tracking.
+
+        Parameters
+        ----------
+        count : int
+            Number of modes by frequency.
+
+        Returns
+        -------
+        TrackedModes
+            Modes without feedback.
 
         Raises
         ------
         BadDesign
-            More modes than the model has.
+            The model has fewer modes.
         """
         if not 1 <= count <= self.model.n:
             raise BadDesign(f"{count} modes cannot be followed; the model has 1 to {self.model.n}")
@@ -134,7 +155,10 @@ class RateFeedbackLoop:
         return TrackedModes(closed=closed, index=chosen[None])
 
     def track(self, gains: Array, count: int) -> "TrackedModes":
-        """Follow the first modes from the open loop along t D, t = 0 to 1: a mode keeps its number wherever it goes."""
+        """Follow the first modes from the open loop to gains D.
+
+        The path is t D with t from 0 to 1. A mode keeps its number.
+        """
         closed = self.closed(gains)
         return self.open_modes(count).repeated(len(closed.gains)).follow(closed)
 
@@ -160,45 +184,47 @@ class ClosedLoop:
 
     @cached_property
     def norm(self) -> Array:
-        """Product of left and right eigenvector, v^T S v, (k, 2n)."""
+        """Product v^T S v of left and right eigenvectors, (k, 2n)."""
         n = self.s.shape[1] // 2
         squares = self.V**2
         return squares[:, :n].sum(axis=1) - squares[:, n:].sum(axis=1)
 
     @cached_property
     def at_coils(self) -> Array:
-        """Velocities at the coils of each eigenvector, (k, n_coils, 2n)."""
+        """Coil velocities of each eigenvector, (k, n_coils, 2n)."""
         return self.loop.at_coils.T @ self.V[:, : self.s.shape[1] // 2]
 
     def pole_gradients(self, index: Array) -> Array:
-        """Return ds/dD of chosen poles.
+        """Return the derivatives ds/dD of chosen poles.
+
+        With a unit left-right product the derivative is -v_i v_j of the velocities at the coils.
 
         Parameters
         ----------
         index : (k, m) int array
-            Which poles of each loop.
+            Pole indices of each loop.
 
         Returns
         -------
         (k, m, n_coils, n_coils) complex array
-            Entry (i, j) is the derivative with respect to d_ij, all entries counted as independent.
+            Entry (i, j) is the derivative by d_ij, with all entries independent.
         """
         moved = np.take_along_axis(self.at_coils, index[:, None, :], axis=2)
         return -np.einsum("kim,kjm->kmij", moved, moved) / np.take_along_axis(self.norm, index, axis=1)[..., None, None]
 
     def chosen(self, which: Array) -> "ClosedLoop":
-        """Return some of the loops."""
+        """Return a selection of loops."""
         return ClosedLoop(loop=self.loop, gains=self.gains[which], s=self.s[which], V=self.V[which])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedModes:
-    """Modes with their numbers in closed loops.
+    """Numbered modes in closed loops.
 
     Parameters
     ----------
     index : (k, m) int array
-        Which pole of each loop carries mode 1 ... m.
+        Index of the pole of mode 1 ... m in each loop.
     """
 
     closed: ClosedLoop
@@ -206,12 +232,12 @@ class TrackedModes:
 
     @cached_property
     def poles(self) -> Array:
-        """Poles of the modes in the upper half plane [rad/s], (k, m)."""
+        """Upper poles of the modes [rad/s], (k, m)."""
         return np.take_along_axis(self.closed.s, self.index, axis=1)
 
     @cached_property
     def overdamped(self) -> Array:
-        """Whether the pole has reached the real axis, (k, m)."""
+        """Whether the pole is real, (k, m)."""
         return np.abs(self.poles.imag) <= REAL * np.abs(self.poles)
 
     @property
@@ -221,7 +247,7 @@ class TrackedModes:
 
     @cached_property
     def zeta(self) -> Array:
-        """Damping ratios -Re s / |s|, one for an overdamped mode, (k, m)."""
+        """Damping ratios -Re s/|s|, (k, m); one if overdamped."""
         return -self.poles.real / np.abs(self.poles)
 
     @cached_property
@@ -231,20 +257,34 @@ class TrackedModes:
 
     @property
     def zeta_gradients(self) -> Array:
-        """Derivatives of the damping ratios with respect to the entries of D, (k, m, n_coils, n_coils); zero if overdamped."""
+        """Derivatives of damping ratios by D, (k, m, n_coils, n_coils).
+
+        The derivative of an overdamped mode is zero.
+        """
         s, size = self.poles[..., None, None], np.abs(self.poles)[..., None, None]
         growth = (np.conj(s) * self.slopes).real / size  # d|s|
         gradient = -self.slopes.real / size + s.real * growth / size**2
         return np.where(self.overdamped[..., None, None], 0.0, gradient)
 
     def repeated(self, times: int) -> "TrackedModes":
-        """Return the same modes of the same loop so many times."""
+        """Return a repetition of a single loop's modes."""
         which = np.zeros(times, dtype=int)
         return TrackedModes(closed=self.closed.chosen(which), index=self.index[which])
 
     @staticmethod
     def joined(parts: "Sequence[TrackedModes]") -> "TrackedModes":
-        """Return the modes of several stacks of loops as one stack."""
+        """Return the modes of several stacks as one stack.
+
+        Parameters
+        ----------
+        parts : sequence of TrackedModes
+            Modes of each stack.
+
+        Returns
+        -------
+        TrackedModes
+            Joined stack.
+        """
         closed = ClosedLoop(
             loop=parts[0].closed.loop,
             gains=np.concatenate([part.closed.gains for part in parts]),
@@ -254,13 +294,26 @@ class TrackedModes:
         return TrackedModes(closed=closed, index=np.concatenate([part.index for part in parts]))
 
     def chosen(self, which: Array) -> "TrackedModes":
-        """Return the modes of some of the loops."""
+        """Return the modes of selected loops."""
         return TrackedModes(closed=self.closed.chosen(which), index=self.index[which])
 
     def follow(self, target: ClosedLoop, halvings: int = HALVINGS) -> "TrackedModes":
-        """Follow the modes along the straight line from these gains to those of `target`, loop by loop.
+        """Follow the modes to another stack of gains.
 
-        Poles are predicted by their slopes and matched to the poles found. Where a match is not clear, the step is halved.
+        The path is the straight line between the gains, loop by loop. Slopes predict the poles, which are matched to
+        the computed poles. An unclear match halves the step.
+
+        Parameters
+        ----------
+        target : ClosedLoop
+            Closed loops at the end.
+        halvings : int
+            Largest number of halvings.
+
+        Returns
+        -------
+        TrackedModes
+            Modes at the end.
         """
         change = target.gains - self.closed.gains
         predicted = self.poles + np.einsum("kmij,kij->km", self.slopes, change)
@@ -275,7 +328,7 @@ class TrackedModes:
 
 
 def _match(predicted: Array, overdamped: Array, poles: Array) -> tuple[Array, bool]:
-    """Return which pole continues each predicted one, and whether that is clear beyond doubt."""
+    """Return the pole of each prediction, and whether the match is clear."""
     upper = np.flatnonzero(poles.imag >= 0)
     s = poles[upper]
     predicted = np.where(predicted.imag < 0, np.conj(predicted), predicted)
@@ -285,7 +338,7 @@ def _match(predicted: Array, overdamped: Array, poles: Array) -> tuple[Array, bo
     real = np.abs(s.imag) <= REAL * np.abs(s)
     apart = np.abs(s[columns][:, None] - s)
     apart[rows, columns] = np.inf
-    apart[np.ix_(real[columns], real)] = np.inf  # real poles are alike: each counts as overdamped
+    apart[np.ix_(real[columns], real)] = np.inf  # real poles are interchangeable: each counts as overdamped
     clear = (error <= TRUSTED * apart.min(axis=1)) & (
         (real[columns] == overdamped) | (error <= TRUSTED * np.abs(s[columns]))
     )

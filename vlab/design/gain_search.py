@@ -1,6 +1,6 @@
-"""The search for a gain matrix of direct rate feedback: D > 0 with bounds on exact closed-loop damping ratios.
+"""Search for a gain matrix D > 0 with damping bounds.
 
-Shared by the laws of equations (4.32) and (4.38), which add their objectives.
+The bounds concern exact closed-loop damping ratios. The laws of equations (4.32) and (4.38) add their objectives.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,41 +17,40 @@ from vlab.fe.model import FeModel
 from vlab.signals import Array
 
 LEAST = 1e-6
-"""Smallest eigenvalue of D, relative to the scale of the gains, that stands for D > 0."""
+"""LEAST [1]: smallest eigenvalue of D, relative to the gain scale, that counts as D > 0."""
 SAME = 1e-3
-"""Relative difference of objectives below which two starts count as having reached the same optimum."""
+"""SAME [1]: relative difference of objectives below which two starts reached the same optimum."""
 ACTIVE = 1e-6
-"""Multiplier, relative to the objective per unit of the bound, above which a constraint counts as active."""
+"""ACTIVE [1]: multiplier, relative to the objective per unit of the bound, above which a constraint is active."""
 
 Objective = Callable[[ClosedLoop, Array], tuple[Array, Array, Array, Sequence[str]]]
-"""Takes closed loops and the extra variables (k, n_extra); returns constraints >= 0 (k, m), their derivatives with respect
-to the entries of D (k, m, n_coils, n_coils) and to the extra variables (k, m, n_extra), and names of the constraints."""
+"""Closed loops and extra variables (k, n_extra) to smooth constraints. The result has constraints >= 0 (k, m) with
+their names. Their derivatives are by D (k, m, n_coils, n_coils) and by the extra variables (k, m, n_extra)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
-    """How far a search may be trusted.
+    """Report of a search and its reliability.
 
     Parameters
     ----------
     starts, reached : int
-        How many starts there were, and how many reached the best objective within 0.1 %.
+        Number of starts, and number within 0.1 % of the best objective.
     unseen_share : float
-        A better optimum that attracts more than this share of random starts would have been found with 95 % probability.
+        Upper limit, with 95 % probability, on the share of random starts attracted by an undiscovered better optimum.
     local_minima : tuple of float
-        Objectives of the distinct optima that were found, best first.
+        Objectives of the distinct optima, best first.
     active : dict of str to float
-        Constraints that hold with equality, with their multipliers: by how much the objective falls, relative to itself,
-        per relative relaxation of the bound.
+        Active constraints with multipliers: relative decrease of the objective per relative relaxation of the bound.
     converged : bool
-        Whether the best start came to rest. Not so at a kink, for example where two modes meet in a double pole and their
-        damping ratios have no gradient: then `active` and `local_gap` say nothing.
+        Whether the best start converged. A kink prevents convergence, for example a double pole where damping ratios
+        have no gradient. `active` and `local_gap` are then meaningless.
     local_gap : float
-        Relative decrease of the objective that the last subproblem still promised.
+        Relative decrease of the objective predicted by the last subproblem.
     lower_bound : float or None
-        What no gain matrix whatever can fall below, where such a bound is known; in the unit of the objective.
+        Lower bound of every gain matrix in the objective's unit, if known.
     iterations : int
-        Subproblems of all starts together.
+        Total number of subproblems.
     """
 
     starts: int
@@ -72,18 +71,18 @@ class GainSearch:
     Parameters
     ----------
     loop : RateFeedbackLoop
-        The structure.
+        Structure with coils.
     damping : float
         Smallest damping ratio zeta_L of the bounded modes.
     modes : tuple of int
         Bounded modes of the open loop, from 0.
     diagonal : bool
-        Each coil listens to its own sensor only.
+        Whether each coil uses its own sensor only.
 
     Raises
     ------
     BadDesign
-        A bound that is no damping ratio, a mode that the model does not have or that no coil can drive.
+        The bound is no damping ratio, or a mode is not in the model or not driven by any coil.
     """
 
     loop: RateFeedbackLoop
@@ -107,7 +106,10 @@ class GainSearch:
 
     @cached_property
     def entries(self) -> tuple[Array, Array]:
-        """Rows and columns of the entries of D that are searched: the upper triangle, or the diagonal."""
+        """Rows and columns of the searched entries of D.
+
+        The entries are the upper triangle, or the diagonal.
+        """
         coils = self.loop.at_coils.shape[1]
         return (np.arange(coils), np.arange(coils)) if self.diagonal else np.triu_indices(coils)
 
@@ -118,13 +120,27 @@ class GainSearch:
 
     @cached_property
     def scale(self) -> float:
-        """The gain of equal dashpots at all coils that the most demanding bounded mode needs to first order [N s/m]."""
+        """Gain scale [N s/m].
+
+        Equal dashpots of that gain at all coils give the most demanding mode its damping to first order.
+        """
         modes = list(self.modes)
         moved = (self.loop.at_coils[modes] ** 2).sum(axis=1)
         return float((2 * self.loop.omega[modes] * self.damping / np.maximum(moved, 1e-6 * moved.max())).max())
 
     def gains(self, x: Array) -> Array:
-        """Return D [N s/m], (k, n_coils, n_coils), of the searched entries in units of the scale, (k, count)."""
+        """Return D [N s/m] from searched entries.
+
+        Parameters
+        ----------
+        x : array
+            Entries in units of the scale, (k, count).
+
+        Returns
+        -------
+        array
+            D, (k, n_coils, n_coils).
+        """
         rows, columns = self.entries
         coils = self.loop.at_coils.shape[1]
         D = np.zeros((len(x), coils, coils))
@@ -132,27 +148,49 @@ class GainSearch:
         return D
 
     def along_entries(self, gradient: Array) -> Array:
-        """Return derivatives with respect to the searched entries, (..., count), of those with respect to d_ij."""
+        """Return derivatives by the searched entries, (..., count).
+
+        `gradient` holds the derivatives by d_ij.
+        """
         rows, columns = self.entries
         both = gradient[..., rows, columns] + gradient[..., columns, rows]
         return self.scale * np.where(rows == columns, 0.5, 1.0) * both
 
     def random_gains(self, count: int, seed: int) -> Array:
-        """Return random positive definite D, (count, n_coils, n_coils), in units of the scale."""
+        """Return random positive definite D in units of the scale.
+
+        Parameters
+        ----------
+        count : int
+            Number of matrices.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        array
+            D, (count, n_coils, n_coils).
+        """
         if count < 1:
             raise BadDesign(f"{count} starts cannot be searched from; accepted: whole numbers from 1")
         rng, coils = np.random.default_rng(seed), self.loop.at_coils.shape[1]
         X = rng.standard_normal((count, coils, coils))
         D = np.einsum("ki,ij->kij", X[:, 0] ** 2, np.eye(coils)) if self.diagonal else X @ X.transpose(0, 2, 1)
-        D = D + 1e-3 * np.eye(coils)  # no start on the edge of D > 0
+        D = D + 1e-3 * np.eye(coils)  # keeps starts off the boundary of D > 0
         return D / np.abs(D).sum(axis=2).max(axis=1)[:, None, None] * rng.uniform(0.3, 2.0, count)[:, None, None]
 
     def evaluator(self, objective: Objective, extra: int) -> "_Evaluator":
-        """Return the functions of the search: the last of the `extra` variables is minimised."""
+        """Return the functions of the search.
+
+        The last of the `extra` variables is minimised.
+        """
         return _Evaluator(self, objective, extra)
 
     def no_constraints(self, extra: int) -> LinearConstraints:
-        """Return the linear constraints of every search: a diagonal D has its bounds here, others as eigenvalues."""
+        """Return the linear constraints common to all searches.
+
+        A diagonal D has linear bounds; a full D has bounds on eigenvalues instead.
+        """
         n = self.count + extra
         rows = np.eye(n)[: self.count] if self.diagonal else np.zeros((0, n))
         return LinearConstraints(A=rows, lower=np.full(len(rows), LEAST), upper=np.full(len(rows), np.inf))
@@ -160,10 +198,24 @@ class GainSearch:
     def run(self, objective: Objective, starts: Array, linear: LinearConstraints) -> tuple[Solution, "_Evaluator"]:
         """Search from every start for the smallest last variable.
 
+        Parameters
+        ----------
+        objective : Objective
+            Smooth constraints of the law.
+        starts : array
+            Start points, (k, count + extra).
+        linear : LinearConstraints
+            Linear constraints.
+
+        Returns
+        -------
+        tuple of (Solution, _Evaluator)
+            Solution, and the functions.
+
         Raises
         ------
         BadDesign
-            The damping bounds cannot be met: which mode falls short, and what it can reach.
+            The damping bounds cannot be met; the message names the mode and its highest damping.
         """
         evaluator = self.evaluator(objective, starts.shape[1] - self.count)
         solution = minimise(evaluator, starts, linear, Settings())
@@ -188,14 +240,31 @@ class GainSearch:
         )
 
     def highest_damping(self, mode: int, starts: int = 4, seed: int = 0) -> float:
-        """Return the highest damping ratio of one mode that any D >= 0 was found to give it."""
+        """Return the highest damping ratio found for one mode.
+
+        The search is over all D >= 0.
+
+        Parameters
+        ----------
+        mode : int
+            Mode, from 0.
+        starts : int
+            Number of random starts.
+        seed : int
+            Seed of the random starts.
+
+        Returns
+        -------
+        float
+            Damping ratio.
+        """
         alone = GainSearch(loop=self.loop, damping=self.damping, modes=(mode,), diagonal=self.diagonal)
         random = self.random_gains(starts, seed)[:, self.entries[0], self.entries[1]]
 
         def lack(closed: ClosedLoop, z: Array) -> tuple[Array, Array, Array, Sequence[str]]:
             return np.zeros((len(z), 0)), np.zeros((len(z), 0, *closed.gains.shape[1:])), np.zeros((len(z), 0, 1)), ()
 
-        # the damping constraint zeta / zeta_L - 1 + z >= 0 becomes the objective: z is the most that is lacking
+        # the constraint zeta / zeta_L - 1 + z >= 0 becomes the objective, with z the largest deficit
         evaluator = _Evaluator(alone, lack, 1, elastic=True)
         points = np.hstack([random, np.ones((starts, 1))])
         solution = minimise(evaluator, points, self.no_constraints(1), Settings(iterations=60))
@@ -211,16 +280,27 @@ class GainSearch:
         price: float,
         lower_bound: float | None = None,
     ) -> Search:
-        """Return what is known about the best start.
+        """Return the report on the best start.
 
         Parameters
         ----------
+        solution : Solution
+            Result of the search.
+        evaluator : _Evaluator
+            Functions of the search.
         linear_names : sequence of str
-            Names of the linear constraints; those without are not reported.
+            Names of the linear constraints; unnamed ones are not reported.
         values : (n_starts,) array
-            Objectives as they are reported.
+            Reported objectives.
         price : float
             Relative change of the reported objective per unit of the searched one, at the best start.
+        lower_bound : float or None
+            Lower bound of every gain matrix in the objective's unit, if known.
+
+        Returns
+        -------
+        Search
+            Report.
         """
         best, reached = solution.best, solution.feasible
         prices = price * np.concatenate([solution.multipliers[best], np.abs(solution.linear_multipliers[best])])
@@ -243,7 +323,10 @@ class GainSearch:
 
 
 class _Evaluator:
-    """Functions for `minimise`; it remembers the modes of each start's last point, from where they are followed on."""
+    """Functions for `minimise` with mode tracking.
+
+    The modes of each start's last point are stored and followed from there.
+    """
 
     def __init__(self, search: GainSearch, objective: Objective, extra: int, *, elastic: bool = False) -> None:
         self.search, self.objective, self.extra, self.elastic = search, objective, extra, elastic
@@ -251,7 +334,10 @@ class _Evaluator:
         self.names: tuple[str, ...] = ()
 
     def tracked(self, closed: ClosedLoop, which: Array) -> TrackedModes:
-        """Follow the bounded modes from the last point of each start, or from the open loop."""
+        """Follow the bounded modes from each start's last point.
+
+        The open loop is the first point.
+        """
         count = max(self.search.modes) + 1
         known = [self.last.get(int(w)) for w in which]
         if any(last is None for last in known):
@@ -297,12 +383,24 @@ class _Evaluator:
 
 
 def bounded_modes(fe: FeModel, modes: int | Sequence[int]) -> tuple[int, ...]:
-    """Return which modes are meant, from 0: the first so many that the coils can drive, or those that are named.
+    """Return the bounded modes, from 0.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    modes : int or sequence of int
+        Number of first coil-driven modes, or mode numbers from 0.
+
+    Returns
+    -------
+    tuple of int
+        Mode numbers.
 
     Raises
     ------
     BadDesign
-        More than there are.
+        The coils drive fewer modes.
     """
     if not isinstance(modes, (int, np.integer)):
         return tuple(int(mode) for mode in modes)

@@ -1,8 +1,13 @@
-"""The quadratic index of direct rate feedback and its gradient with respect to the gains, from the closed loop's modes.
+"""Quadratic index of direct rate feedback and its gradient by the gains.
 
-With A = V diag(s) V^-1 the Lyapunov equation (4.34) is solved entry by entry, P^_jk = -Q^_jk / (s_j + s_k), and so is its
-adjoint. A stack of gain matrices costs no Python loop. Close to a double pole digits are lost; results that are reported
-come from `vlab.design.performance`, which solves the Lyapunov equation by the Schur form.
+The closed loop's modes A = V diag(s) V^-1 solve the Lyapunov equation (4.34) entry by entry, P^_jk = -Q^_jk / (s_j +
+s_k). The adjoint equation is solved likewise. A stack of gain matrices costs no Python loop. Close to a double pole
+digits are lost; reported results come from `vlab.design.performance`, with the Schur form [1]_.
+
+References
+----------
+.. [1] R. H. Bartels and G. W. Stewart, Solution of the matrix equation AX + XB = C, Communications of the ACM 15 (1972)
+       820-826.
 """
 
 from dataclasses import dataclass
@@ -18,21 +23,21 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IndexGradients:
-    """J of u = -D y from initial states: equations (4.33)-(4.36).
+    """Index J of u = -D y from initial states: (4.33)-(4.36).
 
     Parameters
     ----------
     loop : RateFeedbackLoop
-        The structure.
+        Structure with coils.
     weights : Weights
-        Q and R.
+        Weights Q and R.
     x0 : (2n, k) array
         Initial states [q', q], one a column.
 
     Raises
     ------
     BadDesign
-        Weights or states of another size than the structure's.
+        Weights or states have another size than the structure.
     """
 
     loop: RateFeedbackLoop
@@ -58,9 +63,9 @@ class IndexGradients:
         return self.loop.from_states(self.x0)
 
     def __call__(self, closed: ClosedLoop) -> tuple[Array, Array]:
-        """Return J (k, n_x0), infinite where a loop is unstable, and its derivatives (k, n_x0, n_coils, n_coils).
+        """Return J (k, n_x0) and its derivatives (k, n_x0, n_coils, n_coils).
 
-        Entry (i, j) of a derivative belongs to d_ij, all entries counted as independent.
+        J is infinite for an unstable loop. Entry (i, j) of a derivative belongs to d_ij, with all entries independent.
         """
         n, (k, size), V = self.loop.model.n, closed.s.shape, closed.V
         stable = closed.s.real.max(axis=1) < 0
@@ -72,7 +77,7 @@ class IndexGradients:
         weight = V.transpose(0, 2, 1) @ (self._Q @ V) + force.transpose(0, 2, 1) @ (R @ force)
         P = between * weight
         J = np.einsum("kji,kjl,kli->ki", y, P, y).real
-        # X^ W = y (between (y W)) for every initial state at once, X the adjoint solution, W the modes at the coils
+        # X^ W = y (between (y W)) for all initial states at once: X adjoint solution, W modes at the coils
         count, coils = y.shape[2], at_coils.shape[1]
         W = at_coils.transpose(0, 2, 1)
         XW = y[..., None] * (between @ (y[..., None] * W[:, :, None, :]).reshape(k, size, -1)).reshape(

@@ -1,7 +1,7 @@
-"""What a closed loop achieves: poles, quadratic indices by Lyapunov equations, spillover, force bounds.
+"""Closed-loop performance: poles, quadratic indices, spillover, force bounds.
 
-The index is J = integral of x^T Q x + u^T R u (4.4). With the weights of `vlab.design.weights`, which carry their units, J
-of a shape of one inch is the number that the dissertation prints.
+The index is J = integral of x^T Q x + u^T R u (4.4), from a Lyapunov equation. The weights of `vlab.design.weights`
+carry their units. J of a shape of one inch is therefore the dissertation's number.
 """
 
 from collections.abc import Sequence
@@ -18,12 +18,14 @@ from vlab.errors import BadDesign
 from vlab.signals import Array
 
 INCH = 0.0254
-"""Largest deflection of an initial shape [m]: one inch (section 4.1.1)."""
+"""INCH [m]: largest deflection of an initial shape (section 4.1.1)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Poles:
-    """The modes of a linear system x' = A x, by frequency; of each pair the upper one, a real pole by itself.
+    """Modes of a linear system x' = A x by frequency.
+
+    Each pair is represented by its upper pole, a real pole by itself.
 
     Parameters
     ----------
@@ -35,19 +37,25 @@ class Poles:
 
     @property
     def freq(self) -> Array:
-        """|s| / 2 pi [Hz]."""
+        """Frequencies |s|/(2 pi) [Hz]."""
         return np.abs(self.s) / (2 * np.pi)
 
     @property
     def zeta(self) -> Array:
-        """Damping ratios -Re s / |s|; 1 for a stable real pole, 0 at the origin."""
+        """Damping ratios -Re s/|s|.
+
+        A stable real pole has 1, a pole at the origin 0.
+        """
         size = np.abs(self.s)
         return np.where(size > 0, -self.s.real / np.where(size > 0, size, 1.0), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spillover:
-    """Damping of the modes that a reduced model leaves out, before and after its controller acts on the full model.
+    """Damping of the truncated modes before and after control.
+
+    The controller, designed on a reduced model, acts on the full model. Its action on truncated modes is spillover
+    [1]_.
 
     Parameters
     ----------
@@ -57,6 +65,10 @@ class Spillover:
         Undisturbed frequency [Hz].
     before, after : (k,) array
         Damping ratio without and with the controller.
+
+    References
+    ----------
+    .. [1] M. J. Balas, Feedback control of flexible systems, IEEE Transactions on Automatic Control 23 (1978) 673-679.
     """
 
     modes: tuple[int, ...]
@@ -66,11 +78,14 @@ class Spillover:
 
     @property
     def change(self) -> Array:
-        """What each mode gains; negative where it is destabilised."""
+        """Change of each damping ratio; negative for destabilisation."""
         return self.after - self.before
 
     def losing(self, least: float = 1e-9) -> tuple[int, ...]:
-        """Return the modes that lose more than `least` of damping ratio: more than rounding."""
+        """Return the modes that lose more than `least` of damping ratio.
+
+        The default excludes rounding.
+        """
         return tuple(mode for mode, change in zip(self.modes, self.change, strict=True) if change < -least)
 
 
@@ -82,35 +97,45 @@ def poles(A: ArrayLike) -> Poles:
 
 
 def damping_ratios(A: ArrayLike, count: int | None = None) -> Array:
-    """Return the damping ratios of x' = A x by frequency, the first `count` of them."""
+    """Return the damping ratios of x' = A x by frequency.
+
+    `count` limits the number.
+    """
     return poles(A).zeta[:count]
 
 
 def match_poles(expected: ArrayLike, found: ArrayLike) -> Array:
-    """Return for each expected pole the found one that belongs to it, one to one.
+    """Return the found pole of each expected pole, one to one.
 
-    The sum of the distances relative to |expected| is least; two modes that pass each other in frequency are not
-    mistaken as they would be in sorted order.
+    The assignment minimises the sum of distances relative to |expected|. Sorting would confuse two modes that cross in
+    frequency.
 
     Parameters
     ----------
     expected : (k,) complex array
     found : (m,) complex array
-        m >= k.
+        Computed poles, m >= k.
     """
     have = np.asarray(found, dtype=complex)
     return have[_matched(np.asarray(expected, dtype=complex), have)]
 
 
 def initial_shapes(model: StateModel, modes: int | Sequence[int] | Array, peak: float = INCH) -> Array:
-    """Return undamped mode shapes, (n, k), each with its largest displacement `peak` [m]: section 4.1.1.
+    """Return undamped mode shapes of given peak, (n, k): section 4.1.1.
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     modes : int or sequence of int
-        The first so many, or which (from 0).
+        Number of first modes, or their numbers from 0.
     peak : float
-        The largest is looked for among the translations, not the rotations, of the model.
+        Largest translation of each shape [m].
+
+    Returns
+    -------
+    array
+        Shapes, (n, k).
     """
     chosen = np.arange(modes) if isinstance(modes, int | np.integer) else np.asarray(modes, dtype=int)
     if not chosen.size or chosen.min() < 0 or chosen.max() >= model.n:
@@ -122,16 +147,28 @@ def initial_shapes(model: StateModel, modes: int | Sequence[int] | Array, peak: 
 
 
 def initial_states(model: StateModel, modes: int | Sequence[int] | Array, peak: float = INCH) -> Array:
-    """Return the states x_0 = [0, phi_i], (2n, k), of the shapes of `initial_shapes`."""
+    """Return the states x_0 = [0, phi_i] of `initial_shapes`, (2n, k)."""
     shapes = initial_shapes(model, modes, peak)
     return np.vstack([np.zeros_like(shapes), shapes])
 
 
 def shared_modes(model: StateModel, reduced: StateModel) -> Array:
-    """Return which modes of a model (from 0) the modes of a reduced one are, one to one.
+    """Return the model's mode (from 0) of each reduced mode.
 
-    Alike are modes of like shape at the coordinates of both (MAC in the mass of the reduced model) and of like pole; where
-    the reduction is exact, both agree to rounding.
+    Modes correspond by shape at the common coordinates (MAC in the reduced mass) and by pole. An exact reduction agrees
+    to rounding in both.
+
+    Parameters
+    ----------
+    model : StateModel
+        Full model.
+    reduced : StateModel
+        Reduced model.
+
+    Returns
+    -------
+    array
+        Mode numbers, one to one.
     """
     if reduced.n > model.n:
         raise BadDesign(f"the reduced model has {reduced.n} modes, the model only {model.n}")
@@ -146,7 +183,9 @@ def shared_modes(model: StateModel, reduced: StateModel) -> Array:
 
 
 def quadratic_index(A: ArrayLike, Q: ArrayLike, x0: ArrayLike) -> Array:
-    """Return the integral of x^T Q x for x' = A x from each column of x0: x0^T P x0 with A^T P + P A + Q = 0.
+    """Return the integral of x^T Q x for x' = A x.
+
+    For each column x0 the value is x0^T P x0, with A^T P + P A + Q = 0.
 
     Parameters
     ----------
@@ -160,7 +199,7 @@ def quadratic_index(A: ArrayLike, Q: ArrayLike, x0: ArrayLike) -> Array:
     Raises
     ------
     BadDesign
-        The loop is not asymptotically stable: the integral has no finite value.
+        The loop is not asymptotically stable, so the integral diverges.
     """
     a, q, start = (np.asarray(part, dtype=float) for part in (A, Q, x0))
     start = start.reshape(len(start), -1)
@@ -178,37 +217,52 @@ def quadratic_index(A: ArrayLike, Q: ArrayLike, x0: ArrayLike) -> Array:
 
 
 def regulator_index(model: StateModel, F: ArrayLike, weights: Weights, x0: Array) -> Array:
-    """Return J of u = -F x for each column of x0 (2n, k): (4.7) where F is optimal, for any stable F otherwise."""
+    """Return J of u = -F x for each column of x0 (2n, k).
+
+    Equation (4.7) for the optimal F; the result holds for any stabilising F.
+    """
     gain = _gain(F, "the state feedback F", (model.B.shape[1], 2 * model.n))
     return quadratic_index(model.A - model.B @ gain, weights.Q + gain.T @ weights.R @ gain, x0)
 
 
 def rate_feedback_index(model: StateModel, D: ArrayLike, weights: Weights, x0: Array) -> Array:
-    """Return J of u = -D y for each column of x0 (2n, k): equations (4.33)-(4.36) with F_D = D C."""
+    """Return J of u = -D y for each column of x0 (2n, k).
+
+    Equations (4.33)-(4.36) with F_D = D C.
+    """
     gain = _gain(D, "the gain matrix D", (model.B.shape[1], len(model.C)))
     return regulator_index(model, gain @ model.C, weights, x0)
 
 
 def rate_feedback_loop(model: StateModel, D: ArrayLike) -> Array:
-    """Return A - B D C, equation (4.35)."""
+    """Return A - B D C: equation (4.35)."""
     return model.A - model.B @ _gain(D, "the gain matrix D", (model.B.shape[1], len(model.C))) @ model.C
 
 
 def lqg_loop(model: StateModel, F: Array, K: Array) -> Array:
-    """Return the (4n, 4n) matrix of (4.16) for the state [x, e], e = x - x_est."""
+    """Return the matrix of (4.16) for [x, e], e = x - x_est.
+
+    The shape is (4n, 4n).
+    """
     A, B, C = model.A, model.B, model.C
     return np.block([[A - B @ F, B @ F], [np.zeros_like(A), A - K @ C]])
 
 
 def lqg_index(model: StateModel, F: Array, K: Array, weights: Weights, x0: Array) -> Array:
-    """Return J of the estimated state feedback on the model it was designed for: (4.18)-(4.22), x_est(0) = 0."""
+    """Return J of estimated state feedback: (4.18)-(4.22).
+
+    The model is the design model, and x_est(0) = 0.
+    """
     force = F.T @ weights.R @ F
     Q = np.block([[weights.Q + force, -force], [-force, force]])
     return quadratic_index(lqg_loop(model, F, K), Q, np.vstack([x0, x0]))
 
 
 def reduced_controller_loop(model: StateModel, reduced: StateModel, F: Array, K: Array) -> Array:
-    """Return A_E of (4.24): a model with the controller that was designed on a reduced one; state [x, x_R,est]."""
+    """Return A_E of (4.24): a model under a reduced controller.
+
+    The state is [x, x_R,est].
+    """
     if model.channels != reduced.channels:
         raise BadDesign(f"the model has the coils {model.channels}, the controller's {reduced.channels}")
     estimator = reduced.A - K @ reduced.C - reduced.B @ F
@@ -218,12 +272,22 @@ def reduced_controller_loop(model: StateModel, reduced: StateModel, F: Array, K:
 def reduced_controller_index(
     model: StateModel, reduced: StateModel, F: Array, K: Array, weights: Weights, x0: Array
 ) -> Array:
-    """Return J of a reduced controller on a model: equations (4.26)-(4.29), x_R,est(0) = 0.
+    """Return J of a reduced controller on a model: (4.26)-(4.29).
+
+    The estimate starts at x_R,est(0) = 0.
 
     Parameters
     ----------
+    model : StateModel
+        Full model.
+    reduced : StateModel
+        Design model of the controller.
+    F : array
+        Regulator gain.
+    K : array
+        Filter gain.
     weights : Weights
-        Q for the states of `model` (not of the reduced one), R.
+        Q for the states of `model` (not of `reduced`), and R.
     x0 : (2n, k) array
         Initial states of `model`.
     """
@@ -233,17 +297,28 @@ def reduced_controller_index(
 
 
 def reduced_controller_poles(model: StateModel, reduced: StateModel, F: Array, K: Array) -> tuple[Poles, Spillover]:
-    """Return the regulator's poles on a larger model, in the order of the reduced design, and the spillover.
+    """Return the regulator's poles on a larger model, and spillover.
 
-    If the reduction is exact, the poles of A_E would be those of regulator, filter and the modes left out, were these not
-    coupled; each is followed to the pole of A_E that belongs to it.
+    For an exact reduction without coupling, the poles of A_E are those of regulator, filter and truncated modes. Each
+    is matched to its pole of A_E.
+
+    Parameters
+    ----------
+    model : StateModel
+        Full model.
+    reduced : StateModel
+        Design model of the controller.
+    F : array
+        Regulator gain.
+    K : array
+        Filter gain.
 
     Returns
     -------
     Poles
-        One a pole of A_R - B_R F, in its order.
+        One for each pole of A_R - B_R F, in its order.
     Spillover
-        Of the modes of `model` that `reduced` does not have; see `shared_modes`.
+        Modes of `model` that `reduced` lacks, see `shared_modes`.
     """
     s = poles(reduced_controller_loop(model, reduced, F, K)).s
     regulator = poles(reduced.A - reduced.B @ F).s
@@ -261,7 +336,10 @@ def reduced_controller_poles(model: StateModel, reduced: StateModel, F: Array, K
 
 
 def force_bounds(D: ArrayLike) -> Array:
-    """Return f_i = sum_j |d_ij|, the largest force of each coil per bound of all velocities: equation (4.31)."""
+    """Return f_i = sum_j |d_ij|: equation (4.31).
+
+    f_i is the largest force of coil i per bound of all velocities.
+    """
     gain = np.asarray(D, dtype=float)
     if gain.ndim != 2:
         raise BadDesign(f"the gain matrix D of shape {gain.shape} is no matrix")
@@ -269,7 +347,7 @@ def force_bounds(D: ArrayLike) -> Array:
 
 
 def _modal_poles(model: StateModel) -> Array:
-    """Return the poles of the undamped modes in their order, each with its modal damping."""
+    """Return the poles of the undamped modes with modal damping."""
     omega = np.sqrt(np.abs(np.einsum("ij,ik,kj->j", model.shapes, model.K, model.shapes)))
     C = -model.M @ model.A[: model.n, : model.n]
     decay = np.einsum("ij,ik,kj->j", model.shapes, C, model.shapes) / 2

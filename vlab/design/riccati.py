@@ -1,4 +1,4 @@
-"""Optimal regulators and filters from Riccati equations, with the reason where there is none."""
+"""Optimal regulators and filters from Riccati equations, with reasons for failure."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,18 +13,20 @@ from vlab.errors import BadDesign
 from vlab.signals import Array
 
 REACH = 1e-8
-"""Smallest share of a mode's eigenvector that an input must move, or an output see: less is half of the digits."""
+"""REACH [1]: smallest share of a mode's eigenvector that an input drives or an output measures. A smaller share
+loses half of the digits."""
 ALIKE = 1e-7
-"""Relative distance below which poles count as one, so that their eigenvectors are judged together."""
+"""ALIKE [1]: relative distance below which poles coincide and their eigenvectors are judged together."""
 RESIDUAL = 1e-6
-"""Largest relative residual of a Riccati equation that counts as solved."""
+"""RESIDUAL [1]: largest relative residual of a solved Riccati equation."""
 ON_LIMIT = 1e-12
-"""A pole that lies left of the stability limit by less than this share of the largest one's size is on it: rounding moves it as far."""
+"""ON_LIMIT [1]: distance from the stability limit, relative to the largest pole, below which a pole is on the limit.
+Rounding has the same size."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Regulator:
-    """u = -F x, optimal for Q and R.
+    """Regulator u = -F x, optimal for Q and R.
 
     Parameters
     ----------
@@ -40,7 +42,9 @@ class Regulator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KalmanFilter:
-    """x_est' = A x_est + B u + K (y - C x_est), with a prescribed stability margin.
+    """Kalman filter with a prescribed stability margin.
+
+    x_est' = A x_est + B u + K (y - C x_est).
 
     Parameters
     ----------
@@ -49,7 +53,7 @@ class KalmanFilter:
     S : (n_states, n_states) array
         Riccati solution (4.9).
     alpha : float
-        The poles of A - K C lie left of -alpha [1/s].
+        Margin [1/s]: the poles of A - K C lie left of -alpha.
     """
 
     K: Array
@@ -58,13 +62,32 @@ class KalmanFilter:
 
 
 def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
-    """Return the regulator that minimises the integral of x^T Q x + u^T R u: equations (4.4)-(4.6).
+    """Return the linear quadratic regulator: (4.4)-(4.6).
+
+    The index is the integral of x^T Q x + u^T R u [1]_. The gain is F = R^-1 B^T S, with A^T S + S A - S B R^-1 B^T S +
+    Q = 0.
+
+    Parameters
+    ----------
+    A, B : (n_states, n_states), (n_states, n_inputs) array
+        System matrices.
+    Q, R : (n_states, n_states), (n_inputs, n_inputs) array
+        Weights; Q >= 0, R > 0.
+
+    Returns
+    -------
+    Regulator
+        Gain and Riccati solution.
 
     Raises
     ------
     BadDesign
-        Wrong sizes; Q indefinite or R not positive definite; an unstable mode that no input moves; a mode on the stability
-        limit that Q does not see.
+        Sizes do not fit, Q is indefinite, R is not positive definite, or an unstable mode is uncontrollable. Or Q does
+        not observe a mode on the stability limit.
+
+    References
+    ----------
+    .. [1] B. D. O. Anderson and J. B. Moore, Optimal Control: Linear Quadratic Methods, Prentice-Hall, 1990.
     """
     a, b = _system(A, B, "B")
     q = checked_weight(Q, "the state weight Q", definite=False)
@@ -83,19 +106,37 @@ def lqr(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike) -> Regulator:
 
 
 def kalman_filter(A: ArrayLike, C: ArrayLike, V1: ArrayLike, V2: ArrayLike, alpha: float = 0.0) -> KalmanFilter:
-    """Return the Kalman filter of (4.9) and (4.10), whose poles lie left of -alpha [1/s].
+    """Return the Kalman filter of (4.9) and (4.10).
+
+    The poles lie left of -alpha [1/s]. The margin comes from A + alpha I in place of A in the Riccati equation [1]_.
 
     Parameters
     ----------
+    A : array_like
+        System matrix, (n_states, n_states).
+    C : array_like
+        Output matrix, (n_outputs, n_states).
     V1 : (n_states, n_states) array
-        Intensity of the excitation of the states; symmetric, >= 0.
+        Intensity of the state excitation; symmetric, >= 0.
     V2 : (n_outputs, n_outputs) array
         Intensity of the measurement noise; symmetric, > 0.
+    alpha : float
+        Stability margin [1/s].
+
+    Returns
+    -------
+    KalmanFilter
+        Gain and Riccati solution.
 
     Raises
     ------
     BadDesign
-        Wrong sizes; V1 indefinite or V2 not positive definite; a mode damped less than alpha that no sensor sees.
+        Sizes do not fit, V1 is indefinite, V2 is not positive definite, or a mode damped less than alpha is
+        unobservable.
+
+    References
+    ----------
+    .. [1] B. D. O. Anderson and J. B. Moore, Optimal Control: Linear Quadratic Methods, Prentice-Hall, 1990.
     """
     c = np.asarray(C, dtype=float)
     if c.ndim != 2:
@@ -125,9 +166,20 @@ def kalman_filter(A: ArrayLike, C: ArrayLike, V1: ArrayLike, V2: ArrayLike, alph
 
 
 def unreachable(A: ArrayLike, B: ArrayLike) -> list[complex]:
-    """Return the poles of A with Re s >= 0 and Im s >= 0 that B does not move: none if the pair can be stabilised.
+    """Return the unstable poles of A that B does not move.
 
-    The test of Popov, Belevitch and Hautus: a left eigenvector orthogonal to B. The states are balanced first.
+    Poles have Re s >= 0 and Im s >= 0; none means a stabilisable pair. The test of Popov, Belevitch and Hautus finds a
+    left eigenvector orthogonal to B. The states are balanced first.
+
+    Parameters
+    ----------
+    A, B : (n_states, n_states), (n_states, n_inputs) array
+        System matrices.
+
+    Returns
+    -------
+    list of complex
+        Poles [rad/s].
     """
     a, b = _system(A, B, "B")
     balanced, (scale, _) = linalg.matrix_balance(a, permute=False, separate=True)
@@ -138,7 +190,7 @@ def unreachable(A: ArrayLike, B: ArrayLike) -> list[complex]:
     for group in _coinciding(s, np.flatnonzero((s.real >= -limit) & (s.imag >= 0))):
         if len(group) == 1:
             directions = left[:, group]
-        else:  # eigenvectors of coinciding poles are arbitrary, and too few if the pole is defective: take their space
+        else:  # eigenvectors of coincident poles are arbitrary, and too few for a defective pole: use their space
             U, values, _ = np.linalg.svd(balanced - s[group[0]] * np.eye(len(a)))
             directions = U[:, values <= max(ALIKE * values[0], values[-1])]
         moved = directions.conj().T @ (b / scale[:, None])

@@ -1,11 +1,17 @@
-"""Sequential quadratic programming from many starts: smooth constraints, an exact penalty, a trust region.
+"""Sequential quadratic programming from many starts, with penalty and trust region.
 
     minimise f(x)   subject to   c(x) >= 0   and   lower <= A x <= upper
 
-Each step solves the quadratic subproblem of Fletcher's S-l1-QP method with OSQP: the linear constraints hold exactly, the
-linearised smooth ones with slacks that the penalty prices, so that a subproblem always has a solution and an infeasible
-problem shows itself by slacks that stay. The Lagrangian's curvature is learnt by damped BFGS. Functions are evaluated for
-all starts in one call; the starts do not see each other. [Nocedal & Wright, Numerical Optimization, 2006, 18.5 and 18.7]
+Each step solves the quadratic subproblem of Fletcher's S-l1-QP method [1]_ with OSQP [2]_. Linear constraints hold
+exactly. The linearised smooth constraints have slacks with a penalty, so a subproblem always has a solution. An
+infeasible problem shows as remaining slacks. Damped BFGS updates approximate the Lagrangian's curvature. One call
+evaluates the functions for all starts, which are independent.
+
+References
+----------
+.. [1] J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., Springer, 2006, sections 18.5 and 18.7.
+.. [2] B. Stellato, G. Banjac, P. Goulart, A. Bemporad and S. Boyd, OSQP: an operator splitting solver for quadratic
+       programs, Mathematical Programming Computation 12 (2020) 637-672.
 """
 
 from collections.abc import Callable
@@ -21,13 +27,15 @@ from vlab.errors import BadDesign
 from vlab.signals import Array
 
 ACCEPT, GOOD = 0.05, 0.7
-"""Shares of the predicted decrease from which a step is taken, and from which the trust region grows."""
+"""ACCEPT [1]: smallest share of the predicted decrease of an accepted step.
+GOOD [1]: share from which the trust region grows."""
 RETRIES = 3
-"""How often the trust region is shrunk where OSQP does not solve a subproblem."""
+"""RETRIES [1]: largest number of reductions of the trust region after a failure of OSQP."""
 CONFINED = 1e-3
-"""Radius below which a start has come to rest only if the promised decrease is small for the radius, too."""
+"""CONFINED [units of x]: trust-region radius below which convergence needs a small predicted decrease relative to the
+radius."""
 TINY = 1e-20
-"""Curvature along a step below which nothing can be learnt from it."""
+"""TINY [1]: smallest curvature along a step that updates the approximation."""
 OSQP: dict[str, Any] = {
     "verbose": False,
     "polishing": True,
@@ -35,11 +43,14 @@ OSQP: dict[str, Any] = {
     "eps_rel": 1e-4,
     "max_iter": 4000,
     "check_termination": 25,
-    "adaptive_rho_interval": 100,  # a number of iterations, never a time: the same bits each run
+    "adaptive_rho_interval": 100,  # a number of iterations instead of a time gives the same bits in each run
 }
-"""Polishing solves the active set exactly, so that a coarse tolerance does; where it fails, `OSQP_PRECISE` goes on."""
+"""Options of OSQP. Polishing solves the active set exactly, so a coarse tolerance suffices; `OSQP_PRECISE` follows a
+failed polish."""
 OSQP_SOLVED = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+"""Accepted states of OSQP."""
 OSQP_PRECISE: dict[str, Any] = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 10000}
+"""Options of OSQP after a failed polish."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,9 +62,11 @@ class Evaluation:
     f : (k,) array
         Objective.
     f_gradient : (k, n) array
+        Gradient of the objective.
     c : (k, m) array
-        Constraints, held at zero or above.
+        Constraints c >= 0.
     c_gradient : (k, m, n) array
+        Gradients of the constraints.
     """
 
     f: Array
@@ -63,18 +76,19 @@ class Evaluation:
 
 
 Evaluate = Callable[[Array, Array], Evaluation]
-"""Takes points (k, n) and the numbers of the starts they belong to, (k,)."""
+"""Points (k, n) and the indices of their starts, (k,), to an `Evaluation`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearConstraints:
-    """lower <= A x <= upper, row by row.
+    """Linear constraints lower <= A x <= upper.
 
     Parameters
     ----------
     A : (p, n) array
+        Coefficients.
     lower, upper : (p,) array
-        May be infinite.
+        Bounds, possibly infinite.
     """
 
     A: Array
@@ -93,20 +107,22 @@ class LinearConstraints:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How the search is run; lengths are in units of x, so scale x to the order of one.
+    """Settings of the search.
+
+    Lengths are in units of x, so x should be of order one.
 
     Parameters
     ----------
     iterations : int
-        Most subproblems a start.
+        Largest number of subproblems a start.
     curvature : float
-        Curvature of the Lagrangian that is assumed at first.
+        Initial curvature of the Lagrangian.
     radius, smallest_radius : float
         First and last half width of the trust region.
     tolerance : float
-        Predicted decrease of the merit function, and violation, at which a start has arrived.
+        Predicted decrease of the merit function, and violation, at convergence.
     penalty, largest_penalty : float
-        Price of one unit of violation at first, and the most it may become before a start is given up as infeasible.
+        Initial penalty per unit of violation, and the largest before a start counts as infeasible.
     """
 
     iterations: int = 80
@@ -120,24 +136,27 @@ class Settings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """Where every start arrived.
+    """End points of every start.
 
     Parameters
     ----------
     x : (k, n) array
+        End points.
     f, violation : (k,) array
-        Objective, and sum of what the constraints lack.
+        Objective, and sum of violations.
     multipliers : (k, m) array
-        Of the smooth constraints: by how much f rises per unit that c is demanded above zero.
+        Multipliers of the smooth constraints: increase of f per unit demanded of c.
     linear_multipliers : (k, p) array
-        Of the linear constraints; positive where the upper bound holds, negative where the lower one does.
+        Multipliers of the linear constraints; positive at the upper bound, negative at the lower.
     predicted : (k,) array
-        Decrease of the merit function that the last subproblem still promised: how far f may lie above the local minimum.
+        Decrease of the merit function predicted by the last subproblem, an estimate of the distance from the local
+        minimum.
     converged : (k,) bool array
-        Whether the last subproblem promised no more than the tolerance. Not so where a kink stopped the search.
+        Whether the last predicted decrease is within the tolerance. A kink prevents convergence.
     iterations : (k,) int array
+        Number of subproblems.
     accepted : float
-        Largest violation that counts as none.
+        Largest violation that counts as feasible.
     """
 
     x: Array
@@ -152,18 +171,24 @@ class Solution:
 
     @cached_property
     def feasible(self) -> Array:
-        """Which starts arrived at a point that satisfies the constraints, (k,)."""
+        """Whether the end point satisfies the constraints, (k,)."""
         return self.violation <= self.accepted
 
     @cached_property
     def best(self) -> int:
-        """The start with the smallest objective among the feasible ones; the least violation where none is."""
+        """Start with the smallest feasible objective.
+
+        Without a feasible start: the smallest violation.
+        """
         if self.feasible.any():
             return int(np.where(self.feasible, self.f, np.inf).argmin())
         return int(self.violation.argmin())
 
     def reached(self, within: float) -> int:
-        """Return how many starts came as close to the best objective."""
+        """Return the number of starts within a distance of the best.
+
+        The distance is in units of the objective.
+        """
         return int(np.count_nonzero(self.feasible & (self.f <= self.f[self.best] + within)))
 
 
@@ -175,14 +200,23 @@ def minimise(
     Parameters
     ----------
     evaluate : callable
-        Functions and gradients; see `Evaluate`.
+        Functions and gradients, see `Evaluate`.
     starts : (k, n) array
-        Points that satisfy the linear constraints.
+        Points within the linear constraints.
+    linear : LinearConstraints
+        Linear constraints.
+    settings : Settings or None
+        Settings; defaults if None.
+
+    Returns
+    -------
+    Solution
+        End points.
 
     Raises
     ------
     BadDesign
-        A start that violates a linear constraint, or shapes that do not fit.
+        A start violates a linear constraint, or shapes do not fit.
     """
     settings = settings or Settings()
     starts = np.atleast_2d(np.asarray(starts, dtype=float))
@@ -219,7 +253,7 @@ def minimise(
 
 
 class _Search:
-    """One start: its point, curvature, penalty and trust region."""
+    """State of one start: point, curvature, penalty, trust region."""
 
     def __init__(self, x: Array, at: Evaluation, number: int, linear: LinearConstraints, settings: Settings) -> None:
         self.x, self.number, self.linear, self.settings = x.copy(), number, linear, settings
@@ -237,13 +271,16 @@ class _Search:
         self.c, self.J = at.c[row], at.c_gradient[row]
 
     def merit(self, f: float, c: Array) -> float:
-        """Return objective plus priced violation."""
+        """Return objective plus penalty."""
         return f + self.penalty * _lack(c)
 
     def propose(self) -> None:
-        """Solve the subproblem and set the trial point, or find that the start has arrived."""
+        """Solve the subproblem and set the trial point.
+
+        A small predicted decrease ends the search.
+        """
         self.steps += 1
-        if self.curved is not None:  # second-order correction: the constraints as they were found at the rejected point
+        if self.curved is not None:  # second-order correction with the constraints at the rejected point
             correction = self.subproblem.solve(self, self.curved)[0]
             self.trial = self.x + (correction if np.all(np.isfinite(correction)) else self.step)
             return
@@ -257,17 +294,20 @@ class _Search:
             return
         needed = max(float(self.multipliers.max(initial=0.0)), 0.1)
         if violation < 0.1 and self.penalty > 4 * needed:
-            self.penalty = 2 * needed  # a high price would punish every curve of a constraint and keep the steps short
+            self.penalty = 2 * needed  # a large penalty over-weights constraint curvature and shortens steps
         decrease = -(self.g @ self.step) - 0.5 * self.step @ self.H @ self.step
         self.predicted = max(0.0, decrease + self.penalty * gain)
         self.trial = self.x + self.step
-        confined = min(1.0, self.radius / CONFINED)  # a tiny trust region promises little wherever it is
+        confined = min(1.0, self.radius / CONFINED)  # a tiny trust region predicts a small decrease everywhere
         arrived = self.predicted <= tolerance * confined * max(1.0, abs(self.f))
         if arrived or self.radius < self.settings.smallest_radius:
             self.done, self.converged = True, arrived
 
     def _solve(self, violation: float) -> float:
-        """Solve the subproblem and return by how much its step reduces the linearised violation."""
+        """Solve the subproblem.
+
+        Return the decrease of the linearised violation.
+        """
         self.step, multipliers, linear_multipliers = self.subproblem.solve(self, self.c)
         for _ in range(RETRIES):
             if np.all(np.isfinite(self.step)):
@@ -278,13 +318,14 @@ class _Search:
         return violation - _lack(self.c + self.J @ self.step)
 
     def _raise_penalty(self, violation: float, gain: float) -> None:
-        """Raise the price of violation until a step takes a fair share of what any step in the trust region could."""
+        """Raise the penalty until a step reduces the violation enough.
+
+        The reference is the largest reduction within the trust region.
+        """
         given, most = self.penalty, self.settings.largest_penalty
         self.penalty = most
         possible = self._solve(violation)
-        if (
-            possible <= 2 * gain + self.settings.tolerance
-        ):  # there is nothing to be had here: the price is not the reason
+        if possible <= 2 * gain + self.settings.tolerance:  # no reduction is possible here, whatever the penalty
             self.penalty = given
             self._solve(violation)
             return
@@ -294,7 +335,7 @@ class _Search:
             gain = self._solve(violation)
 
     def judge(self, at: Evaluation, row: int) -> None:
-        """Take the trial point or stay, and set the trust region."""
+        """Accept or reject the trial point and set the trust region."""
         ratio = (self.merit(self.f, self.c) - self.merit(float(at.f[row]), at.c[row])) / self.predicted
         length = float(np.abs(self.step).max())
         if not np.isfinite(ratio) or ratio < ACCEPT:
@@ -314,7 +355,10 @@ class _Search:
             self.radius = 0.5 * length
 
     def _learn(self, step: Array, change: Array) -> None:
-        """Update the curvature by Powell's damped BFGS, which keeps it positive definite."""
+        """Update the curvature by Powell's damped BFGS.
+
+        The update keeps the matrix positive definite.
+        """
         Hs = self.H @ step
         sHs = float(step @ Hs)
         if sHs <= TINY:
@@ -326,16 +370,22 @@ class _Search:
 
 
 class _Subproblem:
-    """The quadratic program of one start for OSQP, in units of the trust region, with a slack for every smooth constraint."""
+    """Quadratic program of one start for OSQP.
+
+    Lengths are in units of the trust region; every smooth constraint has a slack.
+    """
 
     def __init__(self, n: int, m: int, A: Array) -> None:
         self.n, self.m, self.A = n, m, A
-        columns, rows = np.tril_indices(n)  # the upper triangle, column by column
+        columns, rows = np.tril_indices(n)  # upper triangle, column by column
         self.triangle = rows, columns
         self.pattern = np.concatenate([rows, range(n, n + m)]), np.concatenate([columns, range(n, n + m)])
 
     def solve(self, at: _Search, c: Array) -> tuple[Array, Array, Array]:
-        """Return the step and the multipliers of smooth and linear constraints; no number where OSQP finds none."""
+        """Return step and multipliers of smooth and linear constraints.
+
+        The step is NaN if OSQP fails.
+        """
         n, m, p, radius = self.n, self.m, len(self.A), at.radius
         rows = np.zeros((m + p + n + m, n + m))
         rows[:m, :n], rows[:m, n:] = at.J, np.eye(m)
@@ -345,7 +395,7 @@ class _Subproblem:
         lower = np.concatenate([-c / radius, (at.linear.lower - value) / radius, np.full(n, -1.0), np.zeros(m)])
         upper = np.full(len(lower), np.inf)
         upper[m : m + p], upper[m + p : m + p + n] = (at.linear.upper - value) / radius, 1.0
-        reach = 1.01 * np.abs(rows[: m + p, :n]).sum(axis=1)  # what no step in the trust region can touch is left out
+        reach = 1.01 * np.abs(rows[: m + p, :n]).sum(axis=1)  # drops unreachable constraints
         lower[: m + p] = np.where(lower[: m + p] < -reach, -np.inf, np.minimum(lower[: m + p], upper[: m + p]))
         upper[: m + p] = np.where(upper[: m + p] > reach, np.inf, upper[: m + p])
         curvature = np.concatenate([radius * at.H[self.triangle], np.zeros(m)])

@@ -1,4 +1,4 @@
-"""A model of a structure in state form, with the collocated coils that a control law acts through."""
+"""State model of a structure with collocated coils."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,27 +10,31 @@ from vlab.fe.model import FeModel
 from vlab.signals import Array
 
 TRANSLATIONS = ("v", "tip")
-"""Motions of coordinates that are lengths; the others, rx and rz, are angles."""
+"""Translational coordinates; rx and rz are rotations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateModel:
-    """x' = A x + B u, y = C x with x = [q', q], forces u and velocities y of the coils: equations (3.2) and (4.2).
+    """State model of a structure: (3.2) and (4.2).
+
+    x' = A x + B u, y = C x with x = [q', q], coil forces u and coil velocities y.
 
     Parameters
     ----------
     A : (2n, 2n) array
+        System matrix, SI.
     B : (2n, n_c) array
+        Input matrix, SI.
     C : (n_c, 2n) array
-        SI.
+        Output matrix, SI.
     M, K : (n, n) array
-        Mass and stiffness, for weights that are energies.
+        Mass and stiffness, for energy weights.
     coordinates : (n,) tuple of str
         Labels of q.
     channels : (n_c,) tuple of str
-        Names of the coils, in the order of u and y.
+        Names of the coils in the order of u and y.
     shapes : (n, n) array
-        Mass-normalised undamped modes by frequency, as columns.
+        Mass-normalised undamped modes as columns, by frequency.
     """
 
     A: Array
@@ -49,7 +53,7 @@ class StateModel:
 
     @property
     def is_translation(self) -> Array:
-        """Which coordinates are displacements, (n,) of bool."""
+        """Whether each coordinate is a displacement, (n,)."""
         return np.array([label.partition(":")[0] in TRANSLATIONS for label in self.coordinates])
 
     @property
@@ -58,7 +62,10 @@ class StateModel:
         return (*(f"{label}'" for label in self.coordinates), *self.coordinates)
 
     def to_control(self) -> Any:
-        """Return python-control's `StateSpace` from forces to velocities, with the names of states and channels."""
+        """Return python-control's `StateSpace` from forces to velocities.
+
+        States and channels have names.
+        """
         import control
 
         return control.StateSpace(
@@ -73,7 +80,19 @@ class StateModel:
 
 
 def state_model(fe: FeModel) -> StateModel:
-    """Return the state form of an FE model, full, reduced or corrected, with its coils as collocated pairs.
+    """Return the state model of an FE model.
+
+    The FE model may be full, reduced or corrected; its coils are collocated pairs.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+
+    Returns
+    -------
+    StateModel
+        State model.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Weights and noise of the designs: the published conventions, converted once to SI.
+"""Weights and noise of the designs, converted from published units to SI.
 
-The dissertation writes x = [q', q] in inches and radians, forces in pounds and time in centiseconds (section 3.0), and
-gives Q, R, V_1, V_2 and alpha in these units without naming them. Here the state keeps SI units and the weights carry the
-conversion, so that the index J and every gain mean the same.
+The dissertation has x = [q', q] in inches and radians, forces in pounds and time in centiseconds (section 3.0). Q, R,
+V_1, V_2 and alpha have the same units without explicit statement. In vlab the state stays in SI and the weights carry
+the conversion. The index J and every gain then keep their meaning.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from vlab.signals import Array
 
 
 class AskedWeights(Protocol):
-    """What says the weights in the published units, for example a `vlab.design.published_tables.PublishedDesign`."""
+    """Weights in published units, as in `vlab.design.published_tables.PublishedDesign`."""
 
     @property
     def weights(self) -> str:
-        """``"energy"`` for Q = diag(M, K); otherwise Q = q I."""
+        """``"energy"`` for Q = diag(M, K), else Q = q I."""
 
     @property
     def q(self) -> float:
@@ -34,7 +34,7 @@ class AskedWeights(Protocol):
 
 
 class AskedNoise(Protocol):
-    """What says the noise and the margin of the filter in the published units."""
+    """Noise and filter margin in published units."""
 
     @property
     def v1(self) -> float:
@@ -46,21 +46,21 @@ class AskedNoise(Protocol):
 
     @property
     def alpha(self) -> float:
-        """Stability margin."""
+        """Stability margin of the filter."""
 
 
 INDEFINITE = 1e-10
-"""Share of the largest eigenvalue below which a negative one of a scaled weight is rounding."""
+"""INDEFINITE [1]: negative eigenvalue of a scaled weight, relative to the largest, that counts as rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedUnits:
-    """The units of the published weights.
+    """Units of the published weights.
 
     Parameters
     ----------
     time, length, force : str
-        Angles are radians whatever the length.
+        Unit names; angles are always in radians.
     """
 
     time: str = "cs"
@@ -83,18 +83,20 @@ class PublishedUnits:
         return units.factor(self.force, "N")
 
     def per_state(self, model: StateModel) -> Array:
-        """Return what each SI state, (2n,), must be multiplied by to be in these units."""
+        """Return the factors from SI states to published units, (2n,)."""
         size = np.where(model.is_translation, 1 / self.metres, 1.0)
         return np.concatenate([size * self.seconds, size])
 
 
 PUBLISHED_UNITS = PublishedUnits()
-"""Centiseconds, inches, pounds."""
+"""Centiseconds, inches and pounds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Weights:
-    """Q and R of the index J = integral of x^T Q x + u^T R u over time [s], for x and u in SI.
+    """Q and R of the quadratic index in SI.
+
+    J is the integral of x^T Q x + u^T R u over time [s].
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ class Weights:
     Raises
     ------
     BadDesign
-        Not symmetric, indefinite, not finite.
+        A matrix is not symmetric, indefinite or not finite.
     """
 
     Q: Array
@@ -119,21 +121,21 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Noise:
-    """Intensities and stability margin of the Kalman filter, SI.
+    """Kalman-filter intensities and stability margin in SI.
 
     Parameters
     ----------
     V1 : (2n, 2n) array
-        Of the state excitation w_1.
+        Intensity of the state excitation w_1.
     V2 : (n_s, n_s) array
-        Of the measurement noise w_2; positive definite.
+        Intensity of the measurement noise w_2; positive definite.
     alpha : float
-        Every filter pole lies left of -alpha [1/s] (4.9).
+        Margin [1/s]: every filter pole lies left of -alpha (4.9).
 
     Raises
     ------
     BadDesign
-        As for `Weights`; alpha negative or not finite.
+        A matrix fails as in `Weights`, or alpha is negative or not finite.
     """
 
     V1: Array
@@ -148,12 +150,16 @@ class Noise:
 
 
 def identity_weights(model: StateModel, q: float, r: float, units: PublishedUnits = PUBLISHED_UNITS) -> Weights:
-    """Return Q = q I and R = r I of the published convention.
+    """Return Q = q I and R = r I in the published convention.
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     q, r : float
-        For example 1 and 0.22 on the beam (section 6.1), 0.01 and 0.84 on the grid (section 6.2.1).
+        Factors, such as 1 and 0.22 on the beam (section 6.1) or 0.01 and 0.84 on the grid (section 6.2.1).
+    units : PublishedUnits
+        Units of the factors.
     """
     scale = units.per_state(model)
     Q = _positive(q, "q") * np.diag(scale**2) / units.seconds
@@ -161,9 +167,9 @@ def identity_weights(model: StateModel, q: float, r: float, units: PublishedUnit
 
 
 def energy_weights(model: StateModel, r: float, units: PublishedUnits = PUBLISHED_UNITS) -> Weights:
-    """Return Q = diag(M, K), twice the energy of the structure (6.1), and R = r I in the published units.
+    """Return Q = diag(M, K) and R = r I in published units.
 
-    J is in units of force times length times time.
+    x^T Q x is twice the energy of the structure (6.1). J has the unit of force times length times time.
     """
     n = model.n
     Q = np.zeros((2 * n, 2 * n))
@@ -174,12 +180,21 @@ def energy_weights(model: StateModel, r: float, units: PublishedUnits = PUBLISHE
 def published_noise(
     model: StateModel, v1: float, v2: float, alpha: float, units: PublishedUnits = PUBLISHED_UNITS
 ) -> Noise:
-    """Return V_1 = v1 I, V_2 = v2 I and alpha of the published convention.
+    """Return V_1 = v1 I, V_2 = v2 I and alpha as published.
 
     Parameters
     ----------
+    model : StateModel
+        State model.
     v1, v2, alpha : float
-        For example 1e-6, 5e-4 and 0.2 per centisecond on the beam (section 6.1).
+        Values, such as 1e-6, 5e-4 and 0.2 per centisecond on the beam (section 6.1).
+    units : PublishedUnits
+        Units of the factors.
+
+    Returns
+    -------
+    Noise
+        Noise in SI.
     """
     scale, tick = units.per_state(model), units.seconds
     velocity = units.metres / tick
@@ -191,21 +206,40 @@ def published_noise(
 
 
 def weights_of(asked: AskedWeights, model: StateModel) -> Weights:
-    """Return the Q and R that a design is asked for, for the states of a model."""
+    """Return the required Q and R for a model's states."""
     if asked.weights == "energy":
         return energy_weights(model, asked.r)
     return identity_weights(model, asked.q, asked.r)
 
 
 def noise_of(asked: AskedNoise, model: StateModel) -> Noise:
-    """Return the noise and the margin that a filter is asked for, for the states of a model."""
+    """Return the required noise and margin for a model's states."""
     return published_noise(model, asked.v1, asked.v2, asked.alpha)
 
 
 def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:
-    """Return a symmetric weight, read-only, or refuse it.
+    """Return a symmetric weight as a read-only array.
 
-    Definiteness is judged after scaling to a unit diagonal, for states of different units are of different sizes.
+    Definiteness is judged after scaling to a unit diagonal, because states have different units.
+
+    Parameters
+    ----------
+    given : array_like
+        Matrix.
+    name : str
+        Name in messages.
+    definite : bool
+        Whether the matrix must be positive definite.
+
+    Returns
+    -------
+    array
+        Weight.
+
+    Raises
+    ------
+    BadDesign
+        The matrix is not finite, not symmetric or not definite.
     """
     try:
         matrix = np.array(given, dtype=float)

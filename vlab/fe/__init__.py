@@ -1,4 +1,7 @@
-"""The finite element model of a structure, independent of MuJoCo: mass, damping, stiffness, modes, state space."""
+"""Finite element model of a structure: matrices, modes, state space.
+
+The model is independent of MuJoCo.
+"""
 
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.model import FeModel

@@ -18,20 +18,29 @@ from vlab.signals import Array
 from vlab.structure.model import Structure, Variant
 
 _MOTIONS = ("v", "rx", "rz")
+"""Motions of a node: deflection along y, rotation about x, rotation about z."""
 
 
 def build_fe_model(structure: Structure, variant: str = "published", *, refine: int = 1) -> FeModel:
-    """Assemble M, C and K of a structure in one of its variants.
+    """Assemble M, C and K of a structure's variant.
 
-    Beams with consistent mass and geometric stiffness, whose tension grows with the weight below; strings in tension as
-    lateral springs T/L with a third of their mass; rigid inserts at clamps; inherent damping by modal ratios.
+    Beams have consistent mass and a geometric stiffness with tension that grows with the weight below. Strings in
+    tension are lateral springs T/L with a third of their mass. Inserts at clamps are rigid; modal ratios give the
+    damping.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     variant : str
-        A variant named in the structure file.
+        Name of a variant in the structure file.
     refine : int
-        Multiplies the variant's elements a span.
+        Factor on the variant's elements per span.
+
+    Returns
+    -------
+    FeModel
+        FE model with its pieces.
     """
     choice = structure.variant_named(variant)
     mesh = build_mesh(structure, choice, refine=refine)
@@ -63,7 +72,10 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
 
 
 def _tuned(model: FeModel) -> FeModel:
-    """Return a model with the frequencies that its structure is tuned to; what that takes is a piece of its own."""
+    """Return a model with tuned frequencies.
+
+    The tuning stiffness is a piece of its own.
+    """
     if model.structure.tuning is None:
         return model
     linear = model.linear
@@ -73,7 +85,7 @@ def _tuned(model: FeModel) -> FeModel:
 
 
 def _kept(pieces: tuple[Piece, ...], keep: list[int]) -> tuple[Piece, ...]:
-    """Return the pieces in the coordinates that move."""
+    """Return the pieces in the moving coordinates."""
     place = {column: i for i, column in enumerate(keep)}
     out = []
     for piece in pieces:
@@ -90,7 +102,10 @@ def _columns(element: Element) -> list[int]:
 
 
 def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None) -> Iterator[Piece]:
-    """Yield what mass and stiffness are the sum of: elements, points, supports of cables and plates."""
+    """Yield the parts of mass and stiffness.
+
+    The parts are elements, points, cables and plates.
+    """
     lines = hanging_lines(structure)
     hanging = in_plane_resultants(structure, mesh)
     for i, element in enumerate(mesh.elements):
@@ -110,7 +125,7 @@ def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneMod
 
 
 def _points(structure: Structure, mesh: Mesh) -> Iterator[Piece]:
-    """Yield the masses, cables and plates at the nodes they sit at."""
+    """Yield masses, cables and plates at their nodes."""
     tensions = cable_tensions(structure)
     for point in structure.point:
         if point.name not in {node.name for node in mesh.nodes}:
@@ -120,7 +135,7 @@ def _points(structure: Structure, mesh: Mesh) -> Iterator[Piece]:
         M[0] = structure.point_mass(point.name)
         M[1:] += sum(mass.rotary_inertia for mass in structure.mass if mass.at == point.name)
         for cable in (c for c in structure.cable if c.at == point.name):
-            K[0] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: inclination cancels
+            K[0] += tensions[cable.name] / abs(cable.height)  # sum of T_i/L_i: the inclination cancels
         for plate in (p for p in structure.plate if p.at == point.name):
             K[1] += plate.weight_moment
             M[1:] += [plate.inertia_about_beam, plate.inertia_about_vertical]
@@ -128,7 +143,10 @@ def _points(structure: Structure, mesh: Mesh) -> Iterator[Piece]:
 
 
 def _hanging_stiffness(element: Element, mesh: Mesh, resultants: Resultants, variant: Variant) -> Array:
-    """Return the 6 x 6 geometric stiffness of gravity's in-plane forces in (v, rx, rz) of both nodes."""
+    """Return the geometric stiffness of in-plane forces, 6 x 6.
+
+    The forces are those of gravity; the coordinates are (v, rx, rz) of both nodes.
+    """
     L, direction = element.length, mesh.direction(element)
     bend, twist = bending_map(direction), torsion_map(direction)
     k = bend.T @ el.geometric_stiffness(resultants.axial_at(0.0), resultants.axial_at(L), L) @ bend
@@ -139,11 +157,11 @@ def _hanging_stiffness(element: Element, mesh: Mesh, resultants: Resultants, var
 
 
 def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Array:
-    """Return the stiffness from the weight of a bar that is clamped across a vertical one.
+    """Return the stiffness from the weight of a crossing bar.
 
-    When the clamp rolls by rx, the deflection of the arms against it is along a tilted axis, and lifts their weight by
-    that deflection times rx: the potential g rx (sum of m (v - v_clamp)). It is the in-plane bending moment of the arms
-    that does it.
+    The bar is clamped across a vertical one. If the clamp rolls by rx, the arms deflect along a tilted axis. The
+    deflection times rx lifts their weight: the potential is g rx (sum of m (v - v_clamp)). The mechanism is the
+    in-plane bending moment of the arms.
     """
     n = 3 * len(mesh.nodes)
     K = np.zeros((n, n))
@@ -158,7 +176,7 @@ def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Ar
                 if name != clamp.at:
                     weight[3 * mesh.node(name)] += structure.gravity * structure.point_mass(name)
             weight[root] -= weight[::3].sum()
-            weight[root + 1 : root + 3] = 0.0  # what turns with the clamp is not lifted to first order
+            weight[root + 1 : root + 3] = 0.0  # mass that turns with the clamp is not lifted to first order
             K[root + 1] += weight
             K[:, root + 1] += weight
     return K
@@ -203,10 +221,11 @@ def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) ->
 
 
 def _moving(structure: Structure, mesh: Mesh, M: Array) -> list[int]:
-    """Return the motions that carry mass; what no element moves is left out.
+    """Return the motions with mass.
 
-    A bar without torsional stiffness does not hold the rotation about its own axis. At a clamp on a vertical bar that
-    rotation would spin freely, so the model holds it: the vertical bar does not twist in it.
+    A motion without mass or stiffness is dropped. A bar without torsional stiffness does not hold the rotation about
+    its own axis. At a clamp on a vertical bar such a rotation would be free, so the model holds the rotation: the
+    vertical bar does not twist.
     """
     massive = [i for i in range(len(M)) if M[i, i] > 1e-14 * M.diagonal().max()]
     vertical = set(hanging_lines(structure))

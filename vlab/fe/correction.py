@@ -1,14 +1,16 @@
-"""A model corrected to the modes that were measured: Baruch's reference basis method, equations (3.17)-(3.20).
+"""Model correction by Baruch's reference basis method, equations (3.17)-(3.20).
 
-The measured frequencies, ratios and shapes become exact modes of the corrected model. The mass changes least among all
-that make the shapes orthonormal, then the stiffness least among all that have these modes; both changes are measured as
-|M^-1/2 (.) M^-1/2|, with the mass of the model and the corrected mass. A correction is no diagnosis: it finds matrices
-with these modes, not the part that was wrong.
+The measured frequencies, ratios and shapes become exact modes of the corrected model [1]_ [2]_. The mass change is the
+smallest that makes the shapes orthonormal. The stiffness change is then the smallest that gives the measured modes.
+Both changes are measured as |M^-1/2 (.) M^-1/2|, with the model's mass and the corrected mass. A correction is no
+diagnosis: it does not locate the wrong part.
 
 References
 ----------
-.. [1] Baruch and Bar-Itzhak, "Optimal weighted orthogonalization of measured modes", AIAA Journal 16(4), 1978.
-.. [2] Baruch, "Optimal correction of mass and stiffness matrices using measured modes", AIAA Journal 20(11), 1982.
+.. [1] M. Baruch and I. Y. Bar-Itzhack, Optimal weighted orthogonalization of measured modes, AIAA Journal 16 (1978)
+       346-351.
+.. [2] M. Baruch, Optimal correction of mass and stiffness matrices using measured modes, AIAA Journal 20 (1982)
+       1623-1626.
 """
 
 from collections.abc import Mapping
@@ -24,28 +26,29 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array, ModalModel
 
 DEPENDENT = 1e-8
-"""Smallest eigenvalue of the orthogonality matrix that leaves half of the digits; below it the shapes are dependent."""
+"""DEPENDENT [1]: smallest eigenvalue of the orthogonality matrix of independent shapes, where half of the digits
+remain."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correction:
-    """A corrected model, and how much had to change.
+    """A corrected model with measures of the change.
 
     Parameters
     ----------
     model, uncorrected : SecondOrderModel
-        After and before.
+        Model after and before the correction.
     shapes : (n, p) array
-        The measured shapes in the order of the model's coordinates, of unit modal mass in the uncorrected model (3.17).
+        Measured shapes in the model's coordinate order, with unit modal mass in the uncorrected model (3.17).
     orthogonality : (p, p) array
-        shapes^T M shapes before the correction (Tables 4 and 6); the identity would leave the mass as it was.
+        shapes^T M shapes before the correction (Tables 4 and 6); the identity means no mass change.
     mass_change, stiffness_change, damping_change : float
-        |M^-1/2 (new - old) M^-1/2| relative to the same of the old (Frobenius), with the mass before the correction:
-        the norm does not depend on the units of the coordinates.
+        Relative Frobenius norm of M^-1/2 (new - old) M^-1/2, with the uncorrected mass. The norm is independent of the
+        coordinates' units.
     origin : (p,) int array
-        Which mode of the uncorrected model each measured one is most like, one to one.
+        Uncorrected mode most similar to each measured mode, one to one.
     tracked : (n,) array
-        Frequency [Hz] after the correction of each mode of the uncorrected model, paired by shape.
+        Corrected frequency [Hz] of each uncorrected mode, paired by shape.
     """
 
     model: SecondOrderModel
@@ -60,35 +63,45 @@ class Correction:
 
     @property
     def others(self) -> Array:
-        """Modes of the uncorrected model that no measured mode replaced, ascending."""
+        """Uncorrected modes without a measured partner, ascending."""
         return np.setdiff1d(np.arange(self.model.n), self.origin)
 
     @property
     def shift(self) -> Array:
-        """Change [Hz] of the frequency of every mode of the uncorrected model."""
+        """Frequency change of every uncorrected mode [Hz]."""
         return self.tracked - self.uncorrected.freq
 
     @property
     def off_diagonal(self) -> tuple[float, float]:
-        """Largest and mean absolute value off the diagonal of the orthogonality matrix; zeros for one mode."""
+        """Largest and mean absolute off-diagonal of the orthogonality matrix.
+
+        Both are zero for one mode.
+        """
         values = np.abs(self.orthogonality[~np.eye(len(self.orthogonality), dtype=bool)])
         return (float(values.max()), float(values.mean())) if values.size else (0.0, 0.0)
 
 
 def normalise_shapes(shapes: ArrayLike, M: ArrayLike) -> Array:
-    """Return the shapes scaled to unit modal mass: equation (3.17). Signs are kept.
+    """Return shapes of unit modal mass: equation (3.17).
+
+    Signs are kept.
 
     Parameters
     ----------
     shapes : (n, p) array
-        Real mode shapes, as columns, at all coordinates of M.
+        Real mode shapes as columns, at all coordinates of M.
     M : (n, n) array
         Symmetric, positive definite.
+
+    Returns
+    -------
+    array
+        Scaled shapes, (n, p).
 
     Raises
     ------
     BadRecording
-        Shapes that are complex, not finite, zero, of the wrong length, more than coordinates, or linearly dependent.
+        The shapes are complex, not finite, zero, of wrong length, more than coordinates, or linearly dependent.
     BadStructure
         M is no mass matrix.
     """
@@ -122,38 +135,48 @@ def normalise_shapes(shapes: ArrayLike, M: ArrayLike) -> Array:
 
 
 def correct_mass(M: ArrayLike, shapes: ArrayLike) -> Array:
-    """Return the mass nearest to M in which the shapes are orthonormal: equation (3.18).
+    """Return the nearest mass with orthonormal shapes: equation (3.18).
 
     Parameters
     ----------
     M : (n, n) array
-        Symmetric, positive definite; so is the result.
+        Symmetric, positive definite mass matrix.
     shapes : (n, p) array
-        The scale counts: what `normalise_shapes` gave.
+        Shapes scaled by `normalise_shapes`; the scale matters.
+
+    Returns
+    -------
+    array
+        Corrected mass, symmetric positive definite, (n, n).
     """
     mass, phi = _mass(M), np.asarray(shapes, dtype=float)
-    normalise_shapes(phi, mass)  # refuses what is no set of shapes
+    normalise_shapes(phi, mass)  # raises for unusable shapes
     gram = phi.T @ mass @ phi
     spread = linalg.solve(gram, phi.T @ mass, assume_a="pos")
     return _symmetric(mass - spread.T @ (gram - np.eye(len(gram))) @ spread)
 
 
 def correct_stiffness(K: ArrayLike, M_corrected: ArrayLike, shapes: ArrayLike, freq_hz: ArrayLike) -> Array:
-    """Return the stiffness nearest to K that has the measured modes: equation (3.19) with its last m_R corrected.
+    """Return the nearest stiffness with the measured modes.
 
-    (3.19) is P^T K P + M Phi Omega^2 Phi^T M for P = I - Phi Phi^T M with the corrected M on both sides; as printed it is
-    not symmetric and has other frequencies.
+    Equation (3.19) with its last m_R corrected: K_c = P^T K P + M Phi Omega^2 Phi^T M with P = I - Phi Phi^T M and the
+    corrected M throughout. The printed form is not symmetric and has other frequencies.
 
     Parameters
     ----------
     K : (n, n) array
         Symmetric.
     M_corrected : (n, n) array
-        What `correct_mass` gave.
+        Result of `correct_mass`.
     shapes : (n, p) array
         Orthonormal in `M_corrected`.
     freq_hz : (p,) array
         Measured undamped frequencies [Hz].
+
+    Returns
+    -------
+    array
+        Corrected stiffness, symmetric, (n, n).
     """
     mass, phi = _orthonormal(M_corrected, shapes)
     stiffness = np.asarray(K, dtype=float)
@@ -174,19 +197,24 @@ def correct_damping(
     *,
     zeta_rest: ArrayLike,
 ) -> Array:
-    """Return C = M Phi diag(2 zeta omega) Phi^T M over all modes of the corrected model.
+    """Return C = M Phi diag(2 zeta omega) Phi^T M over all modes.
 
-    This is (3.20) in its symmetric form, for the measured modes and for the remaining ones of (K, M) corrected, which
-    keep the ratios `zeta_rest`. It couples no modes.
+    The symmetric form of (3.20) covers the measured and the remaining modes of the corrected (K, M). Remaining modes
+    keep the ratios `zeta_rest`. C couples no modes.
 
     Parameters
     ----------
     M_corrected, K_corrected : (n, n) arrays
-        What `correct_mass` and `correct_stiffness` gave.
+        Results of `correct_mass` and `correct_stiffness`.
     shapes, freq_hz, zeta : (n, p), (p,) and (p,) arrays
-        The measured modes; shapes orthonormal in `M_corrected`.
+        Measured modes, with shapes orthonormal in `M_corrected`.
     zeta_rest : (n - p,) array or float
         Ratios of the remaining modes, by frequency.
+
+    Returns
+    -------
+    array
+        Corrected damping, symmetric, (n, n).
     """
     mass, phi = _orthonormal(M_corrected, shapes)
     n, count = phi.shape
@@ -205,27 +233,26 @@ def correct_damping(
 def correct_model(
     model: SecondOrderModel, measured: ModalModel, *, coordinates: Mapping[str, str] | None = None
 ) -> Correction:
-    """Correct mass, stiffness and damping of a model to measured modes: (3.17)-(3.20).
+    """Correct a model to measured modes: (3.17)-(3.20).
 
-    Every mode of the uncorrected model is paired one to one with the mode of the corrected model most like it in shape
-    (MAC weighted with the mass). A mode that was not measured keeps the ratio of its partner.
+    Every uncorrected mode is paired one to one with the corrected mode of most similar shape (MAC weighted with the
+    mass). An unmeasured mode keeps the ratio of its partner.
 
     Parameters
     ----------
     model : SecondOrderModel
-        Reduced to the measured coordinates; see `vlab.fe.reduction`.
+        Model reduced to the measured coordinates, see `vlab.fe.reduction`.
     measured : ModalModel
-        Real shapes, at every coordinate of the model and in any order, scale and sign.
+        Real shapes at every coordinate of the model, in any order, scale and sign.
     coordinates : mapping of str to str or None
-        The model's coordinate of each measured one; measured ones that are left out are not used. None where all labels
-        agree.
+        Model coordinate of each measured one; measured coordinates without entry are unused. None if all labels agree.
 
     Raises
     ------
     UnknownName
         A label that the model or the measurement does not have.
     BadRecording
-        A coordinate was not measured, or the modes are no usable set: see `normalise_shapes`.
+        A coordinate was not measured, or the modes are unusable, see `normalise_shapes`.
     """
     count = measured.freq.size
     freq, zeta = _frequencies(measured.freq, count), _measured("damping ratios", measured.zeta, count)
@@ -236,11 +263,20 @@ def correct_model(
 def correct_sequentially(
     model: SecondOrderModel, measured: ModalModel, *, coordinates: Mapping[str, str] | None = None
 ) -> list[Correction]:
-    """Correct to measured mode 1, then to 1 and 2, and so on, each time from the uncorrected model: section 3.3.
+    """Correct to the first measured modes, adding one a step (section 3.3).
 
-    How `tracked` moves from step to step tells whether the model suits the method: a good one leaves or improves the
-    modes that are not yet used. The last step is `correct_model`. Correcting the previous step again with shapes of the
-    same scale would give the same matrices.
+    Each step starts from the uncorrected model. The change of `tracked` from step to step shows whether the model suits
+    the method: for a good model the unused modes stay or improve. The last step equals `correct_model`. Correcting the
+    preceding step with shapes of the same scale would give the same matrices.
+
+    Parameters
+    ----------
+    model : SecondOrderModel
+        Model reduced to the measured coordinates.
+    measured : ModalModel
+        Real shapes at every coordinate of the model.
+    coordinates : mapping of str to str or None
+        Model coordinate of each measured one, see `correct_model`.
 
     Returns
     -------
@@ -260,7 +296,7 @@ def _corrected(model: SecondOrderModel, phi: Array, freq: Array, zeta: Array) ->
     mass = correct_mass(model.M, phi)
     stiffness = correct_stiffness(model.K, mass, phi, freq)
     omega, rest = _remaining(mass, stiffness, phi)
-    # MAC of the modes before and after; those before are orthonormal in the mass before
+    # MAC between modes before and after, orthonormal in the mass before
     after = np.hstack([phi, rest])
     alike = (model.eigen[1].T @ model.M @ after) ** 2 / np.einsum("ij,ik,kj->j", after, model.M, after)
     before, now = linear_sum_assignment(alike, maximize=True)
@@ -321,7 +357,7 @@ def _orthonormal(M: ArrayLike, shapes: ArrayLike) -> tuple[Array, Array]:
     mass, phi = _mass(M), np.asarray(shapes, dtype=float)
     normalise_shapes(phi, mass)
     error = np.abs(phi.T @ mass @ phi - np.eye(phi.shape[1])).max()
-    if error > 1e-6:  # rounding of shapes that are nearly dependent stays below it
+    if error > 1e-6:  # above the rounding of nearly dependent shapes
         raise BadRecording(
             f"the shapes miss orthonormality in the corrected mass by {error:.2g}; call correct_mass first"
         )
@@ -329,7 +365,10 @@ def _orthonormal(M: ArrayLike, shapes: ArrayLike) -> tuple[Array, Array]:
 
 
 def _remaining(mass: Array, stiffness: Array, phi: Array) -> tuple[Array, Array]:
-    """Return omega [rad/s] and orthonormal shapes of the modes besides phi: those that carry no momentum in it."""
+    """Return frequencies and shapes of the modes besides phi.
+
+    The modes carry no momentum in phi; omega is in rad/s.
+    """
     root = linalg.cholesky(mass, lower=True)
     basis = linalg.qr(root.T @ phi)[0][:, phi.shape[1] :]
     if basis.shape[1] == 0:

@@ -1,4 +1,4 @@
-"""Which measured damping ratio, and which factor on a frequency, belongs to which mode of a model."""
+"""Assignment of measured damping ratios and frequency factors to modes."""
 
 import numpy as np
 
@@ -6,11 +6,12 @@ from vlab.signals import Array
 from vlab.structure.model import Damping, Tuning
 
 SILENT = 1e-6
-"""A mode whose motion at every coil is below this share of the largest mode's was not measured: it cannot be driven."""
+"""SILENT [1]: share of the largest mode's motion at the coils below which a mode cannot be driven, and was not
+measured."""
 
 
 def driven_modes(at_coils: Array) -> Array:
-    """Return the indices of the modes that the coils can drive.
+    """Return the indices of coil-driven modes.
 
     Parameters
     ----------
@@ -22,14 +23,15 @@ def driven_modes(at_coils: Array) -> Array:
 
 
 def modal_ratios(damping: Damping, at_coils: Array) -> Array:
-    """Return the damping ratio of every mode of a model, in its order.
+    """Return the damping ratio of every mode in order.
 
-    The measured ratios belong to the modes that the coils can drive, in order of frequency. A model may have others in
-    between (arms that swing against each other, the bounce on the cables); they and the modes above the measured ones
-    get the ratio of the higher modes.
+    The measured ratios belong to the coil-driven modes in order of frequency. Modes between (arms in opposition, bounce
+    on the cables) and above get the ratio of the higher modes.
 
     Parameters
     ----------
+    damping : Damping
+        Measured ratios, and the ratio of higher modes.
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """
@@ -37,10 +39,14 @@ def modal_ratios(damping: Damping, at_coils: Array) -> Array:
 
 
 def modal_factors(tuning: Tuning, at_coils: Array) -> Array:
-    """Return the factor on the frequency of every mode of a model; those that the coils do not drive have one.
+    """Return the frequency factor of every mode.
+
+    Modes that the coils do not drive have factor one.
 
     Parameters
     ----------
+    tuning : Tuning
+        Factors of the first coil-driven modes.
     at_coils : (n_coils, n_modes) array
         Mass-normalised mode shapes at the coils.
     """
@@ -48,7 +54,10 @@ def modal_factors(tuning: Tuning, at_coils: Array) -> Array:
 
 
 def _of_driven(values: tuple[float, ...], others: float, at_coils: Array) -> Array:
-    """Return the values of the modes that the coils drive, in order of frequency, and one value for all others."""
+    """Return one value for each mode.
+
+    `values` belong to the coil-driven modes in order of frequency; every further mode has the value `others`.
+    """
     driven = driven_modes(at_coils)
     out = np.full(at_coils.shape[1], others)
     count = min(len(driven), len(values))

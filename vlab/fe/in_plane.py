@@ -1,8 +1,8 @@
-"""In-plane statics: the axial force, shear and moment that gravity makes in bars hanging from others.
+"""In-plane statics of hanging bars: axial force, shear and moment from gravity.
 
-The bars that hang are a plane frame of rigid joints under their own distributed weight and the weights at their joints.
-Where they meet a bar that carries them they are pinned: held in translation, free to rotate in the plane. What follows
-per element are the stress resultants that stiffen the out-of-plane motion.
+The hanging bars are a plane frame with rigid joints under their distributed weight and the weights at their joints. At
+a carrying bar the frame is pinned: held in translation, free to rotate in the plane. The stress resultants of each
+element stiffen the out-of-plane motion.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,10 @@ from vlab.structure.model import Structure
 
 @dataclass(frozen=True)
 class Resultants:
-    """Stress resultants along an element, s from its first node.
+    """Stress resultants along an element from its first node.
 
-    The in-plane normal is n = (t_z, -t_x), t the direction in (x, z). A positive moment pulls the fibres on the side of n.
+    The in-plane normal is n = (t_z, -t_x), with the direction t in (x, z). A positive moment pulls the fibres on the
+    side of n.
 
     Parameters
     ----------
@@ -46,12 +47,24 @@ class Resultants:
 
 
 def in_plane_resultants(structure: Structure, mesh: Mesh) -> dict[int, Resultants]:
-    """Return the stress resultants of every element of the hanging bars, by index in the mesh.
+    """Return the stress resultants of hanging elements.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    mesh : Mesh
+        Mesh of the structure.
+
+    Returns
+    -------
+    dict of int to Resultants
+        Resultants by index of the element in the mesh.
 
     Raises
     ------
     BadStructure
-        Nothing carries the bars, or they are a mechanism in the plane.
+        No bar carries the hanging bars, or they are a mechanism in the plane.
     """
     carriers = {bar.name for bar in structure.bar if bar.carries}
     hanging = [i for i, e in enumerate(mesh.elements) if e.bar not in carriers]
@@ -87,7 +100,10 @@ def _columns(element: Element) -> list[int]:
 
 
 def _frame_element(structure: Structure, mesh: Mesh, element: Element) -> tuple[Array, Array, Array]:
-    """Return stiffness and consistent weight in local (a, b, theta) at both ends, and the map from (x, z, theta)."""
+    """Return stiffness and weight of a frame element, with its map.
+
+    Local coordinates are (a, b, theta) at both ends; the map starts from (x, z, theta).
+    """
     L, section = element.length, element.section
     EA = section.axial_stiffness
     k = np.zeros((6, 6))

@@ -1,4 +1,4 @@
-"""Measured modes of a structure that come with vlab, to correct its reduced models with."""
+"""Measured modes supplied with vlab, for the correction of reduced models."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +13,10 @@ from vlab.signals import ModalModel
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredDisplacement:
-    """One coordinate of length: its deflection in every mode, relative to the largest of the mode."""
+    """A displacement coordinate with its deflection in every mode.
+
+    Deflections are relative to the largest of the mode.
+    """
 
     coordinate: str
     shape: tuple[float, ...] = number("1")
@@ -21,7 +24,10 @@ class MeasuredDisplacement:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredRotation:
-    """One coordinate of angle: its rotation in every mode [rad] per largest deflection [m]."""
+    """A rotation coordinate with its angle in every mode.
+
+    Angles [rad] are per largest deflection [m].
+    """
 
     coordinate: str
     shape: tuple[float, ...] = number("1/m")
@@ -29,7 +35,9 @@ class MeasuredRotation:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredModes:
-    """The file ``assets/identified/<structure>_modes.toml``; every number says its origin.
+    """Contents of ``assets/identified/<structure>_modes.toml``.
+
+    Every number has its origin.
 
     Parameters
     ----------
@@ -49,7 +57,23 @@ class MeasuredModes:
     rotation: tuple[MeasuredRotation, ...] = ()
 
     def at(self, coordinates: tuple[str, ...]) -> ModalModel:
-        """Return the modes at these coordinates, in their order."""
+        """Return the modes at given coordinates.
+
+        Parameters
+        ----------
+        coordinates : tuple of str
+            Labels in the wanted order.
+
+        Returns
+        -------
+        ModalModel
+            Frequencies, ratios and shapes.
+
+        Raises
+        ------
+        BadStructure
+            A coordinate was not measured.
+        """
         rows = {part.coordinate: part.shape for part in self.displacement}
         rows |= {part.coordinate: part.shape for part in self.rotation}
         missing = [label for label in coordinates if label not in rows]
@@ -66,10 +90,20 @@ class MeasuredModes:
 def measured_modes(structure: str) -> MeasuredModes:
     """Load the measured modes of a structure.
 
+    Parameters
+    ----------
+    structure : str
+        Name of the structure.
+
+    Returns
+    -------
+    MeasuredModes
+        Modes.
+
     Raises
     ------
     BadStructure
-        None come with vlab, or the file is malformed.
+        vlab has no measured modes of the structure, or the file is malformed.
     """
     try:
         path = asset(f"identified/{structure}_modes.toml")

@@ -1,4 +1,4 @@
-"""From a structure to nodes and elements."""
+"""Mesh of a structure: nodes and elements."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,10 @@ from vlab.structure.model import Bar, Section, Structure, Variant
 
 @dataclass(frozen=True)
 class Node:
-    """A node of the mesh at (x, z) [m]; `name` is the point's name, or bar@station for nodes between points."""
+    """A node of the mesh at (x, z) [m].
+
+    `name` is the point's name, or bar@station between points.
+    """
 
     name: str
     x: float
@@ -18,7 +21,9 @@ class Node:
 
 @dataclass(frozen=True)
 class Element:
-    """A piece of a bar between two nodes, flexible between its rigid ends.
+    """A piece of a bar between two nodes.
+
+    The piece is flexible between its rigid ends.
 
     Parameters
     ----------
@@ -51,19 +56,36 @@ class Mesh:
     elements: tuple[Element, ...]
 
     def node(self, name: str) -> int:
-        """Return the index of the node with this name."""
+        """Return the index of a node by name."""
         return next(i for i, node in enumerate(self.nodes) if node.name == name)
 
     def direction(self, element: Element) -> tuple[float, float]:
-        """Return the unit vector (x, z) from the element's first node to its second."""
+        """Return an element's unit vector (x, z).
+
+        The vector points from the first node to the second.
+        """
         a, b = self.nodes[element.start], self.nodes[element.end]
         return (b.x - a.x) / element.length, (b.z - a.z) / element.length
 
 
 def build_mesh(structure: Structure, variant: Variant, *, refine: int = 1) -> Mesh:
-    """Divide every span of every bar; rigid ends at clamps belong to the elements next to them.
+    """Divide every span of every bar into elements.
 
-    A bar that the variant carries by one mode has no elements. `refine` multiplies the elements a span.
+    Rigid ends at clamps belong to the adjacent elements. A bar with one mode in the variant has no elements.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    variant : Variant
+        Variant of the model.
+    refine : int
+        Factor on the elements per span.
+
+    Returns
+    -------
+    Mesh
+        Mesh.
     """
     nodes = [Node(p.name, p.x, p.z) for p in structure.point]
     index = {node.name: i for i, node in enumerate(nodes)}

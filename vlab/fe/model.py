@@ -1,4 +1,4 @@
-"""The FE model of a structure: matrices, and what each place of the structure means in them."""
+"""FE model of a structure: matrices, and rows for places."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,19 +14,19 @@ from vlab.structure.model import Structure
 from vlab.structure.places import locate
 
 TUNING = "tuning"
-"""Name of the piece that gives a structure the frequencies that it is tuned to; it holds all coordinates."""
+"""Name of the piece with the tuning stiffness; the piece involves all coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One of the parts whose sum mass and stiffness are: an element, a point, a cable.
+    """A part of mass and stiffness: element, point or cable.
 
     Parameters
     ----------
     columns : tuple of int
-        Its coordinates in the model.
+        Coordinates of the part in the model.
     M, K : (k, k) array
-        Its mass and stiffness in them.
+        Mass and stiffness of the part in its coordinates.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Piece:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeModel:
-    """A structure's matrices with the map from mesh to generalised coordinates.
+    """A structure's matrices and its map from mesh to coordinates.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class FeModel:
     expand : (3 n_nodes (+ 1), n) array
         Motion (v, rx, rz) of every node, and the tip of a one-mode bar, per generalised coordinate.
     one_mode : OneModeBar or None
-        The bar that is carried by one mode.
+        Bar represented by one mode.
     pieces : tuple of Piece
-        Elements and points that add up to M and K, in the generalised coordinates.
+        Elements and points with sum M and K, in the generalised coordinates.
     """
 
     structure: Structure
@@ -60,11 +60,27 @@ class FeModel:
     pieces: tuple[Piece, ...] = ()
 
     def with_coordinates(self, linear: SecondOrderModel, T: Array) -> "FeModel":
-        """Return the same structure in fewer coordinates p, q = T p, with their matrices: a reduced or corrected model."""
+        """Return the structure in fewer coordinates p, q = T p.
+
+        `linear` holds the reduced or corrected matrices.
+        """
         return replace(self, linear=linear, expand=self.expand @ T, pieces=())
 
     def deflection(self, place: str) -> Array:
-        """Return the (n,) row that gives the deflection along y [m] at a place, from the shape functions of its element."""
+        """Return the row of the deflection along y at a place.
+
+        The shape functions of the place's element give the row.
+
+        Parameters
+        ----------
+        place : str
+            Name of the place.
+
+        Returns
+        -------
+        array
+            Deflection [m] per coordinate, (n,).
+        """
         for plate in (p for p in self.structure.plate if p.name == place):  # swings about x, below the axis
             node = 3 * self.mesh.node(plate.at)
             return self.expand[node] + plate.offset * self.expand[node + 1]
@@ -91,16 +107,23 @@ class FeModel:
         return (row @ nodes) @ self.expand[columns]
 
     def deflections(self, places: Sequence[str]) -> Array:
-        """Return the (n_places, n) rows of several places."""
+        """Return the rows of several places, (n_places, n)."""
         return np.array([self.deflection(place) for place in places]).reshape(len(places), self.linear.n)
 
     def slope(self, point: str, along: tuple[float, float] | None = None) -> Array | None:
-        """Return the (n,) row that gives the deflection's slope at a point of the mesh; None where there is none.
+        """Return the row of the deflection's slope at a point.
 
         Parameters
         ----------
+        point : str
+            Name of a point of the mesh.
         along : tuple of float, optional
-            Direction (x, z); that of the first bar through the point, from its first end to its last, by default.
+            Direction (x, z); by default along the first bar through the point, from its first end to its last.
+
+        Returns
+        -------
+        array or None
+            Slope per coordinate, (n,); None without such a node.
         """
         if point not in [node.name for node in self.mesh.nodes]:
             return None
@@ -113,14 +136,20 @@ class FeModel:
 
     @property
     def coils(self) -> Array:
-        """Load distribution of the coils, (n, n_coils), in the order of the structure file."""
+        """Load distribution of the coils, (n, n_coils), in file order."""
         return self.deflections(self.structure.coil_places).T
 
 
 def bending_map(direction: tuple[float, float]) -> Array:
-    """Return the 4 x 6 map from (v, rx, rz) at both nodes to (v, slope) along a bar with this direction (x, z).
+    """Return the 4 x 6 map from nodes to bending coordinates.
 
-    A rotation (rx, rz) moves the point at (x, z) by rz x - rx z along y, hence the slope rz t_x - rx t_z.
+    The map takes (v, rx, rz) at both nodes to (v, slope) along a bar. A rotation (rx, rz) moves the point (x, z) by rz
+    x - rx z along y. The slope is therefore rz t_x - rx t_z.
+
+    Parameters
+    ----------
+    direction : tuple of (float, float)
+        Direction (x, z) of the bar.
     """
     tx, tz = direction
     end = np.array([[1.0, 0.0, 0.0], [0.0, -tz, tx]])
@@ -128,7 +157,10 @@ def bending_map(direction: tuple[float, float]) -> Array:
 
 
 def torsion_map(direction: tuple[float, float]) -> Array:
-    """Return the 2 x 6 map from (v, rx, rz) at both nodes to the twist about the bar."""
+    """Return the 2 x 6 map from nodes to twist.
+
+    The map takes (v, rx, rz) at both nodes to the rotation about the bar.
+    """
     tx, tz = direction
     end = np.array([[0.0, tx, tz]])
     return np.block([[end, np.zeros((1, 3))], [np.zeros((1, 3)), end]])

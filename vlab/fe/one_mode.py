@@ -1,4 +1,4 @@
-"""A bar carried by its first symmetric mode alone: the published single degree of freedom of the crosspiece."""
+"""Bar represented by its first symmetric mode, as in the published crosspiece."""
 
 from dataclasses import dataclass
 
@@ -11,33 +11,34 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 _ELEMENTS = 16
-"""Elements an arm: its first frequency is then exact to 1e-7 (fourth-order convergence)."""
+"""_ELEMENTS [1]: elements per arm. The first frequency is then exact to 1e-7 (fourth-order convergence)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OneModeBar:
-    """A spring-mass on the clamp point that stands for two equal arms.
+    """A spring-mass on the clamp point for two equal arms.
 
-    The arms follow the clamp point and bend in their first fixed-base mode (component mode synthesis with one mode
-    [1]_). With the modal coordinate scaled so that spring and mass act on the clamp as a plain oscillator does, the
-    absolute deflection of the tips is v + G (x - v): v of the clamp point, x of the oscillator.
+    The arms follow the clamp point and bend in their first fixed-base mode, as in component mode synthesis with one
+    mode [1]_. The modal coordinate is scaled so that spring and mass act on the clamp as a plain oscillator. The
+    absolute deflection of the tips is v + G (x - v), with v of the clamp point and x of the oscillator.
 
     Parameters
     ----------
     mass : float
         Effective mass of the oscillator [kg].
     stiffness : float
-        Its spring [N/m].
+        Spring stiffness of the oscillator [N/m].
     tip_factor : float
-        G.
+        Tip factor G.
     total_mass : float
-        Mass of both arms with what they carry [kg]; what the oscillator does not take moves with the clamp point.
+        Mass of both arms with attached parts [kg]. The mass beyond the oscillator's moves with the clamp point.
     arm : float
         Length from the clamp point to a tip [m].
 
     References
     ----------
-    .. [1] R. R. Craig, M. C. C. Bampton, AIAA Journal 6 (1968) 1313-1319.
+    .. [1] R. R. Craig and M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6 (1968)
+           1313-1319.
     """
 
     bar: str
@@ -52,18 +53,24 @@ class OneModeBar:
 
     @property
     def mass_matrix(self) -> Array:
-        """2 x 2 mass in (v of the clamp point, absolute tip deflection)."""
+        """2 x 2 mass in (clamp deflection, tip deflection)."""
         row = np.array([1 - 1 / self.tip_factor, 1 / self.tip_factor])
         return self.mass * np.outer(row, row) + np.diag([self.total_mass - self.mass, 0.0])
 
     @property
     def stiffness_matrix(self) -> Array:
-        """2 x 2 stiffness in (v of the clamp point, absolute tip deflection)."""
+        """2 x 2 stiffness in (clamp deflection, tip deflection)."""
         row = np.array([-1.0, 1.0]) / self.tip_factor
         return self.stiffness * np.outer(row, row)
 
     def shape(self, distance: float) -> float:
-        """Return the mode's deflection at a distance from the clamp point [m], relative to one at the tip."""
+        """Return the mode's deflection relative to the tip.
+
+        Parameters
+        ----------
+        distance : float
+            Distance from the clamp point [m].
+        """
         outside = max(distance - self.rigid, 0.0)
         piece = (self.arm - self.rigid) / _ELEMENTS
         k = min(int(outside / piece), _ELEMENTS - 1)
@@ -73,10 +80,22 @@ class OneModeBar:
 def one_mode_bar(structure: Structure, name: str) -> OneModeBar:
     """Condense a bar of two equal arms to its first symmetric mode.
 
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    name : str
+        Name of the bar.
+
+    Returns
+    -------
+    OneModeBar
+        Oscillator and tip factor.
+
     Raises
     ------
     BadStructure
-        The bar is not two equal arms with equal tips about a clamp.
+        The bar has no two equal arms with equal tips about a clamp.
     """
     bar = next(b for b in structure.bar if b.name == name)
     section = structure.section[bar.section]

@@ -15,26 +15,37 @@ from vlab.structure.model import Reduction as Retained
 from vlab.structure.model import Structure
 
 MODELS = ("full", "exact", "guyan", "corrected-guyan")
-"""The FE model itself, its exact reduction (3.4-3.8), its Guyan reduction (3.9-3.16), and that one corrected to measured
-modes (3.17-3.20)."""
+"""The FE model, its exact reduction (3.4-3.8), its Guyan reduction (3.9-3.16), and the Guyan reduction corrected to
+measured modes (3.17-3.20)."""
 
 
 def build_reduced_model(structure: Structure, model: str = "full", variant: str = "published") -> FeModel:
-    """Build the FE model of a structure in all coordinates, or in those that its file retains.
+    """Build a structure's FE model, full or reduced.
+
+    A reduced model has the coordinates that the structure file retains.
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     model : str
-        One of `MODELS`. The exact reduction keeps as many modes as coordinates, the lowest unless the file says which. Each
-        mode of a Guyan model gets the ratio of the mode it is most like, for static condensation keeps no modal damping; the corrected one has the
-        measured ratios.
+        Name in `MODELS`. The exact reduction keeps as many modes as coordinates, the lowest by default. Static
+        condensation loses modal damping, so each mode of a Guyan model gets the ratio of its most similar full mode.
+        The corrected model has the measured ratios.
+    variant : str
+        Variant of the full model.
+
+    Returns
+    -------
+    FeModel
+        FE model.
 
     Raises
     ------
     UnknownName
-        No model of that name, or a retained coordinate that this variant does not have.
+        No such model, or a retained coordinate is not in the variant.
     BadStructure
-        The structure file retains nothing, or no measured modes of the structure come with vlab.
+        The structure file retains nothing, or vlab has no measured modes of the structure.
     """
     if model not in MODELS:
         raise unknown_name("model", model, MODELS)
@@ -65,6 +76,9 @@ def _exact(fe: FeModel, choice: Retained) -> FeModel:
 
 
 def _alike(full: SecondOrderModel, reduction: Reduction) -> Array:
-    """Return which mode of the full model each mode of a reduced one is most like, one to one (MAC in the full mass)."""
+    """Return the full mode most similar to each reduced mode.
+
+    The pairing is one to one, by the MAC in the full mass.
+    """
     products = reduction.model.eigen[1].T @ reduction.T.T @ full.M @ full.eigen[1]
     return linear_sum_assignment(products**2, maximize=True)[1]

@@ -1,16 +1,16 @@
-"""Fewer coordinates that are still physical: the exact reduction, Guyan's, and a search for the ones to keep.
+"""Reduction to physical coordinates: exact, Guyan, and search of the coordinates.
 
-Both reductions are q = T q_R with a different T, hence M_R = T^T M T, loads T^T U and outputs rows @ T. The exact one
-keeps modes, Guyan's keeps the static response. Equation numbers are the dissertation's; (3.12)-(3.14) and (3.16) are
-misprinted there and corrected here.
+Both reductions are q = T q_R with a different T. Hence M_R = T^T M T, loads T^T U and outputs rows @ T. The exact
+reduction [3]_ keeps modes; Guyan's [1]_ keeps the static response. The search starts from the elimination of [2]_.
+Equation numbers are the dissertation's. Its (3.12)-(3.14) and (3.16) are misprinted and corrected here.
 
 References
 ----------
-.. [1] Guyan, "Reduction of stiffness and mass matrices", AIAA Journal 3(2), 1965.
-.. [2] Henshell and Ong, "Automatic masters for eigenvalue economization", Earthquake Engineering and Structural
-   Dynamics 3, 1975.
-.. [3] O'Callahan, Avitabile and Riemer, "System equivalent reduction expansion process", IMAC VII, 1989: the exact
-   reduction for as many coordinates as modes.
+.. [1] R. J. Guyan, Reduction of stiffness and mass matrices, AIAA Journal 3 (1965) 380.
+.. [2] R. D. Henshell and J. H. Ong, Automatic masters for eigenvalue economization, Earthquake Engineering and
+       Structural Dynamics 3 (1975) 375-383.
+.. [3] J. O'Callahan, P. Avitabile and R. Riemer, System equivalent reduction expansion process, IMAC VII, 1989: the
+       exact reduction for as many coordinates as modes.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,16 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 INVISIBLE = 1e-7
-"""Smallest singular value of the modes at the retained coordinates, of which each has unit length over all modes: the
-reduced mass squares it, to 1e-14."""
+"""INVISIBLE [1]: smallest singular value of the modes at the retained coordinates, each of unit length over all
+modes. The reduced mass squares the value, to 1e-14."""
 SINGULAR = 1e-12
-"""Smallest eigenvalue of a stiffness scaled to a unit diagonal that rounding leaves distinguishable from zero."""
+"""SINGULAR [1]: smallest eigenvalue of a stiffness with unit diagonal that exceeds rounding."""
 RIGID = 1e-4
-"""A frequency below this share of the highest compared one is a rigid motion: its error is no ratio of itself."""
+"""RIGID [1]: frequency relative to the highest compared one below which a mode is a rigid motion, without relative
+error."""
 IMPROVES = 1e-6
-"""An exchange must lower the error by this share, so that rounding decides nothing between like coordinates."""
+"""IMPROVES [1]: smallest relative improvement of an exchange, so that rounding does not decide between equivalent
+coordinates."""
 
 Method = Literal["elimination", "exchange"]
 Measure = Literal["worst", "rms"]
@@ -41,16 +43,16 @@ Measure = Literal["worst", "rms"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reduction:
-    """A model in some of the coordinates of a larger one.
+    """A model in a subset of a larger model's coordinates.
 
     Parameters
     ----------
     model : SecondOrderModel
-        The reduced matrices, in the order of `retained`.
+        Reduced matrices in the order of `retained`.
     retained : (n_R,) tuple of int
-        The rows of the full model that were kept.
+        Kept rows of the full model.
     T : (n, n_R) array
-        Motion of all coordinates of the full model per retained one; the identity in the retained rows.
+        Motion of all full coordinates per retained one; the identity in the retained rows.
     """
 
     model: SecondOrderModel
@@ -58,11 +60,17 @@ class Reduction:
     T: Array
 
     def reduce_loads(self, U: Array) -> Array:
-        """Return the (n_R, n_inputs) load distribution T^T U for loads (n, n_inputs) at any coordinate."""
+        """Return the load distribution T^T U, (n_R, n_inputs).
+
+        `U` holds loads (n, n_inputs) at any coordinate.
+        """
         return self.T.T @ self._of_full_model("loads", np.asarray(U, dtype=float))
 
     def reduce_outputs(self, rows: Array) -> Array:
-        """Return (n_outputs, n_R) output rows for rows (n_outputs, n) of the full model."""
+        """Return the reduced output rows, (n_outputs, n_R).
+
+        `rows` are output rows (n_outputs, n) of the full model.
+        """
         return self._of_full_model("output rows, transposed,", np.asarray(rows, dtype=float).T).T @ self.T
 
     def _of_full_model(self, what: str, given: Array) -> Array:
@@ -73,29 +81,31 @@ class Reduction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GuyanReduction(Reduction):
-    """Equations (3.9)-(3.16): the other coordinates follow the retained ones statically.
+    """Static condensation: equations (3.9)-(3.16).
 
-    The static response to any load is exact at the retained coordinates; no frequency is below the true one.
+    Condensed coordinates follow the retained ones statically. The static response to any load is exact at the retained
+    coordinates; no frequency is below the true one.
     """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactReduction(Reduction):
-    """Equations (3.4)-(3.8): the frequencies, ratios and shapes of n_R modes, exactly.
+    """Exact reduction to n_R modes: equations (3.4)-(3.8).
 
-    `model` is the symmetric form for mass-normalised modes, M_R = Phi_R^-T Phi_R^-1. A load on a coordinate that was
-    not retained acts through its modal forces.
+    Frequencies, ratios and shapes are exact. `model` is the symmetric form for mass-normalised modes, M_R = Phi_R^-T
+    Phi_R^-1. A load on a condensed coordinate acts through its modal forces.
 
     Parameters
     ----------
     modes : (n_R,) tuple of int
-        The modes that were kept, as columns of the full model's `eigen`.
+        Kept columns of the full model's `eigen`.
     omega, zeta : (n_R,) array
-        Their circular frequencies [rad/s] and ratios.
+        Circular frequencies [rad/s] and damping ratios.
     shapes : (n_R, n_R) array
         Phi_R: mass-normalised shapes at the retained coordinates.
     condition : float
-        Of `shapes` with each coordinate scaled by its mobility; digits lost, in powers of ten, up to twice its logarithm.
+        Condition of `shapes` with each coordinate scaled by its mobility. Up to twice its decimal logarithm of digits
+        are lost.
     """
 
     modes: tuple[int, ...]
@@ -106,26 +116,32 @@ class ExactReduction(Reduction):
 
     @property
     def Minv_C(self) -> Array:
-        """m_R^-1 c_R of equation (3.6)."""
+        """Matrix m_R^-1 c_R of equation (3.6)."""
         return self._in_coordinates(2 * self.zeta * np.abs(self.omega))
 
     @property
     def Minv_K(self) -> Array:
-        """m_R^-1 k_R of equation (3.7)."""
+        """Matrix m_R^-1 k_R of equation (3.7)."""
         return self._in_coordinates(self.omega * np.abs(self.omega))
 
     def Minv_U(self, U: Array) -> Array:
-        """Return m_R^-1 U_R of equation (3.8) for loads (n, n_inputs) at any coordinate: Phi_R Phi^T U."""
+        """Return m_R^-1 U_R = Phi_R Phi^T U of equation (3.8).
+
+        `U` holds loads (n, n_inputs) at any coordinate.
+        """
         return self.shapes @ (self.shapes.T @ self.reduce_loads(U))
 
     @property
     def A(self) -> Array:
-        """A_R of equation (3.3) for the state x = [q', q]."""
+        """State matrix A_R of equation (3.3) for x = [q', q]."""
         n = self.model.n
         return np.block([[-self.Minv_C, -self.Minv_K], [np.eye(n), np.zeros((n, n))]])
 
     def B(self, U: Array) -> Array:
-        """Return B_R of equation (3.3) for loads (n, n_inputs) on the full model."""
+        """Return the input matrix B_R of equation (3.3).
+
+        `U` holds loads (n, n_inputs) on the full model.
+        """
         upper = self.Minv_U(U)
         return np.vstack([upper, np.zeros_like(upper)])
 
@@ -135,19 +151,19 @@ class ExactReduction(Reduction):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RetainedSearch:
-    """The coordinates that a search kept, and what they cost.
+    """Result of a search for coordinates, with its errors.
 
     Parameters
     ----------
     retained : tuple of str
-        In the order of the model.
+        Coordinates in the order of the model.
     freq_error : (modes,) array
-        Relative error of each frequency under Guyan's reduction, compared in order of frequency; of a rigid motion
+        Relative error of each frequency under Guyan's reduction, in order of frequency. For a rigid motion the error is
         relative to the highest compared frequency.
     eliminated : tuple of str
-        The other candidates in the order in which the elimination dropped them.
+        Dropped candidates in order of elimination.
     exchanges : tuple of (str, str)
-        Which coordinate gave way to which afterwards.
+        Pairs of dropped and added coordinates in the exchange.
     """
 
     retained: tuple[str, ...]
@@ -163,27 +179,32 @@ def exact_reduction(
     modes: Sequence[int] | None = None,
     zeta: ArrayLike | None = None,
 ) -> ExactReduction:
-    """Keep n_R coordinates and as many modes, exactly: equations (3.4)-(3.8).
+    """Keep n_R coordinates and modes exactly: equations (3.4)-(3.8).
 
     Parameters
     ----------
     model : SecondOrderModel
         The full model.
     retained : sequence of str or int
-        Labels or numbers (from 0) of the coordinates to keep, in the order wanted.
+        Labels or numbers (from 0) of the coordinates, in the wanted order.
     modes : sequence of int or None
-        Columns of `model.eigen` to keep (from 0); None for the lowest n_R. A set that parts a repeated frequency is
-        no better defined than the shapes of that frequency.
+        Kept columns of `model.eigen` (from 0); None for the lowest n_R. A selection that splits a repeated frequency is
+        ill-defined, as are its shapes.
     zeta : array_like or None
-        Damping ratio of each retained mode, or one for all; None for the model's own ratios. What couples modes in
-        the model's C is lost either way.
+        Damping ratio of each retained mode, or one for all; None for the model's own. Modal coupling by the model's C
+        is lost in any case.
+
+    Returns
+    -------
+    ExactReduction
+        Reduced model with its modes.
 
     Raises
     ------
     UnknownName
         No such coordinate.
     BadStructure
-        A coordinate or mode stands twice, their numbers differ, or the modes cannot be told apart at the coordinates.
+        A coordinate or mode is repeated, the numbers differ, or the modes are indistinguishable at the coordinates.
     """
     keep = _rows(model, retained)
     columns = _columns(model, modes, len(keep))
@@ -212,26 +233,35 @@ def exact_reduction(
 def guyan_reduction(
     model: SecondOrderModel, retained: Sequence[str | int], *, zeta: ArrayLike | None = None
 ) -> GuyanReduction:
-    """Condense statically to some coordinates: equations (3.9)-(3.16) without their misprints.
+    """Condense statically: equations (3.9)-(3.16), corrected.
 
-    q_2 = G_0 q_1 with G_0 = -K22^-1 K12^T, K_R = K11 - K12 K22^-1 K12^T,
-    M_R = M11 + M12 G_0 + G_0^T M12^T + G_0^T M22 G_0.
+    With G_0 = -K22^-1 K12^T and q_2 = G_0 q_1, K_R = K11 - K12 K22^-1 K12^T and M_R = M11 + M12 G_0 + G_0^T M12^T +
+    G_0^T M22 G_0 [1]_.
 
     Parameters
     ----------
     model : SecondOrderModel
         The full model.
     retained : sequence of str or int
-        Labels or numbers (from 0) of the coordinates to keep, in the order wanted.
+        Labels or numbers (from 0) of the coordinates, in the wanted order.
     zeta : array_like or None
         Damping ratio of each mode of the reduced model, or one for all; None for T^T C T.
+
+    Returns
+    -------
+    GuyanReduction
+        Reduced model.
 
     Raises
     ------
     UnknownName
         No such coordinate.
     BadStructure
-        A coordinate stands twice, or the others can move without strain while the retained ones are held.
+        A coordinate is repeated, or the condensed coordinates move without strain while the retained ones are held.
+
+    References
+    ----------
+    .. [1] R. J. Guyan, Reduction of stiffness and mass matrices, AIAA Journal 3 (1965) 380.
     """
     keep = _rows(model, retained)
     T = _static_transformation(model.K, keep, model.coordinates)
@@ -250,24 +280,37 @@ def search_retained(
     method: Method = "exchange",
     measure: Measure = "worst",
 ) -> RetainedSearch:
-    """Search the coordinates with which Guyan's reduction degrades the first frequencies least.
+    """Search the coordinates of the best Guyan reduction.
 
-    The elimination condenses the coordinate of the largest K_ii/M_ii, one after the other, with the matrices reduced
-    each time [2]_. The exchange then swaps a retained against a dropped candidate as long as the best swap improves.
-    The result is the same for any order of the candidates; it is a local optimum, not proved to be the best set.
+    The criterion is the error of the lowest frequencies. The elimination condenses the coordinate of the largest
+    K_ii/M_ii, one after the other, with matrices reduced each time [1]_. The exchange then swaps retained and dropped
+    candidates while the best swap improves the criterion. The result is independent of the candidates' order; it is a
+    local optimum without proof of being the best set.
 
     Parameters
     ----------
+    model : SecondOrderModel
+        Full model.
     candidates : sequence of str or int
-        Coordinates that could be measured; the others are always condensed.
+        Measurable coordinates; all further coordinates are always condensed.
     count : int
-        How many to keep.
+        Number of coordinates to keep.
     modes : int
-        How many of the lowest frequencies count.
+        Number of lowest frequencies in the criterion.
     method : {"exchange", "elimination"}
         With or without the exchange.
     measure : {"worst", "rms"}
-        What the exchange lowers: the largest or the root mean square error of the frequencies.
+        Criterion of the exchange: largest or root-mean-square frequency error.
+
+    Returns
+    -------
+    RetainedSearch
+        Coordinates, errors and steps of the search.
+
+    References
+    ----------
+    .. [1] R. D. Henshell and J. H. Ong, Automatic masters for eigenvalue economization, Earthquake Engineering and
+           Structural Dynamics 3 (1975) 375-383.
     """
     if method not in ("elimination", "exchange"):
         raise unknown_name("method", str(method), ("elimination", "exchange"), where="search_retained")
@@ -345,7 +388,10 @@ def _ratios(zeta: ArrayLike, count: int) -> Array:
 
 
 def _visibility(model: SecondOrderModel, keep: list[int], columns: list[int]) -> float:
-    """Return the condition of the modes at the coordinates, each scaled to unit length over all modes, or refuse it."""
+    """Return the condition of the modes at the coordinates.
+
+    Each coordinate is scaled to unit length over all modes. A bad condition raises.
+    """
     every = model.eigen[1][keep]
     left = every[:, columns] / np.linalg.norm(every, axis=1)[:, None]
     _, values, right = np.linalg.svd(left)
@@ -386,7 +432,7 @@ def _eliminate(base: SecondOrderModel, count: int) -> tuple[list[int], list[int]
     keep, dropped = list(range(base.n)), []
     while len(keep) > count:
         ratio = np.diag(K) / np.diag(M)
-        # the last of equals, whatever rounding made of them
+        # last of equal coordinates, whatever the rounding
         weakest = int(np.flatnonzero(ratio >= ratio.max() - 1e-9 * np.abs(ratio).max())[-1])
         if K[weakest, weakest] <= SINGULAR * np.abs(base.K[keep[weakest], keep[weakest]]):
             raise BadStructure(

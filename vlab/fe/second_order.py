@@ -1,4 +1,7 @@
-"""A linear structure M q'' + C q' + K q = U u, whatever it came from: the FE model, a reduction, a linearised plant."""
+"""Linear second-order model M q'' + C q' + K q = U u.
+
+The source may be an FE model, a reduction or a linearised plant.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +26,7 @@ class SecondOrderModel:
     Parameters
     ----------
     M, C, K : (n, n) array
-        Symmetric; M positive definite. SI.
+        Symmetric matrices in SI; M is positive definite.
     coordinates : sequence of str
         Labels of the generalised coordinates, for example ``"v:base"``.
 
@@ -61,31 +64,56 @@ class SecondOrderModel:
 
     @cached_property
     def eigen(self) -> tuple[Array, Array]:
-        """Circular frequencies omega [rad/s], ascending, and mass-normalised mode shapes Phi (Phi^T M Phi = I)."""
+        """Circular frequencies omega [rad/s] and mass-normalised shapes Phi.
+
+        Frequencies ascend, and Phi^T M Phi = I.
+        """
         squared, shapes = linalg.eigh(self.K, self.M)
         shapes = shapes * np.where(shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
         return np.sign(squared) * np.sqrt(np.abs(squared)), shapes
 
     @property
     def freq(self) -> Array:
-        """Undamped natural frequencies [Hz], ascending; negative where the stiffness is (an unstable equilibrium)."""
+        """Undamped natural frequencies [Hz], ascending.
+
+        A negative value means negative stiffness (an unstable equilibrium).
+        """
         return self.eigen[0] / (2 * np.pi)
 
     @cached_property
     def zeta(self) -> Array:
-        """Damping ratios of the undamped modes: diagonal of Phi^T C Phi over 2 omega."""
+        """Damping ratios of the undamped modes.
+
+        The ratios are the diagonal of Phi^T C Phi over 2 omega.
+        """
         omega, shapes = self.eigen
         return np.einsum("ij,ik,kj->j", shapes, self.C, shapes) / (2 * np.maximum(np.abs(omega), 1e-12))
 
     def tuning_stiffness(self, factors: Array) -> Array:
-        """Return the stiffness that multiplies the modes' frequencies by factors and leaves their shapes, (n, n)."""
+        """Return the stiffness that tunes frequencies by factors, (n, n).
+
+        The mode shapes stay.
+        """
         omega, shapes = self.eigen
         changed = np.flatnonzero(np.asarray(factors) != 1.0)
         rows = (self.M @ shapes[:, changed]).T
         return np.asarray((rows.T * ((np.asarray(factors)[changed] ** 2 - 1.0) * omega[changed] ** 2)) @ rows)
 
     def with_modal_damping(self, zeta: Array) -> "SecondOrderModel":
-        """Return the same model with C = M Phi diag(2 zeta omega) Phi^T M, which couples no modes."""
+        """Return the model with modal damping.
+
+        C = M Phi diag(2 zeta omega) Phi^T M couples no modes.
+
+        Parameters
+        ----------
+        zeta : array
+            Damping ratio of each mode, (n,).
+
+        Returns
+        -------
+        SecondOrderModel
+            Model with new C.
+        """
         omega, shapes = self.eigen
         MPhi = self.M @ shapes
         return SecondOrderModel(
@@ -93,11 +121,17 @@ class SecondOrderModel:
         )
 
     def with_rate_feedback(self, inputs: Array, gains: Array) -> "SecondOrderModel":
-        """Return the model with u = -D y closed around collocated pairs: C + B D B^T, for a symmetric D (4.30)."""
+        """Return the model under collocated rate feedback u = -D y.
+
+        For a symmetric D the damping becomes C + B D B^T (4.30).
+        """
         return SecondOrderModel(M=self.M, C=self.C + inputs @ gains @ inputs.T, K=self.K, coordinates=self.coordinates)
 
     def transformed(self, T: Array, coordinates: Sequence[str]) -> "SecondOrderModel":
-        """Return the model in coordinates p with q = T p (a Ritz reduction when T is tall)."""
+        """Return the model in coordinates p with q = T p.
+
+        A tall T gives a Ritz reduction.
+        """
         return SecondOrderModel(
             M=T.T @ self.M @ T, C=T.T @ self.C @ T, K=T.T @ self.K @ T, coordinates=tuple(coordinates)
         )
@@ -105,7 +139,7 @@ class SecondOrderModel:
     def state_matrices(
         self, inputs: Array, outputs: Array, quantity: Quantity = "velocity"
     ) -> tuple[Array, Array, Array, Array]:
-        """Return A, B, C, D for the state x = [q', q] of equation (3.2).
+        """Return A, B, C, D of equation (3.2) for x = [q', q].
 
         Parameters
         ----------
@@ -114,7 +148,12 @@ class SecondOrderModel:
         outputs : (n_outputs, n) array
             Displacement at each output per coordinate.
         quantity : str
-            What the outputs measure.
+            Measured quantity of the outputs.
+
+        Returns
+        -------
+        tuple of (array, array, array, array)
+            State matrices.
         """
         n = self.n
         Minv = np.linalg.inv(self.M)
@@ -130,7 +169,7 @@ class SecondOrderModel:
         return A, B, C, D
 
     def state_space(self, inputs: Array, outputs: Array, quantity: Quantity = "velocity") -> Any:
-        """Return python-control's `StateSpace` with x = [q', q]; see `state_matrices`."""
+        """Return python-control's `StateSpace`, see `state_matrices`."""
         import control
 
         return control.StateSpace(*self.state_matrices(inputs, outputs, quantity))
@@ -145,7 +184,28 @@ class SecondOrderModel:
         input_names: Sequence[str] = (),
         output_names: Sequence[str] = (),
     ) -> FrequencyResponse:
-        """Return the analytical frequency response at `freq` [Hz], solved directly from M, C and K."""
+        """Return the analytical frequency response from M, C and K.
+
+        Parameters
+        ----------
+        freq : array
+            Frequencies [Hz].
+        inputs : array
+            Load distribution of each input, (n, n_inputs).
+        outputs : array
+            Displacement rows of the outputs, (n_outputs, n).
+        quantity : Quantity
+            Measured quantity of the outputs.
+        input_names : sequence of str
+            Names of the inputs.
+        output_names : sequence of str
+            Names of the outputs.
+
+        Returns
+        -------
+        FrequencyResponse
+            Response (n_freq, n_outputs, n_inputs), in the quantity's unit per N.
+        """
         omega = 2 * np.pi * np.asarray(freq, dtype=float)
         dynamic = self.K - np.einsum("f,ij->fij", omega**2, self.M) + 1j * np.einsum("f,ij->fij", omega, self.C)
         motion = np.linalg.solve(dynamic, np.broadcast_to(inputs.astype(complex), (omega.size, *inputs.shape)))
@@ -159,9 +219,10 @@ class SecondOrderModel:
         )
 
     def complex_modes(self) -> tuple[Array, Array]:
-        """Return frequencies |s|/2pi [Hz] and damping ratios -Re s/|s| of all damped modes, by frequency.
+        """Return frequencies and damping ratios of all damped modes.
 
-        Overdamped pairs count as two modes with ratio one.
+        The frequency is |s|/(2 pi) [Hz], the ratio -Re s/|s|, in ascending order. An overdamped pair counts as two
+        modes with ratio one.
         """
         A = self.state_matrices(np.zeros((self.n, 1)), np.zeros((1, self.n)))[0]
         s = np.linalg.eigvals(A)
@@ -170,7 +231,24 @@ class SecondOrderModel:
         return np.abs(s) / (2 * np.pi), -s.real / np.abs(s)
 
     def modal_model(self, outputs: Array, names: Sequence[str], count: int) -> ModalModel:
-        """Return the first `count` undamped modes seen at the outputs, each scaled to unit maximum there."""
+        """Return the first undamped modes at the outputs.
+
+        Each shape has unit maximum at the outputs.
+
+        Parameters
+        ----------
+        outputs : array
+            Displacement rows, (n_outputs, n).
+        names : sequence of str
+            Names of the outputs.
+        count : int
+            Number of modes.
+
+        Returns
+        -------
+        ModalModel
+            Modal model.
+        """
         shapes = outputs @ self.eigen[1][:, :count]
         scale = shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])]
         return ModalModel(

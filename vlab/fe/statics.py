@@ -1,4 +1,4 @@
-"""Tension in the vertical bars under gravity and cable tension."""
+"""Statics of vertical bars: tension from gravity and cables."""
 
 from dataclasses import dataclass
 
@@ -10,22 +10,22 @@ from vlab.structure.model import Bar, Cable, Structure
 
 @dataclass(frozen=True)
 class HangingLine:
-    """The tension along one vertical bar, and in the cables at its ends.
+    """Tension along one vertical bar and its end cables.
 
     Parameters
     ----------
     bar : str
         The vertical bar.
     heights : tuple of float
-        Heights of the lumped weights on it [m], ascending.
+        Ascending heights of the lumped weights [m].
     weights : tuple of float
-        Those weights [N]: lumped masses, and the bars that it carries.
+        Lumped weights [N]: masses, and carried bars.
     weight_per_length : float
-        Its own weight [N/m].
+        Weight of the bar [N/m].
     base : float
-        Height of its lower end [m].
+        Height of the bar's lower end [m].
     base_tension : float
-        Pull of what is below the lower end [N].
+        Tension below the lower end [N].
     """
 
     bar: str
@@ -36,13 +36,27 @@ class HangingLine:
     base_tension: float
 
     def tension(self, z: float) -> float:
-        """Return the tension just above height z [N]: everything below pulls."""
+        """Return the tension just above height z [N].
+
+        The tension balances everything below.
+        """
         lumps = sum(w for h, w in zip(self.heights, self.weights, strict=True) if h <= z + 1e-9)
         return self.base_tension + lumps + self.weight_per_length * (z - self.base)
 
 
 def hanging_lines(structure: Structure) -> dict[str, HangingLine]:
-    """Return the tension along every vertical bar of the structure, by bar name."""
+    """Return the tension along every vertical bar.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+
+    Returns
+    -------
+    dict of str to HangingLine
+        Tension by bar name.
+    """
     lines = {}
     for bar in structure.bar:
         first, last = structure.position(bar.points[0]), structure.position(bar.points[-1])
@@ -52,7 +66,20 @@ def hanging_lines(structure: Structure) -> dict[str, HangingLine]:
 
 
 def cable_tensions(structure: Structure) -> dict[str, float]:
-    """Return the vertical tension of each cable set [N]: as stated, or from equilibrium of the bar it holds."""
+    """Return the vertical tension of each cable set [N].
+
+    The value is stated, or follows from equilibrium of the held bar.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+
+    Returns
+    -------
+    dict of str to float
+        Tension [N] by cable name.
+    """
     lines = hanging_lines(structure)
     tensions = {}
     for cable in structure.cable:
@@ -92,7 +119,10 @@ def _line(structure: Structure, bar: Bar) -> HangingLine:
 
 
 def _hang_on(structure: Structure, other: Bar, bar: Bar, carried: dict[str, float]) -> None:
-    """Add the weight of a bar that crosses `bar`, with the masses on it, to the point where they cross."""
+    """Add a crossing bar's weight at its crossing point.
+
+    Masses on the crossing bar are included.
+    """
     shared = [name for name in other.points if name in bar.points]
     if not shared:
         return

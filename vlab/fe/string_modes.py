@@ -1,8 +1,14 @@
-"""The cables' own vibration, which an FE model with cables as springs and end masses leaves out.
+"""Lateral modes of the cables, added to an FE model.
 
-A cable of length l and mass m moves as v_end x/l + sum of s_j sin(j pi x/l), x from its fixing (Craig and Bampton). The
-first part is the model's own: T/l of stiffness and m/3 of mass at the point. Each s_j adds the modal mass m/2, its natural
-frequency with both ends held, and the coupling -(-1)^j m/(j pi) to the point's acceleration. The stiffness does not couple.
+The FE model has cables as springs and end masses only. A cable of length l and mass m moves as v_end x/l + sum of s_j
+sin(j pi x/l), after Craig and Bampton [1]_. The coordinate x starts at the cable's fixing. The first term is already in
+the model: stiffness T/l and mass m/3 at the point. Each s_j adds the modal mass m/2, its natural frequency with both
+ends held, and the coupling -(-1)^j m/(j pi) to the point's acceleration. The stiffness is uncoupled.
+
+References
+----------
+.. [1] R. R. Craig and M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6 (1968)
+       1313-1319.
 """
 
 from dataclasses import replace
@@ -18,29 +24,54 @@ from vlab.structure.model import Cable, Structure
 
 
 def string_frequency(structure: Structure, cable: str, mode: int = 1) -> float:
-    """Return the natural frequency [Hz] of a cable between held ends: j/(2 l) sqrt(T/mu).
+    """Return a cable's natural frequency with held ends [Hz].
+
+    The frequency is j/(2 l) sqrt(T/mu) for mode j.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    cable : str
+        Name of the cable.
+    mode : int
+        Number of half waves j.
 
     Raises
     ------
     UnknownName
-        No cable of that name.
+        No such cable.
     """
     part = _cable(structure, cable)
-    tension = cable_tensions(structure)[cable] * part.length / (part.count * abs(part.height))  # along one cable
+    tension = cable_tensions(structure)[cable] * part.length / (part.count * abs(part.height))  # of one cable
     return float(mode / (2 * part.length) * np.sqrt(tension / (part.density * part.area)))
 
 
 def with_cable_mass(structure: Structure, cable: str, factor: float) -> Structure:
-    """Return the structure with a cable of another mass per length and the same tension.
+    """Return the structure with another cable mass per length.
 
-    Wire rope is metal over about 0.6 of its cross-section; a sheath or fittings add mass.
+    The tension stays. Wire rope is metal over about 0.6 of its cross-section; a sheath or fittings add mass.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    cable : str
+        Name of the cable.
+    factor : float
+        Factor on the mass per length.
+
+    Returns
+    -------
+    Structure
+        Changed structure.
 
     Raises
     ------
     UnknownName
-        No cable of that name.
+        No such cable.
     BadStructure
-        A factor that is not positive.
+        The factor is not positive.
     """
     if not (np.isfinite(factor) and factor > 0):
         raise BadStructure(f"a cable of {factor} times its mass makes no sense; accepted: above 0")
@@ -50,16 +81,24 @@ def with_cable_mass(structure: Structure, cable: str, factor: float) -> Structur
 
 
 def add_string_modes(fe: FeModel, modes: int = 1, *, zeta: float | None = None) -> FeModel:
-    """Return the FE model with the first modes of every cable as further coordinates ``s1:cable-lower``, ...
+    """Return the FE model with the first modes of every cable.
 
-    All cables of one set move alike. The structure keeps its own damping.
+    The additional coordinates are ``s1:cable-lower`` and so on. All cables of a set move alike. The structure keeps its
+    own damping.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model with cables as springs.
     modes : int
-        Modes of each cable.
+        Number of modes of each cable.
     zeta : float or None
-        Damping ratio of each string between held ends; by default that of the structure's higher modes.
+        Damping ratio of each string with held ends; the structure's ratio of higher modes by default.
+
+    Returns
+    -------
+    FeModel
+        Extended model.
 
     Raises
     ------
@@ -90,7 +129,7 @@ def add_string_modes(fe: FeModel, modes: int = 1, *, zeta: float | None = None) 
 
 
 def string_shares(fe: FeModel) -> Array:
-    """Return what the cables' own coordinates carry of each mode's kinetic energy, (n_modes,); the rest is the structure's."""
+    """Return the cables' share of each mode's kinetic energy, (n_modes,)."""
     shapes = fe.linear.eigen[1]
     cables = {cable.name for cable in fe.structure.cable}
     own = np.array([label.partition(":")[2] in cables for label in fe.linear.coordinates])

@@ -1,4 +1,4 @@
-"""Where the files that come with vlab lie."""
+"""Location of the files supplied with vlab."""
 
 from pathlib import Path
 
@@ -9,7 +9,25 @@ _CANDIDATES = (_PACKAGE / "_assets", _PACKAGE.parent / "assets")
 
 
 def asset(name: str) -> Path:
-    """Return the path of a file or folder under ``assets/``, in a checkout or in an installed package."""
+    """Return the path of a file or folder under ``assets/``.
+
+    The path is in a checkout or in an installed package.
+
+    Parameters
+    ----------
+    name : str
+        Path relative to ``assets/``.
+
+    Returns
+    -------
+    Path
+        Path.
+
+    Raises
+    ------
+    UnknownName
+        The file is missing.
+    """
     for folder in _CANDIDATES:
         path = folder / name
         if path.exists():

@@ -1,4 +1,7 @@
-"""Where a file that data name really lies: links and ``..`` followed, and never outside the folder that the user named."""
+"""Resolution of file names from data, confined to a folder.
+
+Links and ``..`` are followed, and a path outside the user's folder is refused.
+"""
 
 import os
 import stat
@@ -8,36 +11,41 @@ PathLike = str | os.PathLike[str]
 
 
 class NotInside(ValueError):
-    """A name that leads out of its folder, or is no name of an ordinary file; its text says which, for a message."""
+    """A name that leaves its folder or is no ordinary file.
+
+    The text states the reason, for a message.
+    """
 
 
 def path_inside(name: PathLike, folder: PathLike, *, called: str = "the folder") -> Path:
-    """Return the real path that a name in a folder leads to, whether there is something or not.
+    """Return the real path of a name in a folder.
+
+    The path need not exist.
 
     Parameters
     ----------
     name : str or path
-        As the data write it, relative to the folder.
+        Name in the data, relative to the folder.
     folder : str or path
-        What the user named.
+        Folder named by the user.
     called : str
-        The folder, in the error's text.
+        Name of the folder in messages.
 
     Returns
     -------
     Path
-        Absolute, links followed.
+        Absolute path with links resolved.
 
     Raises
     ------
     NotInside
-        It lies outside, or cannot be a path: a null byte, a loop of links, a name too long.
+        The path lies outside, or is invalid: a null byte, a loop of links, an excessive length.
     """
     try:
         real = (Path(folder) / name).resolve()
         if not real.is_relative_to(Path(folder).resolve()):
             raise NotInside(f"lies outside {called}")
-        real.exists()  # a name too long shows only here
+        real.exists()  # raises for an excessive length
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, NotInside):
             raise
@@ -46,12 +54,28 @@ def path_inside(name: PathLike, folder: PathLike, *, called: str = "the folder")
 
 
 def file_inside(name: PathLike, folder: PathLike, *, called: str = "the folder") -> Path:
-    """Return the real path of an ordinary file in a folder; see `path_inside`.
+    """Return the real path of an ordinary file in a folder.
+
+    See `path_inside`.
+
+    Parameters
+    ----------
+    name : str or path
+        Name in the data, relative to the folder.
+    folder : str or path
+        Folder named by the user.
+    called : str
+        Name of the folder in messages.
+
+    Returns
+    -------
+    Path
+        Absolute path with links resolved.
 
     Raises
     ------
     NotInside
-        It lies outside, or there is no such file, or it is a folder, a device or a pipe.
+        The path lies outside, does not exist, or is a folder, device or pipe.
     """
     real = path_inside(name, folder, called=called)
     try:

@@ -1,4 +1,7 @@
-"""What a run that was killed left half-written beside its output: known by its name, and dead where nobody holds its lock."""
+"""Unfinished output of killed runs: recognition and removal.
+
+The name marks such a file or folder. An unheld lock shows that its process has ended.
+"""
 
 import contextlib
 import os
@@ -10,33 +13,37 @@ from pathlib import Path
 from vlab.files.locks import lock
 
 PART, OLD = ".vlab-part", ".vlab-old"
-"""How hidden files and folders end that are not whole yet, and folders that hold what a new one replaces."""
+"""PART: suffix of hidden files and folders under construction.
+OLD: suffix of folders with replaced content."""
 WAS = "was"
-"""What is replaced, in its folder that ends in `OLD`."""
+"""Name of the replaced content in its `OLD` folder."""
 _DRAWN = 8
-"""Characters of a name that tempfile draws."""
+"""_DRAWN [characters]: length of the random part of a tempfile name."""
 
 
 def make_held(make: Callable[[], Path]) -> tuple[Path, int | None]:
-    """Make a file or folder that nobody sweeps while this process lives.
+    """Create a file or folder protected from `sweep`.
+
+    The protection lasts as long as the process.
 
     Parameters
     ----------
     make : callable
-        Makes a new one each time it is called.
+        Function that creates a new path at each call.
 
     Returns
     -------
     path : Path
+        Path of the file or folder.
     held : int or None
-        The descriptor that holds its lock; None where the system has no such locks, and then nothing is swept either.
+        Descriptor of the lock; None on a system without such locks, where `sweep` removes nothing.
     """
     while True:
         path = make()
         try:
             held = lock(path)
         except FileNotFoundError:
-            continue  # another process swept it before it was held
+            continue  # another process removed the path before it was locked
         except OSError:
             return path, None
         if held is not None:
@@ -51,7 +58,19 @@ def release(held: int | None) -> None:
 
 @contextlib.contextmanager
 def part_beside(path: Path) -> Iterator[Path]:
-    """Yield an empty file beside a path, to be written and moved there; what is left of it in the end goes.
+    """Yield an empty file beside a path.
+
+    The caller writes and moves the file; a remaining file is removed at the end.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the final file.
+
+    Returns
+    -------
+    context manager of Path
+        Context with the file's path.
 
     Raises
     ------
@@ -74,9 +93,9 @@ def part_beside(path: Path) -> Iterator[Path]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove from a folder what runs that were killed left there; what a living one holds is not touched.
+    """Remove the leftovers of killed runs from a folder.
 
-    A folder that a run was killed over while it replaced it is put back.
+    Leftovers of a living process stay. A folder under replacement is restored.
     """
     try:
         names = [n for n in os.listdir(folder) if n.startswith(".") and n.endswith((PART, OLD))]

@@ -1,4 +1,7 @@
-"""Locks of the operating system: they end with the process that holds them, however it ends, so none is ever stale."""
+"""Locks of the operating system, without stale locks.
+
+A lock ends with its process, however the process ends.
+"""
 
 import contextlib
 import os
@@ -21,7 +24,7 @@ else:
 
 
 LOCK = ".lock"
-"""The file in a folder that is locked while somebody works there; unlocked it says nothing."""
+"""Lock file of a folder in use; an unlocked file has no meaning."""
 
 
 def lock(path: Path, *, flags: int = os.O_RDONLY, wait: bool = False) -> int | None:
@@ -30,28 +33,28 @@ def lock(path: Path, *, flags: int = os.O_RDONLY, wait: bool = False) -> int | N
     Parameters
     ----------
     path : Path
-        A folder only where the system locks folders; Windows does not.
+        File; a folder only on systems that lock folders (not Windows).
     flags : int
-        How it is opened, see `os.open`.
+        Flags of `os.open`.
     wait : bool
-        Wait for whoever holds it.
+        Whether to wait for the present owner.
 
     Returns
     -------
     int or None
-        The descriptor, which holds the lock until it is closed; None where another process holds it, or removed it meanwhile.
+        Descriptor that holds the lock until closed; None if another process holds the lock or removed the file.
 
     Raises
     ------
     OSError
-        It cannot be opened, or its file system has no locks.
+        The path cannot be opened, or its file system has no locks.
     """
     descriptor = os.open(path, flags, 0o644)
     try:
         _take(descriptor, wait)
         if os.path.samestat(os.fstat(descriptor), os.stat(path)):
             return descriptor
-    except (BlockingIOError, PermissionError, FileNotFoundError):  # msvcrt says PermissionError of a lock that is held
+    except (BlockingIOError, PermissionError, FileNotFoundError):  # msvcrt raises PermissionError for a held lock
         pass
     except BaseException:
         os.close(descriptor)
@@ -62,26 +65,31 @@ def lock(path: Path, *, flags: int = os.O_RDONLY, wait: bool = False) -> int | N
 
 @contextlib.contextmanager
 def sole_use(folder: Path, *, of: str, wait: bool = False) -> Iterator[None]:
-    """Keep a folder to this process while the block runs.
+    """Reserve a folder for the process during a block.
 
     Parameters
     ----------
     folder : Path
-        It is made where it is missing.
+        Folder, created if missing.
     of : str
-        Who works there, for the message to the second one: ``"vlab prove"``.
+        Name of the work in the message to a second process, such as ``"vlab prove"``.
     wait : bool
-        Wait for the other rather than refuse.
+        Whether to wait for the other process.
+
+    Returns
+    -------
+    context manager
+        Context.
 
     Raises
     ------
     OutputRefused
-        Another process works there, or the folder cannot be written.
+        Another process works in the folder, or the folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         held = lock(folder / LOCK, flags=os.O_RDWR | os.O_CREAT, wait=wait)
-        while held is None and wait:  # the file was removed by whoever held it
+        while held is None and wait:  # the last owner removed the file
             held = lock(folder / LOCK, flags=os.O_RDWR | os.O_CREAT, wait=wait)
     except OSError as error:
         raise OutputRefused(

@@ -1,4 +1,7 @@
-"""Output folders: written beside their place and moved in whole, so that nothing half-written stays behind."""
+"""Output folders, written atomically.
+
+A folder is written beside its final place and moved when complete, so no partial output remains.
+"""
 
 import contextlib
 import itertools
@@ -21,17 +24,27 @@ from vlab.errors import OutputRefused
 from vlab.files.leftovers import OLD, PART, WAS, make_held, release, sweep
 
 MANIFEST = "manifest.json"
+"""File name of a folder's manifest."""
 
 
 @contextlib.contextmanager
 def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a fresh folder that becomes `path` when the block ends well, and vanishes when it does not.
+    """Yield a fresh folder that becomes `path` on success.
+
+    After an error the folder is removed.
 
     Parameters
     ----------
+    path : Path or str
+        Final place of the folder.
     overwrite : bool
-        Replace as a whole a folder that vlab wrote before (it holds a manifest). Any other folder with something in it is
-        refused in either case, so nothing of anybody else's is lost.
+        Whether to replace a complete folder of vlab (with manifest). A folder with other content is always refused, so
+        no foreign file is lost.
+
+    Returns
+    -------
+    context manager of Path
+        Context with the fresh folder.
 
     Raises
     ------
@@ -61,9 +74,20 @@ def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
 @contextlib.contextmanager
 def numbered_folder(stem: Path | str) -> Iterator[Path]:
-    """Yield ``stem-001``, or the number after the last one there, which nobody else gets while the block runs.
+    """Yield ``stem-001`` or the next free number.
 
-    It is for `output_folder` to make. Until then a hidden file stands for it, which is swept after a process that was killed.
+    The number is reserved during the block. `output_folder` creates the folder. Until then a hidden file represents it;
+    `sweep` removes the file of a killed process.
+
+    Parameters
+    ----------
+    stem : Path or str
+        Path without the number.
+
+    Returns
+    -------
+    context manager of Path
+        Context with the path.
 
     Raises
     ------
@@ -85,19 +109,23 @@ def numbered_folder(stem: Path | str) -> Iterator[Path]:
 
 
 def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "name another with --out") -> None:
-    """Refuse an output folder that holds something: before the work that would fill it, and before it is filled.
+    """Refuse an output folder with content.
+
+    The check runs before the work and before the folder is filled.
 
     Parameters
     ----------
+    path : Path or str
+        Output folder.
     overwrite : bool
-        Accept a folder that vlab wrote.
+        Whether to accept a folder of vlab.
     remedy : str
-        What is said to do instead where vlab wrote it.
+        Advice in the message for a folder of vlab.
 
     Raises
     ------
     OutputRefused
-        A file, a folder with files of somebody else's, or one of vlab's that is not to be overwritten.
+        The path is a file, a folder with foreign files, or a folder of vlab without `overwrite`.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():
@@ -113,13 +141,16 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
 
 
 def _move_in(fresh: Path, target: Path, overwrite: bool) -> None:
-    """Put a folder where it belongs: in one step where nothing is, or an empty folder."""
+    """Move a folder to its place.
+
+    The move is atomic if the place is free or an empty folder.
+    """
     try:
         os.replace(fresh, target)
     except OSError:
         if not target.is_dir():
             raise
-        check_output(target, overwrite=overwrite)  # somebody may have written there meanwhile
+        check_output(target, overwrite=overwrite)  # another process may have written there meanwhile
         old, held = make_held(lambda: _beside(target, OLD))
         os.replace(target, old / WAS)
         os.replace(fresh, target)
@@ -132,7 +163,10 @@ def _beside(target: Path, ending: str) -> Path:
 
 
 def _claimed(stem: Path) -> tuple[Path, Path, int | None]:
-    """Return the next number's folder, and the file that claims it with its lock; the system lets one process make the file."""
+    """Return the next numbered folder, its claim file and lock.
+
+    The operating system lets a single process create the file.
+    """
     named = (re.fullmatch(rf"{re.escape(stem.name)}-(\d+)", path.name) for path in stem.parent.iterdir())
     numbers = [int(match[1]) for match in named if match]
     for number in itertools.count(max(numbers, default=0) + 1):
@@ -140,7 +174,7 @@ def _claimed(stem: Path) -> tuple[Path, Path, int | None]:
         claim = target.with_name(f".{target.name}{PART}")
         with contextlib.suppress(FileExistsError):
             claim, held = make_held(partial(_new_file, claim))
-            if not target.exists():  # else its process has just ended
+            if not target.exists():  # otherwise its process has just ended
                 return target, claim, held
             claim.unlink(missing_ok=True)
             release(held)
@@ -154,8 +188,11 @@ def _new_file(path: Path) -> Path:
 
 @contextlib.contextmanager
 def _parents(target: Path) -> Iterator[None]:
-    """Make the folders above a place, and remove those again into which nothing came."""
-    made = [folder for folder in target.parents if not folder.exists()]  # the deepest first
+    """Create the parent folders of a place.
+
+    Parents that stay empty are removed again.
+    """
+    made = [folder for folder in target.parents if not folder.exists()]  # deepest first
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -175,12 +212,21 @@ def _not_writable(target: Path, error: OSError) -> OutputRefused:
 
 
 def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:
-    """Refuse an output folder that is, or holds, something that is read: replacing the folder would destroy it.
+    """Refuse an output folder that contains an input.
+
+    Replacing the folder would destroy the input.
+
+    Parameters
+    ----------
+    out : Path or str
+        Output folder.
+    read : iterable of Path or str
+        Input files and folders.
 
     Raises
     ------
     OutputRefused
-        The first such file or folder is named; names of what is not there do not count.
+        An input is inside; the message names the first. Missing inputs do not count.
     """
     target = Path(out).resolve()
     for name in (name for name in read if name):
@@ -199,7 +245,10 @@ def _is_ours(folder: Path) -> bool:
 
 
 def write_manifest(folder: Path, **facts: Any) -> None:
-    """Write what a rerun needs to know: versions, seeds, settings; call it last."""
+    """Write versions, seeds and settings for a rerun.
+
+    Call the function last.
+    """
     versions = {name: metadata.version(name) for name in ("mujoco", "numpy", "scipy", "control", "rerun-sdk")}
     content = {
         "written_by": "vlab",
@@ -214,7 +263,20 @@ def write_manifest(folder: Path, **facts: Any) -> None:
 
 
 def finite(value: Any) -> Any:
-    """Return plain data in which numbers that are not finite are None: JSON knows no NaN."""
+    """Return plain data with None for nonfinite numbers.
+
+    JSON has no NaN.
+
+    Parameters
+    ----------
+    value : object
+        Plain data or arrays.
+
+    Returns
+    -------
+    object
+        Plain data.
+    """
     if isinstance(value, dict):
         return {str(key): finite(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):

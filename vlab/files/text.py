@@ -1,43 +1,51 @@
-"""Text from files as it may be shown: nothing in it drives a terminal or forges a line."""
+"""Safe text from files: no terminal control, no forged lines."""
 
 
 def printable(text: object, *, keep: str = "\n\t") -> str:
-    r"""Return text with every character that is not printable written as its escape, such as ``\x1b``.
+    r"""Return text with nonprintable characters as escapes, such as ``\x1b``.
 
-    These are control characters, marks that turn the direction of writing, characters without width and halves of pairs.
+    Nonprintable are control characters, marks of writing direction, characters without width and halves of surrogate
+    pairs.
 
     Parameters
     ----------
     text : object
-        Its `str` is taken.
+        Object, converted by `str`.
     keep : str
-        Characters that stay although they are not printable; ``""`` for text that must stay on its line.
+        Nonprintable characters to keep; ``""`` for text on a single line.
 
     Returns
     -------
     str
+        Printable text.
     """
     return "".join(c if c.isprintable() or c in keep else " " if _is_blank(c) else _escape(c) for c in str(text))
 
 
 def in_line(text: object) -> str:
-    """Return text that stays on its line: what ends one is written as an escape, too; see `printable`."""
+    """Return text on one line, with line ends as escapes.
+
+    See `printable`.
+    """
     return printable(text, keep="")
 
 
 def one_line(text: object, *, longest: int = 400) -> str:
-    """Return text as one printable line, cut to a length, so that it cannot forge or break a message.
+    """Return text as one printable line of limited length.
+
+    The result cannot forge or break a message.
 
     Parameters
     ----------
     text : object
-        Its `str` is taken.
+        Object, converted by `str`.
     longest : int
-        Characters that stay; what was cut is said by three dots.
+        Largest number of characters; three dots mark a cut.
 
     Returns
     -------
     str
+        One line.
     """
     spaced = "".join(" " if c.isspace() else c for c in str(text)[: 2 * longest])
     line = " ".join(printable(spaced).split())
@@ -45,7 +53,10 @@ def one_line(text: object, *, longest: int = 400) -> str:
 
 
 def _is_blank(c: str) -> bool:
-    """Whether a character is one of the blanks of typesetting; those that end a line are none."""
+    """Return whether a character is a typographic blank.
+
+    Characters that end a line do not count.
+    """
     return c.isspace() and not c.isascii() and c not in "\x85\u2028\u2029"
 
 

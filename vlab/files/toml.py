@@ -1,9 +1,9 @@
 """Strict reading of TOML into frozen dataclasses.
 
-A field says what it accepts: a plain type (`str`, `bool`, `int`), a `number(...)` with its SI unit, another dataclass
-(a table) or a tuple of dataclasses (an array of tables). Unknown keys, missing keys, wrong units and non-finite values
-are refused with the path of the offending key. A number is written ``{ value = 80.0, unit = "in", origin = "published",
-source = "section 2.1" }``; where provenance is not asked for, a bare number in SI is accepted too.
+A field declares its content: a plain type (`str`, `bool`, `int`), a `number(...)` with SI unit, another dataclass (a
+table), or a tuple of dataclasses (an array of tables). Unknown keys, missing keys, wrong units and nonfinite values are
+refused; the message has the path of the key. A number has the form ``{ value = 80.0, unit = "in", origin = "published",
+source = "section 2.1" }``. Without required provenance a bare number in SI is accepted as well.
 """
 
 import dataclasses
@@ -20,14 +20,15 @@ from vlab import units
 from vlab.errors import BadStructure, VlabError, unknown_name
 
 T = TypeVar("T")
+"""Type of a dataclass."""
 
 ORIGINS = ("published", "identified", "assumed")
-"""Where a number may come from: a text (table or page), an identification (from what), or an assumption (why)."""
+"""Origins of a number: a text (table or page), an identification (from data), or an assumption (with reason)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where a number of a file comes from, with the value and the unit it was written in."""
+    """Origin of a file's number, with value and unit as written."""
 
     value: float | tuple[float, ...]
     unit: str
@@ -38,23 +39,28 @@ class Provenance:
 def number(
     si: str, *, default: Any = dataclasses.MISSING, positive: bool = False, at_least: float | None = None
 ) -> Any:
-    """Declare a dataclass field that holds a physical number (or a tuple of them) in the SI unit `si`."""
+    """Declare a dataclass field for a physical number in SI unit `si`.
+
+    A tuple of numbers is allowed.
+    """
     metadata = {"si": si, "positive": positive, "at_least": at_least}
     return dataclasses.field(default=default, metadata=metadata)
 
 
 @dataclass
 class Reader:
-    """Reads one TOML file into dataclasses and collects the provenance of its numbers.
+    """Reader of one TOML file into dataclasses.
+
+    The reader collects the provenance of the numbers.
 
     Parameters
     ----------
     file : Path or str
-        Named in every error.
+        File name in every error.
     provenance_required : bool
-        Refuse numbers that do not say unit, origin and source.
+        Whether numbers need unit, origin and source.
     error : type
-        The kind of `VlabError` to raise.
+        Kind of `VlabError` to raise.
     """
 
     file: Path | str
@@ -65,7 +71,7 @@ class Reader:
         self.provenance: dict[str, Provenance] = {}
 
     def parse(self, text: str) -> dict[str, Any]:
-        """Parse TOML text, or say at which line it is malformed."""
+        """Parse TOML text, or raise with the faulty line."""
         try:
             return tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -82,11 +88,26 @@ class Reader:
         return self.parse(text)
 
     def fail(self, path: str, message: str) -> VlabError:
-        """Build the error for one key."""
+        """Return the error for one key."""
         return self.error(f"{self.file}: {path or 'top level'}: {message}")
 
     def table(self, cls: type[T], table: Any, path: str = "") -> T:
-        """Read a TOML table into the dataclass `cls`."""
+        """Read a TOML table into a dataclass.
+
+        Parameters
+        ----------
+        cls : type
+            Dataclass.
+        table : object
+            Parsed table.
+        path : str
+            Path of the table in the file, for messages.
+
+        Returns
+        -------
+        T
+            Object of `cls`.
+        """
         if not isinstance(table, Mapping):
             raise self.fail(path, f"a table was expected, {type(table).__name__} was given")
         fields = {f.name: f for f in dataclasses.fields(cast(Any, cls)) if f.init}
@@ -114,7 +135,7 @@ class Reader:
         if typing.get_origin(hint) in (
             types.UnionType,
             typing.Union,
-        ):  # Optional[...]: the key may only be absent, never null
+        ):  # Optional[...]: the key may be absent, never null
             hint = next(part for part in typing.get_args(hint) if part is not type(None))
         if dataclasses.is_dataclass(hint):
             return self.table(cast(type, hint), raw, path)

@@ -1,4 +1,4 @@
-"""The hardware between structure and control law: sensors, converters, delay and filter, force coils."""
+"""Hardware between structure and law: sensors, converters, filter, coils."""
 
 from vlab.hardware.laboratory import Hardware, load_hardware
 

@@ -1,4 +1,7 @@
-"""The PC-1000 array controller: one constant matrix times [inputs; states] at every sample (equation 5.1)."""
+"""PC-1000 array controller: one constant matrix a sample (equation 5.1).
+
+The matrix multiplies [inputs; states].
+"""
 
 from typing import Any, NoReturn
 
@@ -12,23 +15,23 @@ from vlab.signals import Array
 
 
 class ArrayController(LinearLaw):
-    """A law as it is downloaded to the array controller.
+    """A law as downloaded to the array controller.
 
-    Direct feedback fills F11 alone; an observer fills F12, F21 and F22 (section 5.3). The rest of the matrix is zero
-    and is not multiplied here.
+    Direct feedback fills F11 alone; an observer fills F12, F21 and F22 (section 5.3). The zero parts are not
+    multiplied.
 
     Parameters
     ----------
     law : LinearController
-        What to download: direct rate feedback, a sampled observer, any linear law.
+        Linear law: direct rate feedback, a sampled observer or any other.
     hardware : Hardware
-        Its array says the sizes, its converter the rate.
+        Hardware with the array's sizes and the converter's rate.
 
     Raises
     ------
     BadController
-        Too many sensors, actuators or states; a law that is not linear or was made for another rate; hardware without
-        an array.
+        There are too many sensors, actuators or states, the law is nonlinear or has another rate, or the hardware has
+        no array.
     """
 
     def __init__(self, law: LinearController, hardware: Hardware) -> None:
@@ -56,7 +59,10 @@ class ArrayController(LinearLaw):
 
     @property
     def coefficients(self) -> Array:
-        """The whole matrix, (outputs + states, inputs + states): [[F11, F12], [F21, F22]]."""
+        """Complete matrix [[F11, F12], [F21, F22]].
+
+        The shape is (outputs + states, inputs + states).
+        """
         size = self.array
         F = np.zeros((size.outputs + size.states, size.inputs + size.states))
         n, n_sensors, n_actuators = len(self.A), len(self.sensors), len(self.actuators)
@@ -68,14 +74,17 @@ class ArrayController(LinearLaw):
 
     @property
     def non_zeros(self) -> int:
-        """Numbers that must be downloaded: 816 for an observer of 12 modes and 5 pairs, 288 in block-diagonal form."""
+        """Number of nonzero coefficients.
+
+        An observer of 12 modes and 5 pairs has 816, in block-diagonal form 288.
+        """
         return int(np.count_nonzero(self.coefficients))
 
     def s_plane(self) -> Array:
-        """Return the roots of the internal states, carried from the z- to the s-plane by z = exp(s T) [rad/s].
+        """Return the roots of the internal states in the s-plane [rad/s].
 
-        They are the continuous observer's where its frequencies are below half the sample rate: the check of section
-        5.3. The roots of the whole loop are those of `vlab.lab.prediction`.
+        The map is z = exp(s T). Below half the sample rate the roots are the continuous observer's, which is the check
+        of section 5.3. `vlab.lab.prediction` gives the roots of the whole loop.
         """
         rate = self.rate or 1.0
         s = np.log(np.linalg.eigvals(self.A).astype(complex)) * rate
@@ -83,20 +92,31 @@ class ArrayController(LinearLaw):
 
 
 def array_report(law: LinearController, hardware: Hardware, *, continuous: Array | None = None) -> dict[str, Any]:
-    """Return what a law takes of the array as plain data: sizes, non-zeros in both forms, roots of its states.
+    """Return a law's demands on the array as plain data.
+
+    The data are sizes, nonzero coefficients in both forms, and roots of the states.
 
     Parameters
     ----------
+    law : LinearController
+        Linear law.
+    hardware : Hardware
+        Hardware with the array's sizes.
     continuous : (n_states,) complex array or None
-        Roots of the law before it was sampled [rad/s], for the z- to s-plane check.
+        Roots of the law before sampling [rad/s], for the z- to s-plane check.
+
+    Returns
+    -------
+    dict of str to object
+        Plain values by name.
 
     Raises
     ------
     BadController
-        The law does not fit; see `ArrayController`.
+        The law does not fit, see `ArrayController`.
     """
     array, size = ArrayController(law, hardware), hardware.array
-    assert size is not None  # or the law would have been refused
+    assert size is not None  # guaranteed by the checks of the array
     roots = array.s_plane()
     parts = {"inputs": len(law.sensors), "outputs": len(law.actuators), "states": len(roots)}
     return {
@@ -111,7 +131,18 @@ def array_report(law: LinearController, hardware: Hardware, *, continuous: Array
 
 
 def array_text(report: dict[str, Any]) -> str:
-    """Return the report of `array_report` in words."""
+    """Return the report of `array_report` as text.
+
+    Parameters
+    ----------
+    report : dict of str to object
+        Result of `array_report`.
+
+    Returns
+    -------
+    str
+        One line an entry.
+    """
     room = report["room"]
     used = ", ".join(f"{report[name]} of {room[name]} {name}" for name in room)
     text = f"array controller at {report['rate_hz']:g} Hz: fits with {used}; {report['non_zeros']} non-zeros"
@@ -125,7 +156,7 @@ def array_text(report: dict[str, Any]) -> str:
 
 
 def _farthest(roots: Array, continuous: Array) -> float:
-    """Return the largest relative distance from a root to the continuous one nearest to it."""
+    """Return the largest relative distance to the nearest root."""
     apart = np.abs(roots[:, None] - continuous[None, :]) / np.abs(continuous)[None, :]
     return float(apart.min(axis=0).max(initial=0.0))
 

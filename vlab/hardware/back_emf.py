@@ -1,8 +1,8 @@
-"""The braking of coils whose current is not controlled: what their own voltage drives through what they are connected to.
+"""Braking of coils without current control by their back-EMF.
 
-A coil of Bl that moves with v gives Bl v; through a resistance R that is a current, and the force Bl^2/R v against the
-motion. For the coils of sensors it is a damper at every one of them, so it stands in the matrices of a plant or a model; a
-mode of mass-normalised shape phi gains the modal damping sum(phi_i^2) Bl^2/R.
+A coil of constant Bl with velocity v has the voltage Bl v. Through a resistance R the voltage drives a current with the
+force Bl^2/R v against the motion. For sensor coils the braking is a damper at each coil, in the matrices of a plant or
+model. A mode of mass-normalised shape phi gains the modal damping sum(phi_i^2) Bl^2/R.
 """
 
 from dataclasses import replace
@@ -17,7 +17,22 @@ from vlab.signals import Array
 
 
 def brake_plant(plant: Plant, hardware: Hardware) -> Plant:
-    """Return a plant with the braking of its velocity sensors; the same plant where they are buffered."""
+    """Return a plant with the braking of its velocity sensors.
+
+    Buffered sensors leave the plant unchanged.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    hardware : Hardware
+        Hardware between law and structure.
+
+    Returns
+    -------
+    Plant
+        Plant.
+    """
     damping = hardware.velocity_sensor.back_emf_damping
     if damping == 0.0:
         return plant
@@ -27,7 +42,22 @@ def brake_plant(plant: Plant, hardware: Hardware) -> Plant:
 
 
 def brake_model(fe: FeModel, hardware: Hardware) -> FeModel:
-    """Return an FE model with the braking of sensors without a buffer and of force coils without current control."""
+    """Return an FE model with the braking of its coils.
+
+    Sensors without a buffer and force coils without current control brake.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    hardware : Hardware
+        Hardware between law and structure.
+
+    Returns
+    -------
+    FeModel
+        FE model.
+    """
     structure, linear = fe.structure, fe.linear
     for damping, places in (
         (hardware.velocity_sensor.back_emf_damping, [sensor.at for sensor in structure.sensor]),
@@ -39,7 +69,10 @@ def brake_model(fe: FeModel, hardware: Hardware) -> FeModel:
 
 
 def _velocity_rows(plant: Plant) -> Array:
-    """Return the velocity of every coil sensor per generalised velocity at equilibrium, (n_coils, nv)."""
+    """Return the coil sensors' velocity rows, (n_coils, nv).
+
+    The rows are per generalised velocity at equilibrium.
+    """
     data, coils = plant.new_data(), [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
     rows = np.zeros((len(coils), plant.model.nv))
     for j in range(plant.model.nv):

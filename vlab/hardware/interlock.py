@@ -1,4 +1,4 @@
-"""Powering up the laboratory: the order of section 5.4.2, and what a wrong one does."""
+"""Power-up of the laboratory: order of section 5.4.2 and faults."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, NoReturn
@@ -17,30 +17,31 @@ ORDER: dict[Equipment, str] = {
     "amplifiers": "the power amplifiers of the force coils",
     "op-amps": "the power supply of the sensors' operational amplifiers",
 }
-"""What is switched on, in the right order, and what it is."""
+"""Equipment in the right order of power-up, with descriptions."""
 NEEDS: dict[Equipment, tuple[Equipment, ...]] = {"software": ("computers",), "control": ("software", "array")}
-"""What cannot run at all without something else; the other steps can be taken in a wrong order."""
+"""Equipment required by a step; any other step can be taken in a wrong order."""
 STARTS: tuple[Equipment, ...] = ("computers",)
-"""What gives large transients when it starts."""
+"""Equipment with large transients at its start."""
 
 PAUSE = 60.0
-"""Time between two steps of an order that is told [s]; assumed, for the text gives none."""
+"""PAUSE [s]: assumed time between two steps of a given order; the text has no value."""
 
 FaultKind = Literal["starting-impulse", "coil-tripped", "unstable-sensors"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Something that went wrong.
+    """A fault during power-up.
 
     Parameters
     ----------
     time : float
-        Since the bench was dark [s].
+        Time since the first switch [s].
     value : float
-        Impulse [N s] of a starting transient, rise [K] of a coil that tripped, noise [m/s] of unstable sensors.
+        Impulse [N s] of a starting transient, temperature rise [K] of a tripped coil, or noise [m/s] of unstable
+        sensors.
     words : str
-        What happened and why, in one line.
+        Event and cause in one line.
     """
 
     kind: FaultKind
@@ -50,19 +51,19 @@ class Fault:
 
 
 class PowerUp:
-    """The switches of the bench.
+    """Power switches of the bench.
 
     Parameters
     ----------
     hardware : Hardware
-        With a table [power_up].
+        Hardware with a table [power_up].
     interlocked : bool
-        With the interlock a wrong step is refused. Without it, it is taken, and does what the text describes.
+        Whether a wrong step is refused. Without the interlock a wrong step causes the described fault.
 
     Raises
     ------
     BadExperiment
-        Hardware that does not describe its faults.
+        The hardware has no description of faults.
     """
 
     def __init__(self, hardware: Hardware, *, interlocked: bool = True) -> None:
@@ -78,12 +79,15 @@ class PowerUp:
 
     @property
     def on(self) -> tuple[Equipment, ...]:
-        """What is switched on, in the right order."""
+        """Active equipment in the right order."""
         return tuple(step for step in ORDER if step in self._on)
 
     @property
     def is_ready(self) -> bool:
-        """Whether an experiment can run: everything on, no coil tripped, sensors quiet."""
+        """Whether an experiment can run.
+
+        All equipment is on, no coil is tripped, and the sensors are quiet.
+        """
         return len(self._on) == len(ORDER) and not self._tripped and not self._unstable
 
     @property
@@ -93,12 +97,15 @@ class PowerUp:
 
     @property
     def next_step(self) -> Equipment | None:
-        """What to switch on next; None when everything is on."""
+        """Next equipment to switch on; None at the end."""
         return next((step for step in ORDER if step not in self._on), None)
 
     @property
     def coil_current(self) -> float:
-        """Direct current in every coil [A]: from an array that is on without its program, through live amplifiers."""
+        """Direct current in every coil [A].
+
+        An array without its program drives the current through live amplifiers.
+        """
         driven = {"array", "amplifiers"} <= self._on and "control" not in self._on and not self._tripped
         return self._facts.direct_current if driven else 0.0
 
@@ -108,14 +115,19 @@ class PowerUp:
         return self.coil_current * self._hardware.coil.force_constant
 
     def switch_on(self, step: str) -> None:
-        """Switch one thing on.
+        """Switch one item on.
+
+        Parameters
+        ----------
+        step : str
+            Equipment, a name of `ORDER`.
 
         Raises
         ------
         UnknownName
-            Nothing of that name.
+            No such equipment.
         BadExperiment
-            It cannot run yet, it is on already, or the interlock holds it back.
+            The item cannot run yet, is on already, or the interlock refuses.
         """
         what = _equipment(step)
         if what in self._on:
@@ -140,14 +152,19 @@ class PowerUp:
             )
 
     def switch_off(self, step: str) -> None:
-        """Switch one thing off, and with it what cannot run without it.
+        """Switch one item off, with its dependants.
+
+        Parameters
+        ----------
+        step : str
+            Equipment, a name of `ORDER`.
 
         Raises
         ------
         UnknownName
-            Nothing of that name.
+            No such equipment.
         BadExperiment
-            It is off, or the interlock wants something else switched off before.
+            The item is off, or the interlock requires another step first.
         """
         what = _equipment(step)
         if what not in self._on:
@@ -163,12 +180,19 @@ class PowerUp:
         self._disturb(what, "off")
 
     def wait(self, seconds: float) -> None:
-        """Let time pass: coils warm up or cool down, a thermostat trips or lets go.
+        """Advance the time.
+
+        Coils warm up or cool down, and a thermostat trips or resets.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration [s].
 
         Raises
         ------
         BadExperiment
-            A time that is negative or not finite.
+            The time is negative or not finite.
         """
         if not (np.isfinite(seconds) and seconds >= 0):
             raise BadExperiment(f"a wait of {seconds} s makes no sense; accepted: finite numbers from 0")
@@ -194,12 +218,14 @@ class PowerUp:
             self._tripped = False
 
     def bench(self) -> Hardware:
-        """Return the hardware as it stands, for an experiment: sensors that were disturbed are noisy.
+        """Return the present hardware for an experiment.
+
+        Disturbed sensors are noisy.
 
         Raises
         ------
         BadExperiment
-            Something is still off, or a coil tripped.
+            Equipment is off, or a coil is tripped.
         """
         if self.next_step is not None:
             _refuse(f"{self.next_step!r} is off: {ORDER[self.next_step]} must be on for an experiment")
@@ -209,7 +235,7 @@ class PowerUp:
         return replace(self._hardware, velocity_sensor=noisy)
 
     def _disturb(self, what: Equipment, way: str) -> None:
-        """Operational amplifiers at unit gain do not bear anything being switched around them."""
+        """Disturb unity-gain operational amplifiers by switching."""
         if "op-amps" in self._on and what != "op-amps" and not self._unstable:
             self._unstable = True
             noise = self._facts.unstable_noise
@@ -224,7 +250,7 @@ class PowerUp:
 
 
 def power_up(hardware: Hardware) -> PowerUp:
-    """Return the bench with everything on in the right order."""
+    """Return the bench after power-up in the right order."""
     switches = PowerUp(hardware)
     for step in ORDER:
         switches.switch_on(step)
@@ -232,19 +258,28 @@ def power_up(hardware: Hardware) -> PowerUp:
 
 
 def power_up_as_told(hardware: Hardware, order: str) -> PowerUp:
-    """Switch the bench on without its interlock, in an order that is told, with `PAUSE` between two steps.
+    """Switch the bench on in a given order without interlock.
+
+    `PAUSE` separates two steps.
 
     Parameters
     ----------
+    hardware : Hardware
+        Hardware between law and structure.
     order : str
-        Names of `ORDER` with commas between them.
+        Names of `ORDER`, separated by commas.
+
+    Returns
+    -------
+    PowerUp
+        Switches after the last step.
 
     Raises
     ------
     UnknownName
-        Nothing of that name.
+        No such equipment.
     BadExperiment
-        Something cannot run yet, is named twice or is missing, or a coil tripped.
+        An item cannot run yet, is repeated or missing, or a coil is tripped.
     """
     switches = PowerUp(hardware, interlocked=False)
     for step in order.split(","):
@@ -259,7 +294,22 @@ def power_up_as_told(hardware: Hardware, order: str) -> PowerUp:
 
 
 def time_to_rise(facts: PowerUpFaults, resistance: float, rise: float = 0.0) -> float:
-    """Return how long the direct current needs to warm a coil from `rise` to the trip [s]; infinite if it never does."""
+    """Return the time until the direct current trips a coil [s].
+
+    Parameters
+    ----------
+    facts : PowerUpFaults
+        Description of the faults.
+    resistance : float
+        Resistance of the coil [ohm].
+    rise : float
+        Present temperature rise [K].
+
+    Returns
+    -------
+    float
+        Time [s]; infinite if the coil stays below the limit.
+    """
     final = facts.thermal_resistance * resistance * facts.direct_current**2
     if rise >= facts.trip_rise:
         return 0.0

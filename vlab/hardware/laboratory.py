@@ -1,4 +1,4 @@
-"""The description of the laboratory's hardware."""
+"""Description of the laboratory's hardware."""
 
 import re
 from collections.abc import Sequence
@@ -11,23 +11,23 @@ from vlab.files.assets import asset
 from vlab.files.toml import Reader, number
 
 _VALUE = re.compile(r"^\s*(\w+)\.(\w+)\s*=\s*(true|false|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
-"""TABLE.KEY=VALUE, the unit behind it."""
+"""Text form TABLE.KEY=VALUE with an optional unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Converter:
-    """ADC, array processor, DAC with zero-order hold, and the RC low-pass behind it.
+    """ADC, array processor, DAC with hold, and RC low-pass.
 
     Parameters
     ----------
     rate : float
-        Samples per second [Hz].
+        Sample rate [Hz].
     delay_samples : float
-        From a sample to its output, in sample periods; the hold comes on top.
+        Delay from a sample to its output [samples], without the hold.
     filter_corner : float
         Corner of the RC low-pass [Hz]; 0 for none.
     resolution : float
-        Quantisation step of the inputs [V]; 0 for none. What it is in motion follows from a sensor's sensitivity.
+        Quantisation step of the inputs [V]; 0 for none. A sensor's sensitivity converts the step to motion.
     """
 
     rate: float = number("Hz", positive=True)
@@ -46,28 +46,28 @@ class Converter:
 
 @dataclass(frozen=True, kw_only=True)
 class VelocitySensor:
-    """A coil in an annular magnet: its gain falls once the coil leaves the linear travel.
+    """A coil in an annular magnet.
 
-    Its voltage Bl v reaches the converter through an operational amplifier at unit gain, which takes no current. Without
-    that buffer the converter's own input loads the coil: a current flows, its force brakes the structure by
-    Bl^2/(R + R_load), and of the voltage only R_load/(R + R_load) is left (section 5.1).
+    The gain falls outside the linear travel. A unity-gain operational amplifier without input current passes the
+    voltage Bl v to the converter. Without such a buffer the converter's input loads the coil. The current's force then
+    brakes the structure by Bl^2/(R + R_load), and the share R_load/(R + R_load) of the voltage remains (section 5.1).
 
     Parameters
     ----------
     linear_range : float
         Full travel over which the gain is constant [m].
     noise : float
-        White noise at the samples, rms [m/s].
+        Rms white noise at the samples [m/s].
     drift : float
-        Standard deviation, over the sensors, of the rate at which their zeros wander [m/s^2].
+        Standard deviation, over the sensors, of the drift rate of their offsets [m/s^2].
     sensitivity : float
         Bl of the coil [V s/m].
     resistance : float
         R of the coil [ohm].
     buffered : bool
-        Whether the operational amplifiers are there; the current into their megohm is neglected.
+        Whether operational amplifiers are present; the current into their megohm is neglected.
     unbuffered_load : float
-        R_load, what the coil sees without them [ohm].
+        R_load, load of the coil without a buffer [ohm].
     """
 
     linear_range: float = number("m", positive=True)
@@ -80,28 +80,34 @@ class VelocitySensor:
 
     @property
     def back_emf_damping(self) -> float:
-        """Viscous damping by the current that a missing buffer lets flow [N s/m]; zero with one."""
+        """Viscous damping by an unbuffered coil's current [N s/m].
+
+        The damping is zero with a buffer.
+        """
         return 0.0 if self.buffered else self.sensitivity**2 / (self.resistance + self.unbuffered_load)
 
     @property
     def signal_share(self) -> float:
-        """What is left of the coil's voltage at the converter; one with a buffer."""
+        """Share of the coil's voltage at the converter.
+
+        The share is one with a buffer.
+        """
         return 1.0 if self.buffered else self.unbuffered_load / (self.resistance + self.unbuffered_load)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Leads:
-    """The wires from the coils: unshielded, they are antennas for the mains and for radio (section 5.1).
+    """Wires from the coils.
 
-    Every lead picks both up with a phase of its own. The radio carrier is sampled as it stands, without a filter before the
-    converter, and shows at the frequency that it is folded to.
+    Unshielded wires pick up the mains and radio (section 5.1). Each lead has a phase of its own. The radio carrier is
+    sampled without an anti-aliasing filter and appears at its alias frequency.
 
     Parameters
     ----------
     mains, radio : float
-        Voltage that an unshielded lead picks up, rms [V].
+        Picked-up rms voltage of an unshielded lead [V].
     mains_frequency, radio_frequency : float
-        [Hz].
+        Frequencies [Hz].
     """
 
     shielded: bool = True
@@ -112,7 +118,10 @@ class Leads:
 
     @property
     def carriers(self) -> tuple[tuple[float, float], ...]:
-        """Amplitude [V] and frequency [Hz] of what is picked up; nothing on shielded leads."""
+        """Amplitude [V] and frequency [Hz] of each carrier.
+
+        Shielded leads have none.
+        """
         both = ((self.mains, self.mains_frequency), (self.radio, self.radio_frequency))
         return () if self.shielded else tuple((2**0.5 * rms, hz) for rms, hz in both if rms > 0)
 
@@ -126,9 +135,9 @@ class DisplacementProbe:
     sensitivity : float
         Output per displacement [V/m].
     noise : float
-        White noise at the samples, rms [m].
+        Rms white noise at the samples [m].
     drift : float
-        Standard deviation, over the probes, of the rate at which their zeros wander [m/s].
+        Standard deviation, over the probes, of the drift rate of their offsets [m/s].
     """
 
     sensitivity: float = number("V/m", positive=True)
@@ -142,11 +151,11 @@ class ForceCoil:
 
     Parameters
     ----------
-    current_controlled : bool
-        With a controlled current the coil's own voltage has no effect; without it the coil brakes itself by
-        force_constant^2 / resistance.
     limit : float
         Largest force of the amplifier [N]; 0 for none.
+    current_controlled : bool
+        Whether the amplifier controls the current. Without control the coil brakes itself by force_constant^2 /
+        resistance.
     """
 
     force_constant: float = number("N/A", positive=True)
@@ -156,18 +165,21 @@ class ForceCoil:
 
     @property
     def back_emf_damping(self) -> float:
-        """Viscous damping by the coil's own voltage [N s/m]; zero with a controlled current."""
+        """Viscous damping by the coil's own voltage [N s/m].
+
+        The damping is zero with a controlled current.
+        """
         return 0.0 if self.current_controlled else self.force_constant**2 / self.resistance
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArraySize:
-    """What the array controller's matrix has room for.
+    """Capacity of the array controller's matrix.
 
     Parameters
     ----------
     inputs, outputs, states : int
-        Channels from sensors and to actuators, and internal states.
+        Sensor channels, actuator channels and internal states.
     """
 
     inputs: int
@@ -182,24 +194,24 @@ class ArraySize:
 
 @dataclass(frozen=True, kw_only=True)
 class PowerUpFaults:
-    """What goes wrong when the equipment is switched on in a wrong order (section 5.4.2).
+    """Faults of a wrong power-up order (section 5.4.2).
 
-    A coil under direct current warms to the first order: C dT/dt = I^2 R - T/R_th, T its rise above the room.
+    A coil under direct current warms by C dT/dt = I^2 R - T/R_th, with its temperature rise T above the room.
 
     Parameters
     ----------
     direct_current : float
-        In a coil, from an array controller that is on without its control program [A].
+        Current in a coil from an active array controller without control program [A].
     thermal_resistance : float
-        R_th from coil to room [K/W].
+        Thermal resistance R_th from coil to room [K/W].
     heat_capacity : float
-        C of coil and former [J/K].
+        Heat capacity C of coil and former [J/K].
     trip_rise : float
-        Rise at which the thermostat cuts the amplifier [K].
+        Temperature rise at which the thermostat cuts the amplifier [K].
     starting_impulse : float
-        Of a force coil whose amplifier is on while a computer starts [N s].
+        Impulse of a force coil with active amplifier at the start of a computer [N s].
     unstable_noise : float
-        Noise of velocity sensors whose operational amplifiers were disturbed, rms [m/s].
+        Rms noise of velocity sensors with disturbed operational amplifiers [m/s].
     """
 
     direct_current: float = number("A", positive=True)
@@ -212,7 +224,10 @@ class PowerUpFaults:
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware:
-    """All of it; leads, array controller and the faults of powering up are missing where a file does not describe them."""
+    """Complete hardware of the laboratory.
+
+    Leads, array controller and power-up faults are optional.
+    """
 
     format: Literal["vlab-hardware-1"] = "vlab-hardware-1"
     converter: Converter
@@ -224,24 +239,31 @@ class Hardware:
     power_up: PowerUpFaults | None = None
 
     def at_rate(self, rate_hz: float) -> "Hardware":
-        """Return the same hardware sampling at another rate."""
+        """Return the hardware with another sample rate [Hz]."""
         return replace(self, converter=replace(self.converter, rate=rate_hz))
 
 
 def load_hardware(path: Path | str | None = None, values: Sequence[str] = ()) -> Hardware:
-    """Load the hardware description; the laboratory's own by default.
+    """Load a hardware description, the laboratory's by default.
 
     Parameters
     ----------
+    path : Path, str or None
+        Hardware file.
     values : sequence of str
-        Other values for single numbers and switches: ``leads.shielded=false``, ``coil.limit=0.2lbf``. Without a unit, SI.
+        Replaced numbers and switches: ``leads.shielded=false``, ``coil.limit=0.2lbf``. SI without a unit.
+
+    Returns
+    -------
+    Hardware
+        Hardware.
 
     Raises
     ------
     BadStructure
-        A file that is malformed, or a value that it would not accept.
+        The file is malformed, or a value is invalid.
     BadExperiment
-        A text that has not this form.
+        A text does not have the form of `values`.
     """
     reader = Reader(asset("laboratory.toml") if path is None else path)
     content = reader.load()
@@ -251,7 +273,10 @@ def load_hardware(path: Path | str | None = None, values: Sequence[str] = ()) ->
 
 
 def _put(content: dict[str, Any], text: str) -> None:
-    """Write one value into the content of a hardware file, as the file would spell it."""
+    """Write one value into a hardware file's content.
+
+    The spelling is the file's.
+    """
     match = _VALUE.match(text)
     if match is None:
         raise BadExperiment(
@@ -269,7 +294,7 @@ def _put(content: dict[str, Any], text: str) -> None:
         raise unknown_name("hardware value", key, keys, where=name)
     table = content.setdefault(name, {})
     if not isinstance(table, dict):
-        return  # the reader refuses the file
+        return  # the reader raises later
     if value in ("true", "false"):
         table[key] = value == "true"
     elif "si" in keys[key].metadata:

@@ -1,9 +1,9 @@
-"""From commands to forces: zero-order hold, loop delay and RC low-pass, discretised exactly.
+"""Output chain: zero-order hold, loop delay and RC low-pass, discretised exactly.
 
-A command u_k taken at t_k = k T reaches the converter's output at t_k + tau and is held there for T; the RC filter
-follows it as x' = a (w - x), a = 2 pi f_c. Both are linear and w is a staircase, so the filter state at the samples and
-the mean force over every integration step follow exactly from a constant matrix. A fractional delay (1.35 samples) puts
-the stair inside a step; its share is exact too.
+A command u_k taken at t_k = k T reaches the converter's output at t_k + tau and is held for T. The RC filter follows
+with x' = a (w - x), a = 2 pi f_c. Both are linear and w is a staircase. A constant matrix therefore gives the filter
+state at the samples and the mean force over every integration step exactly. A fractional delay (1.35 samples) puts the
+step of w inside an integration step; its share is exact too.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from vlab.signals import Array
 
 
 class OutputChain:
-    """Turns one command vector a sample into the mean forces of the integration steps until the next.
+    """Conversion of commands to mean forces of integration steps.
 
     Parameters
     ----------
@@ -36,9 +36,8 @@ class OutputChain:
         self.substeps = substeps
         self._whole, late = delay_split(converter.delay_samples)
         self._matrix = _transition(1.0 / converter.rate, late, self._whole, converter.filter_corner, substeps)
-        # Two buffers of rows [means of the steps | filter state, last commands | new command]. The means and the next
-        # memory that one sample gives are written into the other buffer, where the memory already stands as the next
-        # sample's input: nothing is moved.
+        # Two buffers of rows [means of the steps | filter state, last commands | new command]. A sample's means and
+        # next memory go into the other buffer. The memory is then in place for the next sample, without a copy.
         rows, columns = self._matrix.shape
         buffers = [np.zeros((substeps + columns, channels)) for _ in range(2)]
         self._sides = [(b[-1], b[substeps:], other[:rows], other[:substeps]) for b, other in (buffers, buffers[::-1])]
@@ -46,17 +45,26 @@ class OutputChain:
         self.push = self._bind()
 
     def reset(self) -> None:
-        """Forget everything: filter discharged, no command under way."""
+        """Discharge the filter and drop pending commands."""
         for buffer in self._buffers:
             buffer[:] = 0.0
 
     def _bind(self) -> Callable[[Array], Array]:
-        """Bind what runs two thousand times a simulated second to local names; array methods beat numpy's functions."""
+        """Return the step function with local names.
+
+        The function runs two thousand times a simulated second. Array methods are faster than numpy's functions.
+        """
         (new, state, out, forces), other = self._sides
         follow = self._matrix.dot
 
         def push(command: Array) -> Array:
-            """Take the command of a new sample; return the mean forces of its steps, (substeps, channels), a view."""
+            """Take a sample's command and return its mean forces.
+
+            Returns
+            -------
+            array
+                View, (substeps, channels).
+            """
             nonlocal new, state, out, forces, other
             new[:] = command
             follow(state, out)
@@ -67,7 +75,7 @@ class OutputChain:
         return push
 
     def response(self, commands: Array) -> Array:
-        """Return the mean forces of all steps to a whole run of commands, from rest.
+        """Return the mean forces for a run of commands, from rest.
 
         Parameters
         ----------
@@ -76,13 +84,13 @@ class OutputChain:
         Returns
         -------
         (n_samples * substeps, channels) array
-            What `push` gives one by one.
+            Same result as `push`, sample by sample.
         """
         lagged = [
             np.concatenate([np.zeros((lag, commands.shape[1])), commands[: len(commands) - lag]])
             for lag in range(1, self._whole + 2)
         ]
-        inputs = np.stack([*lagged, commands])  # in the order of the matrix's columns after the filter state
+        inputs = np.stack([*lagged, commands])  # order of the matrix's columns after the filter state
         means, state_row = self._matrix[: self.substeps], self._matrix[self.substeps]
         drive = np.einsum("i,ikc->kc", state_row[1:], inputs)
         filtered = lfilter([0.0, 1.0], [1.0, -state_row[0]], drive, axis=0)
@@ -91,7 +99,10 @@ class OutputChain:
 
     @property
     def matrix(self) -> Array:
-        """The constant matrix: rows are the substeps' means and the next memory, columns the memory and the command."""
+        """Constant matrix of the chain.
+
+        Rows are the substeps' means and the next memory, columns the memory and the command.
+        """
         return self._matrix
 
 
@@ -99,11 +110,11 @@ def _transition(period: float, late: float, whole: int, corner: float, substeps:
     """Return the matrix of `OutputChain`.
 
     Columns: filter state x, commands u_(k-1) ... u_(k-whole-1), u_k. In sample k the output is u_(k-whole-1) until
-    `late` periods have passed and u_(k-whole) after.
+    `late` periods have passed, then u_(k-whole).
     """
     n_memory = 1 + whole + 1
     old = whole + 1  # column of u_(k-whole-1)
-    new = whole if whole >= 1 else n_memory  # column of u_(k-whole): a memory, or the new command itself
+    new = whole if whole >= 1 else n_memory  # column of u_(k-whole): a memory or the new command
     x = np.zeros(n_memory + 1)
     x[0] = 1.0
     rows = []
@@ -124,7 +135,10 @@ def _transition(period: float, late: float, whole: int, corner: float, substeps:
 
 
 def _follow(x: Array, held: Array, duration: float, corner: float) -> tuple[Array, Array]:
-    """Return the filter's output after `duration` under a held input, and its mean over it."""
+    """Return the filter's output and mean under a held input.
+
+    Both belong to the interval `duration`.
+    """
     if corner == 0.0:
         return held, held
     a = 2 * np.pi * corner * duration
@@ -133,10 +147,24 @@ def _follow(x: Array, held: Array, duration: float, corner: float) -> tuple[Arra
 
 
 def theoretical_response(converter: Converter, freq: Array, *, hold: bool = True) -> Array:
-    """Return the continuous-time response of hold, delay and filter at `freq` [Hz], complex.
+    """Return the continuous response of hold, delay and filter.
 
-    The fundamental of the staircase is the sampled command times sinc(f T) with half a sample of lag; delay and filter
+    The fundamental of the staircase is the sampled command times sinc(f T) with half a sample of lag. Delay and filter
     follow as exp(-j omega tau) and 1/(1 + j f/f_c).
+
+    Parameters
+    ----------
+    converter : Converter
+        Rate, delay and filter.
+    freq : array
+        Frequencies [Hz].
+    hold : bool
+        Whether to include the hold.
+
+    Returns
+    -------
+    array
+        Complex response, (n,).
     """
     freq = np.asarray(freq, dtype=float)
     period = 1.0 / converter.rate

@@ -1,6 +1,6 @@
-"""From motion to samples: the roll-off of coil sensors outside their travel, pick-up, noise, drift, quantisation.
+"""Sampling of motion: coil roll-off, pick-up, noise, drift, quantisation.
 
-Pick-up, drift and quantisation are the laws of `vlab.physics.sensors`; here they get what the hardware file says.
+`vlab.physics.sensors` has the laws of pick-up, drift and quantisation; the hardware file has their values.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,28 @@ from vlab.physics.sensors import MainsHum, SensorDrift, SensorQuantisation
 from vlab.signals import Array
 
 CARRIER, DRIFT, QUANTISATION = MainsHum(), SensorDrift(), SensorQuantisation()
+"""CARRIER, DRIFT,
+QUANTISATION: effects that implement pick-up, drift and quantisation."""
 _NO_TIMES = np.zeros(0)
 
 
 def coil_gain(displacement: Array, linear_range: float) -> Array:
-    """Return the gain of a coil sensor at a displacement from its centre [m].
+    """Return the gain of a coil sensor over displacement [1].
 
-    One inside the linear travel; outside it falls as the coil leaves the gap, 1/(1 + (e/r)^2) with e the excess and r
-    half the travel. The form is assumed: the text says only that the signal is linear over about a quarter inch.
+    The gain is one inside the linear travel. Outside it is 1/(1 + (e/r)^2), with the excess e and half the travel r.
+    The form is assumed: the text gives only the linear range of about a quarter inch.
+
+    Parameters
+    ----------
+    displacement : array
+        Distance from the centre [m].
+    linear_range : float
+        Full linear travel [m].
+
+    Returns
+    -------
+    array
+        Gain, shape of `displacement`.
     """
     half = linear_range / 2
     excess = np.maximum(np.abs(displacement) - half, 0.0)
@@ -29,14 +43,14 @@ def coil_gain(displacement: Array, linear_range: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """How true sensor values become samples.
+    """Conversion of true sensor values to samples.
 
     Parameters
     ----------
     is_velocity : (n_sensors,) bool array
-        Which sensors are coils; the others are probes.
+        Whether the sensor is a coil; every other sensor is a probe.
     added : (n_samples, n_sensors) array or None
-        Noise, pick-up and drift, drawn beforehand so that a seed gives the same bits on any number of threads.
+        Noise, pick-up and drift, drawn in advance so that a seed gives the same bits on any number of threads.
     """
 
     hardware: Hardware
@@ -45,7 +59,26 @@ class Sampling:
 
     @classmethod
     def draw(cls, hardware: Hardware, is_velocity: Array, samples: int, rng: np.random.Generator) -> "Sampling":
-        """Draw everything random of a whole run: noise, the phases of what is picked up, rates of drift."""
+        """Draw all random values of a run.
+
+        The values are noise, phases of the pick-up, and drift rates.
+
+        Parameters
+        ----------
+        hardware : Hardware
+            Hardware between law and structure.
+        is_velocity : array
+            Whether each sensor is a coil, (n_sensors,).
+        samples : int
+            Number of samples of the run.
+        rng : np.random.Generator
+            Random generator.
+
+        Returns
+        -------
+        Sampling
+            Sampling of the run.
+        """
         coil, probe = hardware.velocity_sensor, hardware.displacement_probe
         n, period = len(is_velocity), 1.0 / hardware.converter.rate
         added, is_silent, t = np.zeros((samples, n)), True, np.arange(samples) * period
@@ -63,26 +96,41 @@ class Sampling:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether samples inside the linear travel are the true values."""
+        """Whether samples within the linear travel are exact."""
         coil = self.hardware.velocity_sensor
         return self.added is None and self.hardware.converter.resolution == 0.0 and coil.signal_share == 1.0
 
     def samples(self, values: Array, travel: Array | None, at: int | slice) -> Array:
-        """Return what the converter gives for true sensor values.
+        """Return the converter's samples for true sensor values.
 
         Parameters
         ----------
         values : (..., n_sensors) array
             True velocities and displacements.
         travel : (..., n_coils) array or None
-            Displacements of the coil sensors, in their order; None where the plant does not know them.
+            Displacements of the coil sensors in order; None if the plant lacks them.
         at : int or slice
-            Which samples of the run these are, for what is added.
+            Indices of the samples in the run, for noise, pick-up and drift.
         """
         return self.converted(self.rolled_off(values, travel), at)
 
     def rolled_off(self, values: Array, travel: Array | None) -> Array:
-        """Return what coil sensors give of true values: less, outside their linear travel and under a load."""
+        """Return the coil sensors' reduced values.
+
+        Travel beyond the linear range and a load reduce the values.
+
+        Parameters
+        ----------
+        values : array
+            True sensor values, (..., n_sensors).
+        travel : array or None
+            Displacements of the coil sensors [m]; None if unknown.
+
+        Returns
+        -------
+        array
+            Values, (..., n_sensors).
+        """
         coil = self.hardware.velocity_sensor
         if travel is not None or coil.signal_share < 1.0:
             values = values.copy()
@@ -91,7 +139,20 @@ class Sampling:
         return values
 
     def converted(self, values: Array, at: int | slice) -> Array:
-        """Return what the converter gives of the sensors' values: with noise, pick-up and drift, in its steps."""
+        """Return values with noise, pick-up, drift and quantisation.
+
+        Parameters
+        ----------
+        values : array
+            Sensor values, (..., n_sensors).
+        at : int or slice
+            Indices of the samples in the run.
+
+        Returns
+        -------
+        array
+            Samples, (..., n_sensors).
+        """
         if self.added is not None:
             values = values + self.added[at]
         if self._steps is not None:
@@ -100,12 +161,15 @@ class Sampling:
 
     @cached_property
     def _steps(self) -> dict[str, Array] | None:
-        """Steps of the converter in every sensor's motion; None without any."""
+        """Quantisation step of every sensor in motion units.
+
+        None without quantisation.
+        """
         volts, coil = self.hardware.converter.resolution, self.hardware.velocity_sensor
         per_motion = np.where(self.is_velocity, coil.sensitivity, self.hardware.displacement_probe.sensitivity)
         return {"step": volts / per_motion} if volts > 0 else None
 
     def only(self, sensors: Array) -> "Sampling":
-        """Return the same for some of the sensors, by index."""
+        """Return the sampling of selected sensors."""
         added = None if self.added is None else np.ascontiguousarray(self.added[:, sensors])
         return Sampling(self.hardware, self.is_velocity[sensors], added)

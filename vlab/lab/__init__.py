@@ -1,4 +1,4 @@
-"""The experiment: plant, hardware, control law and excitation in one 2 kHz loop, and the recording that comes out."""
+"""Experiment: plant, hardware, law and excitation in one 2 kHz loop."""
 
 from vlab.lab.experiment import Experiment, run_experiment
 

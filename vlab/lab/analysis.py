@@ -1,4 +1,4 @@
-"""What the FE model expects of a run: the analytical response beside the measured one."""
+"""Analytical and measured response of a run."""
 
 import numpy as np
 
@@ -12,13 +12,27 @@ from vlab.modal.modal_test import ModalTest, estimate_responses
 from vlab.signals import Array, FrequencyResponse, Recording
 
 SENSED: dict[str, Quantity] = {"velocity": "velocity", "displacement": "displacement"}
+"""Measured quantity by kind of sensor."""
 UNITS = {"velocity": "m/s/N", "displacement": "m/N"}
+"""SI unit of the response by kind of sensor."""
 
 
 def measured_response(recording: Recording, kind: str = "velocity") -> MeasuredFrequencyResponse | None:
-    """Return the responses of a periodic run's sensors of one kind to its excitation, or None where there are none.
+    """Return the responses of sensors to a periodic excitation.
 
-    A run of fewer than two periods, or without a periodic excitation, has no response without leakage.
+    A run of fewer than two periods, or with another excitation, has leakage and gives no response.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording of the run.
+    kind : str
+        Kind of the sensors, ``"velocity"`` or ``"displacement"``.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse or None
+        H1 responses; None without sensors or periods.
     """
     period = recording.meta.get("period_s")
     outputs = tuple(c.name for c in recording.channels if c.kind == kind)
@@ -35,9 +49,25 @@ def measured_response(recording: Recording, kind: str = "velocity") -> MeasuredF
 def analytical_response(
     prepared: PreparedRun, recording: Recording, freq: Array, kind: str = "velocity"
 ) -> FrequencyResponse | None:
-    """Return the FE model's response of the same loop at `freq` [Hz], with hold, delay, filter, and coils that brake.
+    """Return the FE model's response of the loop.
 
-    None where the excitation has no input channel, or the law is not linear.
+    The loop includes hold, delay, filter and braking coils.
+
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    recording : Recording
+        Recording in SI.
+    freq : array
+        Frequencies [Hz].
+    kind : str
+        Kind of the sensors.
+
+    Returns
+    -------
+    FrequencyResponse or None
+        None if the excitation has no input channel, or the law is nonlinear.
     """
     law, fe = prepared.law, brake_model(prepared.fe_model(), prepared.hardware)
     if not recording.inputs or kind not in SENSED or not (law is None or isinstance(law, LinearController)):

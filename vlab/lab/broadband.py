@@ -1,4 +1,4 @@
-"""Signals that fill a band: multisines, pseudo-random noise, bursts of noise, sweeps."""
+"""Broadband signals: multisines, pseudo-random noise, noise bursts, sweeps."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,25 +9,27 @@ from vlab.errors import BadExperiment
 from vlab.signals import Array
 
 GROUP = 4
-"""Odd lines of which one, drawn at random, is left out of an odd multisine to detect distortion."""
+"""GROUP [1]: number of odd lines per omitted line of an odd multisine. The omitted lines, drawn at random, show
+distortion."""
 MOST_LINES = 1e6
-"""Of a multisine: four hours and a half of period in the widest band by default; more only fill the memory."""
+"""MOST_LINES [1]: largest number of lines of a multisine. The value allows a period of four and a half hours in the
+widest default band."""
 RAMP = 0.05
-"""Share of a burst over which it is faded in and out, so that it stays in its band."""
+"""RAMP [1]: share of a burst for fading in and out, which keeps the burst in its band."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Banded:
-    """A signal with a level, a band and a seed.
+    """A signal with a level, band and seed.
 
     Parameters
     ----------
     level : float
-        Size in the unit of the actuator; the signal says whether it is an rms or a peak.
+        Amplitude in the actuator's unit, rms or peak as the signal states.
     low_hz, high_hz : float
-        The band [Hz].
+        Band [Hz].
     seed : int
-        Of whatever is drawn at random.
+        Seed of the random draws.
     """
 
     level: float = 0.1
@@ -44,15 +46,18 @@ class Banded:
 
 @dataclass(frozen=True, kw_only=True)
 class Multisine(Banded):
-    """Sines at all lines of a band with equal amplitude and random phase [rms level] [1]_ (chapter 2).
+    """Equal sines with random phases at all lines [rms level].
+
+    The signal is periodic and fills its band [1]_ (chapter 2).
 
     Parameters
     ----------
     period_s : float
-        One period; the lines are its multiples of 1/period.
+        Period [s]; the lines are multiples of its inverse.
     odd : bool
-        Only odd lines, with one line of every four left out at random, so that even and odd distortion show in between.
-        Which lines those are follows from the band and the period alone: realisations that differ in the seed share them.
+        Whether only odd lines are excited, with one line of every four omitted at random. Even and odd distortion then
+        show on the free lines. The omitted lines depend on band and period alone, so realisations with different seeds
+        share them.
 
     References
     ----------
@@ -91,11 +96,22 @@ class Multisine(Banded):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "periodic", "period_s": self.period_s}
 
     def sample(self, time: Array) -> Array:
-        """Return the signal at times [s]."""
+        """Return the signal.
+
+        Parameters
+        ----------
+        time : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Signal in the actuator's unit, (n_times,).
+        """
         time = np.asarray(time, dtype=float)
         if time.size > 2 and self._divides(time):
             return self._one_period(time)
@@ -106,14 +122,17 @@ class Multisine(Banded):
         return out
 
     def _divides(self, time: Array) -> bool:
-        """Whether the times are even and a period is a whole number of steps that holds all lines."""
+        """Return whether even samples divide the period.
+
+        The step must also resolve every line.
+        """
         step = (time[-1] - time[0]) / (time.size - 1)
         count = self.period_s / step
         even = np.abs(np.diff(time) - step).max() < 1e-9 * self.period_s
         return bool(even and abs(count - round(count)) < 1e-6 and 2 * self._lines.max() < round(count))
 
     def _one_period(self, time: Array) -> Array:
-        """Return the signal on even times from one inverse Fourier transform, repeated."""
+        """Return the signal on even times by inverse FFT."""
         count = round(self.period_s * (time.size - 1) / (time[-1] - time[0]))
         spectrum = np.zeros(count // 2 + 1, dtype=complex)
         start = 2 * np.pi * self._lines * time[0] / self.period_s + self._phase
@@ -122,7 +141,10 @@ class Multisine(Banded):
 
 
 def _without_detection_lines(odd: Array) -> Array:
-    """Leave one of every `GROUP` odd lines out; the draw depends on the lines only."""
+    """Omit one of every `GROUP` odd lines.
+
+    The draw depends on the lines only.
+    """
     rng = np.random.default_rng([GROUP, len(odd)])
     skipped = [int(rng.integers(first, min(first + GROUP, len(odd)))) for first in range(0, len(odd), GROUP)]
     return np.delete(odd, skipped)
@@ -130,7 +152,10 @@ def _without_detection_lines(odd: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class PseudoRandom(Multisine):
-    """Periodic Gaussian noise [rms level]: as a multisine, with amplitudes drawn from a Rayleigh distribution."""
+    """Periodic Gaussian noise [rms level].
+
+    A multisine with amplitudes from a Rayleigh distribution.
+    """
 
     def _spectrum(self, rng: np.random.Generator, count: int) -> Array:
         amplitude = rng.rayleigh(size=count)
@@ -139,17 +164,16 @@ class PseudoRandom(Multisine):
 
 @dataclass(frozen=True, kw_only=True)
 class BurstRandom(Banded):
-    """Noise that is on for a share of every block and new in each [rms level while it is on].
+    """Bursts of new noise in every block [rms level in a burst].
 
-    The response that has died out by the end of a block was wholly measured in it: no window is needed, and nothing
-    leaks.
+    A response that decays within its block needs no window and has no leakage.
 
     Parameters
     ----------
     block_s : float
-        Length of a block; the spacing of the lines is its inverse.
+        Length of a block [s]; its inverse is the line spacing.
     share : float
-        Share of a block during which the noise is on, in (0, 1].
+        Duration of the burst as a share of the block, in (0, 1].
     """
 
     block_s: float = 20.0
@@ -159,15 +183,15 @@ class BurstRandom(Banded):
         super().__post_init__()
         if not 0 < self.share <= 1:
             raise BadExperiment(f"a burst takes a share of its block in (0, 1], not {self.share}")
-        self._noise(0)  # refuses blocks without a line in the band
+        self._noise(0)  # raises for blocks without a line in the band
 
     @property
     def period_s(self) -> None:
-        """Every burst is another one."""
+        """None: every burst is new."""
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "burst", "block_s": self.block_s}
 
     def _noise(self, block: int) -> PseudoRandom:
@@ -177,7 +201,18 @@ class BurstRandom(Banded):
         )
 
     def sample(self, time: Array) -> Array:
-        """Return the signal at times [s]."""
+        """Return the signal.
+
+        Parameters
+        ----------
+        time : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Signal in the actuator's unit, (n_times,).
+        """
         t = np.asarray(time, dtype=float)
         out = np.zeros_like(t)
         number = np.floor(t / self.block_s).astype(int)
@@ -193,19 +228,19 @@ class BurstRandom(Banded):
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Banded):
-    """A sine whose frequency rises linearly over the band and starts again [peak level].
+    """Periodic linear sine sweep over the band [peak level].
 
     Parameters
     ----------
     period_s : float
-        Duration of one sweep.
+        Duration of one sweep [s].
     """
 
     period_s: float = 60.0
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "periodic", "period_s": self.period_s}
 
     def sample(self, time: Array) -> Array:

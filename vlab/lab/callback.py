@@ -1,7 +1,7 @@
-"""One MuJoCo control callback for many loops.
+"""MuJoCo control callback shared by many loops.
 
-`mjcb_control` is a single pointer of the whole process. The dispatcher here is installed once while any loop runs and
-hands each call to the loop that owns the `MjData` it is called for, so experiments in threads side by side share nothing.
+`mjcb_control` is a single pointer of the process. The dispatcher is installed while any loop runs. Each call goes to
+the loop that owns its `MjData`, so experiments in parallel threads share nothing.
 """
 
 import threading
@@ -18,19 +18,33 @@ _lock = threading.Lock()
 
 
 def _dispatch(model: Any, data: Any) -> None:
-    loop = _loops.get(id(data))  # MuJoCo hands over the one wrapper that owns the data
+    loop = _loops.get(id(data))  # MuJoCo passes the very wrapper that owns the data
     if loop is not None:
         loop(model, data)
 
 
 @contextmanager
 def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[None]:
-    """Let `loop(model, data)` be MuJoCo's control callback for this `MjData` while the context lasts.
+    """Install a loop as control callback of an `MjData`.
+
+    The callback lasts as long as the context.
+
+    Parameters
+    ----------
+    data : object
+        `MjData` of the loop.
+    loop : callable
+        Function of model and data.
+
+    Returns
+    -------
+    context manager
+        Context.
 
     Raises
     ------
     BadExperiment
-        Somebody else's callback is installed, or the data already has a loop.
+        A foreign callback is installed, or the data already has a loop.
     """
     key = id(data)
     with _lock:

@@ -1,4 +1,4 @@
-"""Sines one frequency at a time: incremental sweeps with zoom, and multi-point dwells (force appropriation)."""
+"""Stepped sines with zoom, and multi-point dwells (force appropriation)."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,29 +10,29 @@ from vlab.lab.broadband import Banded
 from vlab.signals import Array
 
 MAX_STEPS = 100_000
-"""Frequencies of one sweep; more are a slip of the keyboard."""
+"""MAX_STEPS [1]: largest number of frequencies of a sweep; more indicates a typing error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedSine(Banded):
-    """A sine that dwells at one frequency after another, phase-continuous [peak level]: an incremental sine sweep.
+    """Phase-continuous sine with stepped frequency [peak level].
 
     Parameters
     ----------
     steps : int
         Number of frequencies, evenly spaced over the band.
     dwell_s : float
-        Time at each. What is left of the transient at a resonance after half of it is exp(-pi zeta f dwell_s).
+        Duration of each step [s]. After half of it, the transient at a resonance is exp(-pi zeta f dwell_s).
     least_cycles : float
-        A step lasts at least so many cycles, whatever `dwell_s` says.
+        Shortest step in cycles, even if `dwell_s` is shorter.
     zoom_hz : tuple of float
-        Modes around which finer steps lie; the steps of the band within a zoom give way to them.
+        Frequencies of modes with finer steps around; steps of the band inside a zoom are dropped.
     zoom_width : float
-        Half the width of a zoom relative to its frequency.
+        Half width of a zoom relative to its frequency.
     zoom_steps : int
         Number of frequencies in each zoom.
     zoom_dwell_s : float
-        Time at each of those; 0 for `dwell_s`.
+        Duration of each zoom step [s]; 0 for `dwell_s`.
     """
 
     steps: int = 20
@@ -64,7 +64,7 @@ class SteppedSine(Banded):
         object.__setattr__(self, "duration", np.maximum(asked, self.least_cycles / freq))
 
     def _schedule(self) -> tuple[Array, Array]:
-        """Return the frequencies in rising order and which of them belong to a zoom."""
+        """Return ascending frequencies and a mask of zoom steps."""
         coarse = np.linspace(self.low_hz, self.high_hz, self.steps)
         fine = [np.linspace(f - self.zoom_width * f, f + self.zoom_width * f, self.zoom_steps) for f in self.zoom_hz]
         inside = [np.abs(coarse - f) <= self.zoom_width * f for f in self.zoom_hz]
@@ -77,20 +77,33 @@ class SteppedSine(Banded):
 
     @property
     def seconds(self) -> float:
-        """Time that the whole sweep takes."""
+        """Duration of the whole sweep [s]."""
         return float(self.duration.sum())
 
     @property
     def period_s(self) -> None:
-        """A stepped sine runs once."""
+        """None: a stepped sine runs once."""
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "stepped", "step_hz": self.freq.tolist(), "step_s": self.duration.tolist()}
 
     def sample(self, time: Array) -> Array:
-        """Return the signal at times [s]; after the last step it stays there."""
+        """Return the signal.
+
+        After the last step the signal stays at its frequency.
+
+        Parameters
+        ----------
+        time : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Signal in the actuator's unit, (n_times,).
+        """
         t = np.asarray(time, dtype=float)
         begin = np.concatenate([[0.0], np.cumsum(self.duration)[:-1]])
         step = np.clip(np.searchsorted(begin, t, side="right") - 1, 0, self.freq.size - 1)
@@ -100,22 +113,26 @@ class SteppedSine(Banded):
 
 @dataclass(frozen=True, kw_only=True)
 class Dwell:
-    """One sine at several actuators at once, in phase or in opposition [peak level]: force appropriation.
+    """One sine at several actuators [peak level].
 
-    The forces hold one mode in its natural motion at its natural frequency, where all displacements are in quadrature
-    with the forces; `vlab.modal.appropriation` finds frequency and forces from frequency responses. When the forces stop
-    the mode decays alone, and its damping can be read from the decay.
+    Force appropriation: in-phase or opposed forces hold one mode at its natural frequency [1]_. All displacements are
+    then in quadrature with the forces. `vlab.modal.appropriation` finds frequency and forces from frequency responses.
+    After the forces stop, the mode decays alone and the decay gives its damping.
 
     Parameters
     ----------
     level : float
-        Peak of the largest of the forces.
+        Peak of the largest force.
     hz : float
         Frequency [Hz].
     forces : tuple of float
-        One number for each actuator, in their order; only their ratios count, negative for opposition.
+        Force ratios, one an actuator in order; negative for opposition.
     drive_s : float
-        When the forces stop, at the next end of a cycle [s]; 0: they do not.
+        Stop time of the forces, rounded up to the end of a cycle [s]; 0 for no stop.
+
+    References
+    ----------
+    .. [1] D. J. Ewins, Modal Testing: Theory, Practice and Application, 2nd ed., Research Studies Press, 2000.
     """
 
     level: float = 0.1
@@ -135,16 +152,16 @@ class Dwell:
 
     @property
     def period_s(self) -> None:
-        """A dwell is looked at from when it is steady; see `vlab.modal.dwell`."""
+        """None: analysis starts at steady state, see `vlab.modal.dwell`."""
 
     @property
     def stop_s(self) -> float:
-        """When the forces stop [s]; infinity if they do not."""
+        """Stop time of the forces [s]; infinity without a stop."""
         return float(np.ceil(self.drive_s * self.hz - 1e-9) / self.hz) if self.drive_s else np.inf
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "dwell", "dwell_hz": self.hz} | ({"drive_s": self.stop_s} if self.drive_s else {})
 
     def sample(self, time: Array) -> Array:

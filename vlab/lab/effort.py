@@ -1,4 +1,4 @@
-"""What a run asked of its actuators: commands, forces, and how long the amplifiers were at their limit."""
+"""Actuator effort of a run: commands, forces, saturation."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -12,16 +12,18 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorEffort:
-    """The effort of one actuator over a run, in its own unit.
+    """Effort of one actuator over a run.
+
+    All values are in the actuator's unit.
 
     Parameters
     ----------
     command_rms, command_peak : float
-        Of what the law asked for, at the samples.
+        Rms and peak of the law's commands at the samples.
     force_rms, force_peak : float
-        Of what the amplifier gave, excitation included: means over the samples.
+        Rms and peak of the amplifier's output, excitation included, averaged over each sample.
     saturated_share : float
-        Share of the time in which command and excitation together were beyond the amplifier's limit.
+        Share of time with command plus excitation beyond the amplifier's limit.
     """
 
     at: str
@@ -44,9 +46,17 @@ def actuator_efforts(
 
     Parameters
     ----------
+    taps : sequence of ActuatorTap
+        Actuators in channel order.
     commands, applied : (n_samples, n_actuators) array
+        Commands of the law, and forces averaged over each sample.
     saturated : (n_actuators,) array
-        Share of the time at the limit.
+        Share of time at the limit.
+
+    Returns
+    -------
+    tuple of ActuatorEffort
+        One entry an actuator.
     """
 
     def rms(values: Array) -> float:

@@ -1,8 +1,8 @@
-"""Excitation signals. Each is a function of time alone, drawn once from its seed.
+"""Excitation signals as functions of time.
 
-The signal is added to the command of an actuator behind the converter's filter, where the laboratory added it
-(Figure 21), so one coil both controls and excites. Written out they read ``NAME`` or ``NAME:setting=value,...``; several
-numbers of one setting are separated by a slash: ``dwell:hz=3.31,forces=1/-0.4``.
+A signal is drawn once from its seed. The signal adds to an actuator's command behind the converter's filter, as in the
+laboratory (Figure 21). One coil can therefore both control and excite. The text form is ``NAME`` or
+``NAME:setting=value,...``. A slash separates several numbers of one setting: ``dwell:hz=3.31,forces=1/-0.4``.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,13 +38,13 @@ class Excitation(Protocol):
     Parameters
     ----------
     level : float
-        Its size in the actuator's unit; rms for multisines and noise (of a burst while it is on), peak for sines and
-        blows, the static force for a release.
+        Amplitude in the actuator's unit: rms for multisines and noise (within a burst), peak for sines and blows,
+        static force for a release.
     """
 
     @property
     def level(self) -> float:
-        """Size of the signal."""
+        """Amplitude of the signal."""
 
     @property
     def period_s(self) -> float | None:
@@ -52,19 +52,36 @@ class Excitation(Protocol):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal, for those who read it."""
+        """Signal description for the recording."""
 
     def sample(self, time: Array) -> Array:
-        """Return the signal at times [s], (n_times,), or (n_times, n_actuators) where it drives several."""
+        """Return the signal at times [s].
+
+        The shape is (n_times,), or (n_times, n_actuators) for several actuators.
+        """
 
 
 def forces_at(excitation: Excitation, time: Array, actuators: int) -> Array:
-    """Return the signal of each of the actuators that excite, (n_times, n_actuators).
+    """Return the signal of each exciting actuator.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Signal.
+    time : array
+        Times [s].
+    actuators : int
+        Number of exciting actuators.
+
+    Returns
+    -------
+    array
+        Signal in the actuators' unit, (n_times, n_actuators).
 
     Raises
     ------
     BadExperiment
-        The signal is not made for so many actuators.
+        The signal is for another number of actuators.
     """
     signal = excitation.sample(time)
     columns = signal[:, None] if signal.ndim == 1 else signal
@@ -78,12 +95,14 @@ def forces_at(excitation: Excitation, time: Array, actuators: int) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Hammer(Banded):
-    """Half-sine pulses of slightly varying size and interval [peak level]; the width follows from the band.
+    """Half-sine pulses of varying size and interval [peak level].
+
+    The band determines the width of a pulse.
 
     Parameters
     ----------
     interval_s : float
-        Mean time between blows.
+        Mean interval between blows [s].
     """
 
     interval_s: float = 10.0
@@ -97,18 +116,29 @@ class Hammer(Banded):
 
     @property
     def period_s(self) -> None:
-        """Blows do not repeat exactly."""
+        """None: blows do not repeat exactly."""
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "impact"}
 
     def sample(self, time: Array) -> Array:
-        """Return the signal at times [s]."""
+        """Return the signal.
+
+        Parameters
+        ----------
+        time : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Signal in the actuator's unit, (n_times,).
+        """
         t = np.asarray(time, dtype=float)
         rng = np.random.default_rng(self.seed)
-        width = 1.5 / self.high_hz  # a half sine of width w has its first spectral zero at 1.5/w
+        width = 1.5 / self.high_hz  # the spectrum of a half sine of width w has its first zero at 1.5/w
         out = np.zeros_like(t)
         blow = 0.2
         while blow < t.max(initial=0.0) + width:
@@ -120,7 +150,7 @@ class Hammer(Banded):
 
 @dataclass(frozen=True, kw_only=True)
 class Release:
-    """No signal: the structure is pulled by a static force at the actuator and let go at the start."""
+    """Release from a static force at the actuator, without signal."""
 
     level: float = 1.0
 
@@ -130,15 +160,15 @@ class Release:
 
     @property
     def period_s(self) -> None:
-        """A release happens once."""
+        """None: a release happens once."""
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a recording notes of the signal."""
+        """Signal description for the recording."""
         return {"signal": "release"}
 
     def sample(self, time: Array) -> Array:
-        """Return zeros: the force is gone from the start."""
+        """Return zeros, because the force ends at the start."""
         return np.zeros_like(np.asarray(time, dtype=float))
 
 
@@ -152,20 +182,31 @@ EXCITATIONS: Mapping[str, Callable[..., Any]] = {
     "hammer": Hammer,
     "release": Release,
 }
-"""The excitations by name."""
+"""Excitations by name."""
 
 
 def build_excitation(name: str, **settings: Any) -> Any:
-    """Build an excitation from ``NAME`` or ``NAME:setting=value,...``, and further settings.
+    """Build an excitation from its text and further settings.
 
-    Settings that are None do not count. A seed is left aside where nothing is drawn at random.
+    The form is ``NAME`` or ``NAME:setting=value,...``. A setting of None is ignored. A seed is ignored by a signal
+    without random draws.
+
+    Parameters
+    ----------
+    name : str
+        Text.
+
+    Returns
+    -------
+    object
+        Excitation.
 
     Raises
     ------
     UnknownName
-        No excitation of that name.
+        No such excitation.
     BadExperiment
-        A setting that this excitation does not have or that is given twice, or a value it refuses.
+        A setting is unknown, given twice, or out of range.
     """
     kind_name, colon, written = name.partition(":")
     if kind_name not in EXCITATIONS:
@@ -198,7 +239,7 @@ def _settings(name: str, written: str) -> list[tuple[str, str]]:
 
 
 def _value(name: str, key: str, text: str, kind: Any) -> Any:
-    """Return a written value as its setting wants it."""
+    """Return a written value as its setting's type."""
     try:
         if kind is bool:
             return {"yes": True, "true": True, "no": False, "false": False}[text.lower()]

@@ -1,4 +1,4 @@
-"""Running one experiment: what is wired to what, for how long, with which seed; a recording comes out."""
+"""Experiment: wiring, duration and seed in, recording out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,31 +20,31 @@ from vlab.plants.base import Plant, check_run
 from vlab.signals import Array, Channel, Recording
 
 FRAMES_HZ = 60.0
-"""Configurations kept for the moving picture, per second."""
+"""FRAMES_HZ [Hz]: rate of the configurations kept for views."""
 CHUNK_STEPS = 500
-"""Steps between two looks at the state: a diverged run stops here."""
+"""CHUNK_STEPS [1]: integration steps between checks for divergence."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """An experiment to run.
+    """Description of an experiment.
 
     Parameters
     ----------
     plant : Plant
-        What stands on the bench.
-    excitation : Excitation or None
-        Added to the command of the actuator `excite`.
-    excite : str
-        The actuator that also excites, several with commas between them; the first one by default.
-    controller : Controller or None
-        The law in the loop.
-    hardware : Hardware
-        The laboratory's own by default.
+        Plant on the bench.
     seconds : float
-        Duration.
+        Duration [s].
+    excitation : Excitation or None
+        Signal added to the command of `excite`.
+    excite : str
+        Exciting actuator, or several with commas between; the first actuator by default.
+    controller : Controller or None
+        Law in the loop.
+    hardware : Hardware
+        Hardware; the laboratory's by default.
     seed : int
-        Seed of the sensors' noise.
+        Seed of the sensor noise.
     """
 
     plant: Plant
@@ -67,7 +67,7 @@ class Experiment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """What an experiment leaves.
+    """Result of an experiment.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ class Result:
     frame_times : (n_frames,) array
         Times of the stored configurations [s].
     frames : (n_frames, nq) array
-        Configurations, for views.
+        Configurations for views.
     effort : tuple of ActuatorEffort
-        What was asked of every actuator.
+        Effort of every actuator.
     """
 
     recording: Recording
@@ -97,17 +97,24 @@ def run_experiment(
 
     Parameters
     ----------
+    experiment : Experiment
+        Description of the experiment.
     progress : callable or None
         Called with the simulated seconds done.
     watch : callable or None
-        Called with the simulated seconds done and a function that gives the result, filled in as far as that.
+        Called with the simulated seconds done and a function that returns the result so far.
+
+    Returns
+    -------
+    Result
+        Recording, frames and effort.
 
     Raises
     ------
     BadExperiment
         A rate that does not fit the step, or an actuator that does not exist.
     Diverged
-        The run left the finite world or MuJoCo reset it.
+        The run became nonfinite or MuJoCo reset the state.
     """
     plant = brake_plant(experiment.plant, experiment.hardware)
     rate = experiment.hardware.converter.rate
@@ -165,7 +172,10 @@ def _advance(plant: Plant, loop: ControlLoop, steps: int, after: Callable[[float
 
 
 def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
-    """Put the plant where a static force at an actuator holds it, from its linearised stiffness."""
+    """Set the static deflection under an actuator force.
+
+    The linearised stiffness gives the deflection.
+    """
     mujoco.mj_forward(plant.model, data)
     data.ctrl[:] = plant.control_matrix[:, actuator]
     mujoco.mj_forward(plant.model, data)

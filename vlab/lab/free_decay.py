@@ -1,12 +1,13 @@
-"""Poles from a free vibration: decaying exponentials fitted to all sensors together, and the envelope of one of them.
+"""Poles of a free vibration from decaying exponentials, and envelopes.
 
-Sensor c shows x_c(t) = sum over poles of Re(a_kc exp(s_k t)). The a_kc are eliminated in closed form, and the poles follow
-by least squares from where theory expects them: variable projection, with the Jacobian of Kaufman [1]_. Poles that are there
-but not looked for (the law's own, higher modes) take part with an a_kc and stay where they are predicted.
+Sensor c measures x_c(t) = sum over poles of Re(a_kc exp(s_k t)). Variable projection eliminates the a_kc in closed
+form, with the Jacobian of Kaufman [1]_. Nonlinear least squares then gives the poles, from predicted start values.
+Known further poles (the law's own, higher modes) take part with their a_kc and stay at their prediction.
 
 References
 ----------
-.. [1] Kaufman, "A variable projection method for solving separable nonlinear least squares problems", BIT 15, 1975.
+.. [1] L. Kaufman, A variable projection method for solving separable nonlinear least squares problems, BIT 15 (1975)
+       49-57.
 """
 
 from dataclasses import dataclass
@@ -19,35 +20,39 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, ComplexArray, Recording
 
 PER_CYCLE = 10
-"""Samples used in a cycle of the fastest pole that is looked for; what is faster is folded into that band, as a sample is."""
+"""PER_CYCLE [samples]: samples per cycle of the fastest fitted pole. Faster content aliases into the band, in model and
+data alike."""
 FASTEST = 4.0
-"""Other poles take part up to this multiple of half of that rate."""
+"""FASTEST [1]: highest frequency of a known further pole, relative to half the reduced sample rate."""
 ORDER = 4
-"""Of the envelope's low-pass, which runs forwards and backwards."""
+"""ORDER [1]: order of the envelope's low-pass, applied forwards and backwards."""
 MOST_GROWTH = 20.0
-"""Powers of e by which a predicted pole may grow over the recording."""
+"""MOST_GROWTH [powers of e]: largest growth of a predicted pole over the recording."""
 SETTLING = 1.2
-"""What the envelope leaves out at both ends, in periods of the low-pass's corner: the answer to where the signal starts."""
+"""SETTLING [periods of the low-pass's corner]: length dropped at both ends of an envelope, for the filter's
+transient."""
 FLOOR = 0.1
-"""The envelope is used down to this share of where it begins: neighbours and noise come up below."""
+"""FLOOR [1]: smallest used value of an envelope relative to its start. Below it neighbouring modes and noise
+dominate."""
 SHORTEST = 1.5
-"""Cycles of vibration that a straight line needs."""
+"""SHORTEST [cycles]: shortest vibration for a straight-line fit."""
 STRAIGHT = 0.03
-"""Largest rms deviation of the envelope's logarithm from the straight line: more, and it is no single mode."""
+"""STRAIGHT [1]: largest rms deviation of the envelope's logarithm from a straight line; a larger one indicates several
+modes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedPoles:
-    """Poles found in a free vibration.
+    """Poles of a free vibration.
 
     Parameters
     ----------
     s : (n,) complex array
-        [rad/s], imaginary parts positive.
+        Poles [rad/s] with positive imaginary parts.
     sd : (n,) array
-        Standard deviation of their real parts, from the residual [1/s].
+        Standard deviation of the real parts, from the residual [1/s].
     misfit : float
-        Rms of the residual relative to the signals, each sensor weighing alike.
+        Rms residual relative to the signals, with equal weight for each sensor.
     """
 
     s: ComplexArray
@@ -56,7 +61,18 @@ class FittedPoles:
 
 
 def sensor_channels(recording: Recording) -> list[str]:
-    """Return the channels that show motion, or raise `BadRecording`."""
+    """Return the motion channels of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
+    Raises
+    ------
+    BadRecording
+        The recording has no velocity or displacement.
+    """
     channels = [c.name for c in recording.channels if c.kind in ("velocity", "displacement")]
     if not channels:
         raise BadRecording(f"the recording has no velocity or displacement (it has {', '.join(recording.names)})")
@@ -69,11 +85,16 @@ def fit_poles(recording: Recording, start: ComplexArray, others: ComplexArray) -
     Parameters
     ----------
     recording : Recording
-        From the first sample without excitation.
+        Recording from the first sample without excitation.
     start : (n,) complex array
-        Where the poles that are looked for should be [rad/s].
+        Predicted values of the fitted poles [rad/s].
     others : (m,) complex array
-        Predicted poles that are there besides.
+        Predicted further poles [rad/s].
+
+    Returns
+    -------
+    FittedPoles
+        Poles with standard deviations.
 
     Raises
     ------
@@ -129,7 +150,10 @@ def _real(waves: ComplexArray) -> Array:
 
 
 def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis of what columns span, without what is rounding."""
+    """Return an orthonormal basis of a column space.
+
+    Directions at rounding level are dropped.
+    """
     if not columns.shape[1]:
         return columns
     basis, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
@@ -141,9 +165,21 @@ def _without(basis: Array, columns: Array) -> Array:
 
 
 def envelope(recording: Recording, channel: str, hz: float, corner_hz: float) -> ComplexArray:
-    """Return the complex envelope of a channel about a frequency, (n_samples,): x = Re(envelope exp(j 2 pi hz t)).
+    """Return the complex envelope of a channel, (n_samples,).
 
-    A low-pass without phase keeps what lies within `corner_hz`; it does not change the decay of an exponential.
+    The channel is x = Re(envelope exp(j 2 pi hz t)). A zero-phase low-pass keeps content within `corner_hz`, without
+    change to the decay of an exponential.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    channel : str
+        Name of the channel.
+    hz : float
+        Centre frequency [Hz].
+    corner_hz : float
+        Corner of the low-pass [Hz].
     """
     shifted = 2 * recording[channel] * np.exp(-2j * np.pi * hz * (recording.time - recording.time[0]))
     low_pass = signal.butter(ORDER, corner_hz, fs=recording.rate, output="sos")
@@ -152,7 +188,24 @@ def envelope(recording: Recording, channel: str, hz: float, corner_hz: float) ->
 
 
 def envelope_decay(recording: Recording, channel: str, hz: float, corner_hz: float) -> float | None:
-    """Return how fast the logarithm of an envelope falls [1/s]; None where it is no straight line for long enough."""
+    """Return the decay rate of an envelope.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    channel : str
+        Name of the channel.
+    hz : float
+        Centre frequency [Hz].
+    corner_hz : float
+        Corner of the low-pass [Hz].
+
+    Returns
+    -------
+    float or None
+        Negative slope of the envelope's logarithm [1/s]; None without a long enough straight line.
+    """
     size, skip = np.abs(envelope(recording, channel, hz, corner_hz)), SETTLING / corner_hz
     t = recording.time - recording.time[0]
     first, last = (int(np.searchsorted(t, at)) for at in (skip, t[-1] - skip))

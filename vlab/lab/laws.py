@@ -1,4 +1,4 @@
-"""Control laws by name, wired to a structure's coils."""
+"""Control laws by name for a structure's coils."""
 
 from collections.abc import Collection
 
@@ -12,11 +12,11 @@ from vlab.errors import BadController, unknown_name
 from vlab.structure.model import Structure
 
 GAIN_TABLES = {"beam": "7", "grid": "11"}
-"""The table that prints each structure's direct rate feedback gains."""
+"""Number of the table with each structure's published gains."""
 
 
 def law_names(structure: Structure) -> list[str]:
-    """Return the names of the laws whose gains were printed for a structure."""
+    """Return the names of a structure's published laws."""
     number = GAIN_TABLES.get(structure.name)
     return [table.part for table in published_tables(structure.name) if number is not None and table.number == number]
 
@@ -30,29 +30,38 @@ def named_law(
     model: str = "",
     code: Collection[str] | None = None,
 ) -> Controller:
-    """Return a law by its name.
+    """Return a law by name.
 
-    A user's own from the file or entry point that the name says; one that `vlab design` wrote (``controller.toml``); one
-    with printed gains, unless a model is named; or one that is designed here and now with the published weights.
+    The name is a user's file or entry point, a law file of `vlab design` (``controller.toml``), a published law, or a
+    design method. Published gains apply unless `model` is given. A design method uses the published weights.
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    name : str
+        Name or path.
     rate : float
-        Samples per second of the loop, for laws with states [Hz].
+        Sample rate of the loop [Hz], for laws with states.
     variant : str
-        Of the structure's model that a law is designed on.
+        Variant of the structure's model for a design.
     model : str
-        To design the law on (`vlab.fe.reduced.MODELS`); that of the published design by default.
+        Design model (`vlab.fe.reduced.MODELS`); the published design's by default.
     code : collection of str, optional
-        Where the name comes from a file of data: the Python files and entry points that the user named, of which it may name one.
-        None: the user gives the name.
+        Python files and entry points that the user named, if `name` comes from a data file; `name` may then refer to
+        one of the listed only. None if the user gave `name`.
+
+    Returns
+    -------
+    Controller
+        Law.
 
     Raises
     ------
     UnknownName
-        No law of that name.
+        No such law.
     BadController
-        A law that cannot run in a loop, code that the user did not name, or a bad law file, or a model for a law that is not designed here.
+        The law cannot run in a loop, the code or law file is refused, or a model is given for a law without design.
     """
     if model and (is_user_law(name) or is_law_file(name)):
         raise BadController(f"the law {name} is made already: the model {model!r} is for laws that are designed here")
@@ -75,12 +84,24 @@ def named_law(
 
 
 def published_law(structure: Structure, name: str) -> Controller:
-    """Return a published direct rate feedback law with its printed gains.
+    """Return a published direct rate feedback law.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    name : str
+        Name of the gain table's part.
+
+    Returns
+    -------
+    Controller
+        Law with the published gains [N s/m].
 
     Raises
     ------
     UnknownName
-        No gains of that name were published for the structure.
+        No published gains of that name.
     """
     names = law_names(structure)
     if name not in names:

@@ -1,4 +1,4 @@
-"""The loop that MuJoCo calls: gated on the sample clock, it samples, runs the law, and turns commands into forces."""
+"""Control loop in MuJoCo's callback: sampling, law and forces."""
 
 import functools
 from collections.abc import Callable
@@ -17,21 +17,21 @@ from vlab.signals import Array
 
 
 class ControlLoop:
-    """Wiring and memory of one experiment; `callback` is what MuJoCo calls once an integration step.
+    """Wiring and memory of one experiment.
 
-    Between two samples nothing but the stored mean forces is applied. A call that repeats a step (`mj_forward`, stages
-    of a Runge-Kutta step) changes nothing.
+    MuJoCo calls `callback` once an integration step. Between two samples the loop applies stored mean forces only. A
+    repeated step (`mj_forward`, stages of a Runge-Kutta step) changes nothing.
 
     Parameters
     ----------
-    plant, hardware, controller
-        The parts; no controller means no feedback.
+    plant, hardware, controller : Plant, Hardware, Controller or None
+        Parts of the loop; None as controller means no feedback.
     added : (n_steps, n_actuators) array
-        Force added behind the filter in every integration step.
+        Force added behind the filter in every integration step [N].
     sampling : Sampling
         Roll-off, noise and quantisation of the sensors.
     samples, substeps : int
-        How many samples to run, and integration steps per sample.
+        Number of samples, and integration steps per sample.
     frame_every : int
         Samples between stored configurations, for views.
     """
@@ -66,7 +66,7 @@ class ControlLoop:
 
     @property
     def sampled(self) -> Array:
-        """What the sensors gave at every sample, (n_samples, n_sensors)."""
+        """Sensor samples, (n_samples, n_sensors)."""
         if self._sensed is not None:
             return self.sampling.converted(self._sensed, slice(None))
         travel = self._raw[:, self.plant.travel]
@@ -76,21 +76,23 @@ class ControlLoop:
 
     @property
     def applied(self) -> Array:
-        """Mean force at every actuator over every sample, (n_samples, n_actuators); what attached physics does to it is
-        behind what the laboratory records."""
+        """Mean actuator force over each sample, (n_samples, n_actuators).
+
+        Effects attached to the actuators act behind the recorded force.
+        """
         forces = self._limited if self._limited is not None else self._demanded()
         return forces.reshape(-1, self.substeps, forces.shape[1]).mean(axis=1)
 
     @property
     def saturated(self) -> Array:
-        """Share of the integration steps in which each amplifier was asked for more than its limit, (n_actuators,)."""
+        """Share of steps at each amplifier's limit, (n_actuators,)."""
         limit = self.hardware.coil.limit
         if not limit:
             return np.zeros(self.commands.shape[1])
         return np.asarray(np.mean(np.abs(self._demanded()) > limit, axis=0))
 
     def _demanded(self) -> Array:
-        """Return the force that every integration step asks of the amplifiers, (n_steps, n_actuators)."""
+        """Return the demanded force of every step, (n_steps, n_actuators)."""
         return np.asarray(self._chain.response(self.commands) + self.added)
 
     def _check_law(self, controller: Controller) -> None:
@@ -117,14 +119,17 @@ class ControlLoop:
         controller.reset()
 
     def _feedback(self) -> Callable[[int], Array] | None:
-        """Return the function that samples, runs the law and gives the mean forces of the coming steps."""
+        """Return the function from sensor data to mean forces.
+
+        The function samples, runs the law and gives the forces of the coming steps.
+        """
         controller = self.controller
         if controller is None:
             return None
         law, push, commands, sampling = controller.step, self._chain.push, self.commands, self.sampling
         sensordata, every, wired, to = self.data.sensordata, self.plant.sensor_matrix, self._from, self._to
         direct, plain, own = every[wired].dot, sampling.is_ideal, sampling.only(wired)
-        loaded = self.hardware.velocity_sensor.signal_share < 1.0  # what the coils give is less in their travel, too
+        loaded = self.hardware.velocity_sensor.signal_share < 1.0  # the travel of the coils reduces their signal
         travel, half_travel = sensordata[self.plant.travel], self.hardware.velocity_sensor.linear_range / 2
         known_travel = travel if travel.size else None
         sensed = self._sensed
@@ -135,7 +140,7 @@ class ControlLoop:
             if sensed is not None:
                 return answer(sampling.converted(sensed[sample], sample)[wired], sample)
             in_range = not loaded
-            for x in travel.tolist():  # a few plain floats compare faster than an array
+            for x in travel.tolist():  # plain floats compare faster than an array of a few values
                 if not -half_travel <= x <= half_travel:
                     in_range = False
             if not in_range:
@@ -153,7 +158,10 @@ class ControlLoop:
         return tick
 
     def _compile(self) -> Callable[[Any, Any], None]:
-        """Bind everything the callback needs to local names: it runs two thousand times a simulated second."""
+        """Return the callback with local names only.
+
+        The callback runs two thousand times a simulated second.
+        """
         plant, data, substeps = self.plant, self.data, self.substeps
         qvel, qpos, sensordata, generalised = data.qvel, data.qpos, data.sensordata, data.qfrc_applied
         raw, frames, frame_every = self._raw, self.frames, self.frame_every
@@ -162,7 +170,7 @@ class ControlLoop:
         prescribed = plant.prescribed
         actuate, sense, push = self._attached()
         tick, per_step, n_steps = self._feedback(), 1.0 / plant.timestep, len(self.added)
-        forces = np.zeros((substeps, len(plant.actuators)))  # of the steps until the next sample; a row serves once
+        forces = np.zeros((substeps, len(plant.actuators)))  # one row a step, used once
         last = -1
 
         def callback(model: Any, data: Any) -> None:
@@ -200,7 +208,10 @@ class ControlLoop:
     def _attached(
         self,
     ) -> tuple[Callable[[Array], None] | None, Callable[[int], None] | None, Callable[[Any], None] | None]:
-        """Return what attached physics does to the forces, to a sample, and to the structure; None where it does nothing."""
+        """Return the attached effects on forces, samples and structure.
+
+        Each is None without an effect.
+        """
         physics, sensed, sampling, plant = self._physics, self._sensed, self.sampling, self.plant
         if physics is None:
             return None, None, None
@@ -227,7 +238,10 @@ class ControlLoop:
         return actuate, None if sensed is None else sense, None if ports is None else push
 
     def _outlet(self) -> Callable[[Array], None]:
-        """Return the function that hands the actuators' forces to MuJoCo's controls, several of which may be alike."""
+        """Return the function from actuator forces to MuJoCo's controls.
+
+        Several controls may have the same force.
+        """
         ctrl, controls = self.data.ctrl, self.plant.control_matrix
         n = controls.shape[1]
         if n and len(controls) % n == 0 and np.array_equal(controls, np.tile(np.eye(n), (len(controls) // n, 1))):
@@ -236,7 +250,10 @@ class ControlLoop:
         return lambda force: spread(force, ctrl)
 
     def _amplifier(self) -> Callable[[Array, int], None] | None:
-        """Return what the amplifiers do to the forces in place: their limit, and braking without current control."""
+        """Return the in-place amplifier model of the forces.
+
+        The model covers the limit, and braking without current control.
+        """
         coil, plant, sensordata = self.hardware.coil, self.plant, self.data.sensordata
         places = {tap.at: i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"}
         braked = [i for i, a in enumerate(plant.actuators) if a.at in places] if coil.back_emf_damping else []

@@ -1,13 +1,12 @@
-"""A test plan: several records with their settings in one file, performed one after the other into one case.
+"""Test plan: several records in one file, performed into one case.
 
-A plan is a TOML file. ``[settings]`` holds what all records share and every ``[[record]]`` what is its own, both by the
-names of `RunSettings`, that is of ``run.toml``; a record has a name and a role, too. ``[model]`` says what the case
-compares the records with. Files that it names are found from where vlab is called, as on the command line. Of these a plan
-runs no code that was not named beside it.
+A plan is a TOML file. ``[settings]`` holds common settings, every ``[[record]]`` its own, both with the names of
+`RunSettings` (``run.toml``). A record also has a name and a role. ``[model]`` describes the case's model. File names
+are relative to the working directory, as on the command line. A plan runs only code that the user named in addition.
 
-A record is written whole or not at all, so a plan that was interrupted goes on where it stood. The manifest of the plan
-binds every record's settings and the files they name by hash; a record is never performed twice, nor under settings that
-changed. Of a concealed plan the effects, and what is bound with them, are kept in a folder of their own.
+A record is written atomically, so an interrupted plan continues with the next record. The manifest binds every record's
+settings and files by hash. A record is never performed twice, nor under changed settings. A concealed plan stores
+effects and their hashes in a separate folder.
 """
 
 import hashlib
@@ -29,10 +28,11 @@ from vlab.recordings.bound import RECORDING, check_run, stated_hash
 from vlab.recordings.files import written_whole
 
 CASE, TRUTH = "case.toml", "truth.json"
+"""Names of the case file and of the concealed truth."""
 SHARED = ("structure", "variant", "hardware")
-"""Settings that all records of a case have in common."""
+"""Settings common to all records of a case."""
 OF_EXCITATION = ("level", "low_hz", "high_hz", "period_s", "odd")
-"""Settings that belong to an excitation: a record with another one than ``[settings]`` has none of them from there."""
+"""Settings of an excitation. A record with another excitation than ``[settings]`` takes none of them from there."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _FILE = re.compile(r"^(.+?\.(?:toml|py))(?=$|:)")
 _RESERVED = (CASE, MANIFEST, "structure.toml", "hardware.toml")
@@ -40,7 +40,7 @@ _RESERVED = (CASE, MANIFEST, "structure.toml", "hardware.toml")
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedRecord(StoredSettings):
-    """``[[record]]``: the settings of a run, with what the record is called and what it is for."""
+    """``[[record]]``: settings of a run with name and role."""
 
     name: str
     role: Literal["fit", "holdout"]
@@ -53,13 +53,16 @@ class PlannedRecord(StoredSettings):
 
     @property
     def settings(self) -> StoredSettings:
-        """The settings alone."""
+        """Settings without name and role."""
         return StoredSettings(**{f.name: getattr(self, f.name) for f in fields(RunSettings)})
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedModel:
-    """``[model]``: what the case compares with; plant and variant are those of the settings unless given."""
+    """``[model]``: model of the case.
+
+    Plant and variant default to those of the settings.
+    """
 
     plant: str = ""
     variant: str = ""
@@ -68,12 +71,12 @@ class PlannedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A whole plan.
+    """Contents of a plan file.
 
     Parameters
     ----------
     concealed : bool
-        Leave effects out of everything that lies beside the recordings.
+        Whether to omit effects from everything beside the recordings.
     """
 
     title: str
@@ -82,7 +85,7 @@ class Plan:
     concealed: bool = False
 
     def __post_init__(self) -> None:
-        names = [record.name.lower() for record in self.record]  # some file systems do not tell A from a
+        names = [record.name.lower() for record in self.record]  # some file systems ignore case
         for record in self.record:
             if names.count(record.name.lower()) > 1:
                 raise BadExperiment(f"two records are called {record.name!r}; their folders would be one")
@@ -95,28 +98,36 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """Simulated seconds of all records."""
+        """Simulated time of all records [s]."""
         return sum(record.seconds for record in self.record)
 
     def model_table(self) -> dict[str, Any]:
-        """Return the case's table of the model, before files are copied beside it."""
+        """Return the case's model table.
+
+        File names refer to the originals, before copying.
+        """
         first = self.record[0]
         table = {"structure": first.structure, "plant": self.model.plant or first.plant}
         table |= {"variant": self.model.variant or first.variant, "hardware": first.hardware}
         return {key: value for key, value in table.items() if value} | {"uncertain": dict(self.model.uncertain)}
 
     def prepare(self, *, code: Collection[str] = ()) -> list[PreparedRun]:
-        """Build every run, so that whatever is wrong with one is said before any starts.
+        """Build every run, so that an error precedes the first start.
 
         Parameters
         ----------
         code : collection of str
-            Python files and entry points that the user named besides the plan; a plan runs no other.
+            Python files and entry points that the user named; a plan runs no further code.
+
+        Returns
+        -------
+        list of PreparedRun
+            Prepared runs in order.
 
         Raises
         ------
         BadExperiment
-            A record that cannot be run as planned, by its name.
+            A record cannot run as planned; the message has its name.
         """
         out = []
         for record in self.record:
@@ -129,12 +140,24 @@ class Plan:
 
 
 def load_plan(path: Path | str) -> Plan:
-    """Load a plan strictly: unknown keys are refused with the accepted ones.
+    """Load a plan strictly.
+
+    An unknown key is refused with the accepted keys.
+
+    Parameters
+    ----------
+    path : Path or str
+        Plan file.
+
+    Returns
+    -------
+    Plan
+        Plan.
 
     Raises
     ------
     BadExperiment
-        Malformed, a key that is unknown or missing, a value that is not of its kind, no records.
+        The file is malformed or has no records, a key is unknown or missing, or a value has the wrong kind.
     """
     reader = Reader(path, provenance_required=False, error=BadExperiment)
     raw = reader.load()
@@ -164,7 +187,10 @@ def load_plan(path: Path | str) -> Plan:
 
 
 def _shared_with(record: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the shared settings that a record takes: those of the shared excitation only if that is its own, too."""
+    """Return the common settings that a record takes.
+
+    Settings of the common excitation apply only to a record with the same excitation.
+    """
     usual = shared.get("excite", RunSettings.excite)
     own = record.get("excite", usual) != usual
     return {key: value for key, value in shared.items() if not (own and key in OF_EXCITATION)}
@@ -175,14 +201,14 @@ def _shared_with(record: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[s
 
 @dataclass(frozen=True, kw_only=True)
 class PlanProgress:
-    """How far a plan is.
+    """Progress of a plan.
 
     Parameters
     ----------
     share : float
-        Of the simulated seconds, 0 to 1.
+        Share of the simulated time done, 0 to 1.
     record : str
-        What is being performed.
+        Record in progress.
     """
 
     share: float
@@ -191,7 +217,7 @@ class PlanProgress:
 
 @dataclass(frozen=True, kw_only=True)
 class DonePlan:
-    """What was performed and what had been there."""
+    """Performed and earlier records."""
 
     performed: tuple[str, ...]
     kept: tuple[str, ...]
@@ -205,24 +231,34 @@ def perform_plan(
     views: Callable[[Path, DoneRun], None] = lambda folder, done: None,
     progress: Callable[[PlanProgress], None] = lambda progress: None,
 ) -> DonePlan:
-    """Perform the records that a folder lacks and write the case.
+    """Perform a folder's missing records and write the case.
 
     Parameters
     ----------
+    plan : Plan
+        Loaded plan.
+    folder : Path
+        Output folder.
     code : collection of str
         Python files and entry points that the user named, see `Plan.prepare`.
     views : callable
-        Writes what is looked at into a record's folder; not called in a concealed plan, whose views would show more than
-        the sensors did.
+        Writer of views into a record's folder. A concealed plan writes none, because views show more than the sensors.
+    progress : callable
+        Called with the progress.
+
+    Returns
+    -------
+    DonePlan
+        Performed and earlier records.
 
     Raises
     ------
     OutputRefused
-        The folder is another plan's or somebody else's, or its records were made with other settings.
+        The folder belongs to another plan or to nobody's plan, or its records have other settings.
     BadExperiment
-        A record that cannot be run as planned; nothing was performed then.
+        A record cannot run as planned; no record was performed.
     KeyboardInterrupt
-        With how many records are whole.
+        Interruption; the message counts the complete records.
     """
     prepared = plan.prepare(code=code)
     done = _bind(plan, folder)
@@ -264,7 +300,10 @@ def _perform(
 
 
 def _bind(plan: Plan, folder: Path) -> tuple[str, ...]:
-    """Bind the folder to the plan's settings, or check that it is bound to them; return the records that are whole."""
+    """Bind the folder to the plan's settings.
+
+    A bound folder is checked. The result lists the complete records.
+    """
     bound = {record.name: _binding(record.settings) for record in plan.record}
     public = {name: _without_effects(binding) for name, binding in bound.items()} if plan.concealed else bound
     truth = folder.with_name(f"{folder.name}-truth") / TRUTH
@@ -298,7 +337,10 @@ def _bind(plan: Plan, folder: Path) -> tuple[str, ...]:
 
 
 def _binding(settings: RunSettings) -> dict[str, Any]:
-    """Return what decides the bits of a record: its settings, the files they name, the versions; and a hash of it all."""
+    """Return the inputs that determine a record's bits.
+
+    The inputs are settings, files and versions, with a hash of all.
+    """
     values = json.loads(json.dumps(asdict(settings)))
     words = [word for value in values.values() for word in (value if isinstance(value, list) else [value])]
     named = [m[1] for m in (_FILE.match(word) for word in words if isinstance(word, str)) if m is not None]
@@ -309,7 +351,7 @@ def _binding(settings: RunSettings) -> dict[str, Any]:
 
 
 def _without_effects(binding: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a binding that says nothing of effects, not even in its hash."""
+    """Return a binding without effects, in the hash as well."""
     effects = " ".join(binding["settings"]["effect"])
     bound = {
         "settings": {key: value for key, value in binding["settings"].items() if key != "effect"},
@@ -324,7 +366,7 @@ def _digest(bound: Mapping[str, Any]) -> str:
 
 
 def _check_same(earlier: Mapping[str, Any], bound: Mapping[str, Any], folder: Path) -> None:
-    """Refuse to go on under other settings than those that a folder was begun with."""
+    """Refuse settings that differ from the folder's."""
     fix = f"name another folder with --out, or delete {folder}"
     for name, before in earlier.items():
         if name not in bound:
@@ -345,7 +387,7 @@ def _check_same(earlier: Mapping[str, Any], bound: Mapping[str, Any], folder: Pa
 
 
 def _is_whole(folder: Path) -> bool:
-    """Whether a record lies in a folder as it was written."""
+    """Return whether a folder holds an intact record."""
     try:
         check_run(folder)
     except BadRecording:
@@ -372,7 +414,10 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def _write_case(plan: Plan, folder: Path) -> None:
-    """Write the case of the records: the forces as they were recorded drive the model, law or no law."""
+    """Write the case of the records.
+
+    The recorded forces drive the model, with or without a law.
+    """
     model = plan.model_table()
     for key in ("structure", "hardware"):
         if str(model.get(key, "")).endswith(".toml"):
@@ -395,11 +440,14 @@ def _write_case(plan: Plan, folder: Path) -> None:
             at = channel.at if drives else channel.name
             table = {"column": channel.name, "at": at, "kind": channel.kind, "unit": channel.unit}
             lines += ["[[recording.channel]]", *_lines(table)]
-            lines += ["input = true", 'hold = "zero"'] if drives else []  # means over the samples
+            lines += ["input = true", 'hold = "zero"'] if drives else []  # inputs are means over each sample
     with written_whole(folder / CASE) as stream:
         stream.write(("\n".join(lines) + "\n").encode())
 
 
 def _lines(table: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a flat table; JSON's text, numbers and truth values are TOML's."""
+    """Return the lines of a flat table.
+
+    JSON's text, numbers and truth values are valid TOML.
+    """
     return [f"{json.dumps(key) if ':' in key else key} = {json.dumps(value)}" for key, value in table.items()]

@@ -1,4 +1,4 @@
-"""A plant's own modes at its sensors, and how well a modal test found them."""
+"""Plant modes at its sensors, compared with a modal test."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,25 +14,31 @@ from vlab.plants.base import Plant
 from vlab.signals import Array, ComplexArray, ModalModel
 
 HZ_ERROR, ZETA_ERROR, LEAST_MAC = 1e-3, 0.05, 0.98
-"""How near a modal test must come: relative errors of frequency and damping ratio, and the MAC of the shapes."""
+"""HZ_ERROR [1]: largest relative error of a frequency.
+ZETA_ERROR [1]: largest relative error of a damping ratio.
+LEAST_MAC [1]: smallest MAC of the shapes."""
 UNSEEN = 1e-3
-"""A mode whose largest motion at the sensors is less than this part of that of the others shows in no test."""
+"""UNSEEN [1]: largest sensor motion, relative to the most visible mode, below which a mode is unobservable."""
 POSITION_STEP = 1e-6
-"""Step of the central difference with which a displacement sensor is read [m or rad]: rounding 1e-10 of the shape."""
+"""POSITION_STEP [m or rad]: step of the central difference of a displacement sensor; rounding is 1e-10 of the shape."""
 
 
 def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz: float) -> ModalModel:
-    """Return the damped modes of the linearised plant in a band, as its sensors see them.
+    """Return the plant's damped modes in a band at its sensors.
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
     outputs : sequence of str
-        Channel names of sensors; velocities and displacements alike show the displacement.
+        Channel names of sensors; velocities and displacements both give displacement shapes.
+    low_hz, high_hz : float
+        Band [Hz].
 
     Returns
     -------
     ModalModel
-        Complex shapes; modes that none of the sensors sees are left out.
+        Complex shapes; unobservable modes are left out.
     """
     linear = plant.linearise()
     n = linear.n
@@ -44,7 +50,7 @@ def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz:
     if keep.size == 0:
         raise BadRecording(f"the plant has no mode from {low_hz:g} to {high_hz:g} Hz; widen --band")
     raw = vectors[:n, keep]
-    raw = raw / np.sqrt(np.einsum("ij,ik,kj->j", raw.conj(), linear.M, raw).real)  # unit modal mass: sizes compare
+    raw = raw / np.sqrt(np.einsum("ij,ik,kj->j", raw.conj(), linear.M, raw).real)  # unit modal mass
     shapes = _seen(plant, outputs, raw)
     size = np.abs(shapes).max(axis=0)
     seen = size > UNSEEN * size.max()
@@ -53,7 +59,7 @@ def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz:
 
 
 def _seen(plant: Plant, outputs: Sequence[str], modes: ComplexArray) -> ComplexArray:
-    """Return what sensors see of motions in generalised coordinates, (n_outputs, n_modes)."""
+    """Return mode shapes at sensors, (n_outputs, n_modes)."""
     rows = [plant.sensor_index(name) for name in outputs]
     is_rate = np.array([plant.sensors[i].kind == "velocity" for i in rows])
 
@@ -75,7 +81,10 @@ def _seen(plant: Plant, outputs: Sequence[str], modes: ComplexArray) -> ComplexA
 
 @dataclass(frozen=True, kw_only=True)
 class FoundMode:
-    """A mode of the plant beside what a modal test found of it; NaN where it found nothing."""
+    """A plant mode with its estimate from a modal test.
+
+    The estimate is NaN for a missed mode.
+    """
 
     hz: float
     zeta: float
@@ -95,7 +104,10 @@ class FoundMode:
 
     @property
     def ok(self) -> bool:
-        """Whether it was found as near as `HZ_ERROR`, `ZETA_ERROR` and `LEAST_MAC` ask for."""
+        """Whether all errors are within their limits.
+
+        The limits are `HZ_ERROR`, `ZETA_ERROR` and `LEAST_MAC`.
+        """
         near = abs(self.hz_error) <= HZ_ERROR and abs(self.zeta_error) <= ZETA_ERROR
         return bool(near and self.mac >= LEAST_MAC)
 
@@ -107,7 +119,20 @@ class FoundMode:
 
 
 def compare_with_plant(true: ModalModel, found: ModalModel) -> list[FoundMode]:
-    """Return each mode of the plant with its partner in a modal test, paired by MAC."""
+    """Pair each plant mode with a test mode by MAC.
+
+    Parameters
+    ----------
+    true : ModalModel
+        Modes of the plant.
+    found : ModalModel
+        Modes of the test.
+
+    Returns
+    -------
+    list of FoundMode
+        One entry a plant mode.
+    """
     pairing = match_modes(true, found)
     partner = {int(a): (int(b), float(m)) for a, b, m in zip(pairing.a, pairing.b, pairing.mac, strict=True)}
     rows = []

@@ -1,4 +1,12 @@
-"""What theory says of the sampled loop: structure, delay, hold, filter and law as one discrete system."""
+"""Sampled loop as one discrete system: structure, delay, hold, filter, law.
+
+The zero-order hold with delay follows from the matrix exponential, see Franklin, Powell and Workman [1]_.
+
+References
+----------
+.. [1] G. F. Franklin, J. D. Powell and M. L. Workman, Digital Control of Dynamic Systems, 3rd ed., Addison-Wesley,
+       1998.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +27,7 @@ from vlab.hardware.output_chain import theoretical_response
 from vlab.signals import Array
 
 SAME_MODE = 0.2
-"""A pole within this share of a mode's frequency, in log frequency, is still called that mode."""
+"""SAME_MODE [1]: largest distance in log frequency at which a pole belongs to a mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +37,9 @@ class ClosedLoop:
     Parameters
     ----------
     z : (n,) complex array
-        In the z-plane.
+        Eigenvalues in the z-plane.
     s : (n,) complex array
-        ln(z)/T [rad/s].
+        Eigenvalues ln(z)/T [rad/s].
     """
 
     z: Array
@@ -43,11 +51,21 @@ class ClosedLoop:
         return bool(np.all(np.abs(self.z) < 1))
 
     def modes(self, near_hz: Sequence[float] | Array) -> tuple[Array, Array]:
-        """Return frequency |s|/2pi [Hz] and damping ratio of the oscillatory eigenvalue that continues each open-loop mode.
+        """Return frequency and damping of each mode's continuation.
 
-        Eigenvalues are assigned so that the sum of their distances to the open-loop frequencies, in log frequency, is
-        least; a heavily damped mode keeps its place that way. A law with states of its own has eigenvalues near the
-        structure's: `SampledLoop.mode_poles` tells them apart.
+        The assignment of oscillatory eigenvalues minimises the sum of distances to the open-loop frequencies, in log
+        frequency. A heavily damped mode then keeps its place. A law with states has eigenvalues near the structure's;
+        `SampledLoop.mode_poles` separates them.
+
+        Parameters
+        ----------
+        near_hz : sequence of float or array
+            Open-loop frequencies [Hz].
+
+        Returns
+        -------
+        tuple of (array, array)
+            Frequencies |s|/(2 pi) [Hz] and damping ratios.
         """
         upper = self.s[self.s.imag > 1e-9]
         freq = np.abs(upper) / (2 * np.pi)
@@ -58,20 +76,20 @@ class ClosedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPole:
-    """One eigenvalue of the loop, and where it lives.
+    """One eigenvalue of the loop with its main mode.
 
     Parameters
     ----------
     hz, zeta : float
-        Frequency |s|/2pi [Hz] and damping ratio; a negative ratio grows.
+        Frequency |s|/(2 pi) [Hz] and damping ratio; a negative ratio means growth.
     growth : float
         Real part of s [1/s].
     mode : int
-        The structure's mode, from 1, that carries most of the motion's energy.
+        Mode of the structure, from 1, with most of the motion's energy.
     share : float
-        Of the energy of all modes, what that mode carries.
+        Share of that mode in the energy of all modes.
     mode_hz : float
-        That mode's own frequency [Hz].
+        Frequency of that mode alone [Hz].
     """
 
     hz: float
@@ -83,7 +101,10 @@ class LoopPole:
 
     @property
     def is_mode(self) -> bool:
-        """Whether the pole is that mode, moved a little; otherwise it belongs to law, delay and filter as much."""
+        """Whether the pole is a slightly moved structural mode.
+
+        Any other pole belongs as much to law, delay and filter.
+        """
         return bool(abs(np.log(max(self.hz, 1e-12) / self.mode_hz)) < SAME_MODE)
 
 
@@ -94,19 +115,19 @@ class SampledLoop:
     Parameters
     ----------
     omega : (m,) array
-        Circular frequencies of the modes kept [rad/s].
+        Circular frequencies of the retained modes [rad/s].
     damping : (m, m) array
-        Phi^T C Phi of mass-normalised shapes.
+        Phi^T C Phi with mass-normalised shapes.
     at_coils : (n_coils, m) array
         Deflection of each mode at the law's coils.
     at_sensors : (n_sensors, m) array
-        Velocity that the law's sensors see, per modal velocity.
+        Sensor velocity per modal velocity.
     law : tuple of array
         A, B, C, D of x+ = A x + B y, u = C x + D y.
     converter : Converter
         Rate, delay and filter.
     gain : float or (n_coils,) array
-        Factor on the commands; 1 is the law as it stands.
+        Factor on the commands; 1 for the law as given.
     """
 
     omega: Array
@@ -130,22 +151,28 @@ class SampledLoop:
         return self.converter.rate
 
     def with_gain(self, gain: float | Array) -> "SampledLoop":
-        """Return the loop with another factor on all commands."""
+        """Return the loop with another gain on all commands."""
         other = replace(self, gain=gain)
-        other.__dict__["plant"] = self.plant  # the same: sampling it again would take most of the time
+        other.__dict__["plant"] = self.plant  # sampling the same plant again would take most of the time
         return other
 
     def with_delay(self, delay_samples: float) -> "SampledLoop":
-        """Return the loop with another delay, in sample periods."""
+        """Return the loop with another delay [samples]."""
         return replace(self, converter=replace(self.converter, delay_samples=delay_samples))
 
     def with_filter(self, corner_hz: float) -> "SampledLoop":
-        """Return the loop with another corner of the RC filters [Hz]; 0 for none."""
+        """Return the loop with another filter corner [Hz].
+
+        0 means no filter.
+        """
         return replace(self, converter=replace(self.converter, filter_corner=corner_hz))
 
     @cached_property
     def continuous(self) -> tuple[Array, Array, Array]:
-        """A, B, C from the filters' inputs to the velocities; states: modal velocities, displacements, filter outputs."""
+        """A, B, C from filter inputs to velocities.
+
+        The states are modal velocities, displacements and filter outputs.
+        """
         n, n_coils, corner = len(self.omega), len(self.at_coils), 2 * np.pi * self.converter.filter_corner
         size = 2 * n + (n_coils if corner > 0 else 0)
         A, B, C = np.zeros((size, size)), np.zeros((size, n_coils)), np.zeros((len(self.at_sensors), size))
@@ -160,12 +187,15 @@ class SampledLoop:
 
     @cached_property
     def plant(self) -> tuple[Array, Array, Array]:
-        """A, B, C of the discrete system from the commands u_k to the samples y_k."""
+        """A, B, C of the discrete system from commands to samples."""
         return sample_with_delay(*self.continuous, rate=self.converter.rate, delay_samples=self.converter.delay_samples)
 
     @cached_property
     def matrix(self) -> Array:
-        """Transition matrix of the closed loop; states: the plant's, then the law's."""
+        """Transition matrix of the closed loop.
+
+        The plant's states precede the law's.
+        """
         A, B, C = self.plant
         a, b, c, d = self.law
         B = B * self.gain
@@ -179,18 +209,28 @@ class SampledLoop:
 
     @cached_property
     def radius(self) -> float:
-        """Largest magnitude of an eigenvalue: below one the loop is stable."""
+        """Spectral radius of the closed loop; stable below one."""
         return float(np.abs(np.linalg.eigvals(self.matrix)).max())
 
     def poles(self) -> list[LoopPole]:
-        """Return the eigenvalues by frequency, one of each pair, each with the mode that moves most in it."""
+        """Return one pole a pair by frequency, with its main mode."""
         return sorted((pole for pole, _ in self._poles_and_energies()), key=lambda pole: pole.hz)
 
     def mode_poles(self, modes: Sequence[int]) -> list[LoopPole]:
-        """Return the poles that continue some modes, counted from 0, each another one.
+        """Return the poles that continue given modes.
 
-        Chosen are poles near in log frequency in which the mode moves most and, because a law with states of its own puts
-        poles among the structure's, that are lightly damped.
+        Each mode gets a pole of its own. A pole is chosen by log frequency and by the mode's share of its energy. A law
+        with states puts well-damped poles among the structure's, so light damping counts as well.
+
+        Parameters
+        ----------
+        modes : sequence of int
+            Modes, from 0.
+
+        Returns
+        -------
+        list of LoopPole
+            One pole a mode.
         """
         found = self._poles_and_energies()
         energies = np.array([energy[list(modes)] for _, energy in found]).T
@@ -200,7 +240,7 @@ class SampledLoop:
         return [found[column][0] for column in columns[np.argsort(rows)]]
 
     def _poles_and_energies(self) -> list[tuple[LoopPole, Array]]:
-        """Return one eigenvalue of each pair, and the share of its energy in every mode, (m,)."""
+        """Return one pole a pair with its modal energy shares, (m,)."""
         z, vectors = linalg.eig(self.matrix)
         upper = np.flatnonzero((z.imag >= 0) & (np.abs(z) > 1e-12))
         n = len(self.omega)
@@ -224,18 +264,28 @@ class SampledLoop:
         ]
 
     def critical(self) -> LoopPole:
-        """Return the pole that grows most or decays least."""
+        """Return the least stable pole."""
         return max(self.poles(), key=lambda pole: pole.growth)
 
     def opened(self, freq: Array) -> Array:
-        """Return the loop opened at the commands, L = -K P at `freq` [Hz], (n_freq, n_coils, n_coils).
+        """Return the loop gain L = -K P at the commands.
 
-        The sensitivity is (I + L)^-1. P is exact from sample to sample, images of the hold included.
+        The sensitivity is (I + L)^-1. P is exact from sample to sample, with the images of the hold.
+
+        Parameters
+        ----------
+        freq : array
+            Frequencies [Hz].
+
+        Returns
+        -------
+        array
+            L, (n_freq, n_coils, n_coils).
         """
         A, B, C = self.plant
         n, n_coils = len(self.continuous[0]), B.shape[1]
         z = np.exp(2j * np.pi * np.asarray(freq, dtype=float) / self.converter.rate)[:, None, None]
-        # past commands are powers of 1/z: without them the transition matrix has well conditioned eigenvectors
+        # past commands are powers of 1/z; without them the eigenvectors are well conditioned
         lags = range((len(A) - n) // n_coils)
         columns = [B[:n], *(A[:n, n + lag * n_coils : n + (lag + 1) * n_coils] for lag in lags)]
         each = C[:, :n] @ _resolvent(A[:n, :n], np.hstack(columns), z[:, 0, 0])
@@ -244,7 +294,10 @@ class SampledLoop:
 
 
 def _resolvent(A: Array, B: Array, z: Array) -> Array:
-    """Return (z I - A)^-1 B for every z, from the eigenvectors of A where they are well conditioned."""
+    """Return (z I - A)^-1 B for every z.
+
+    Well-conditioned eigenvectors of A shorten the computation.
+    """
     values, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) < 1e8:
         return np.asarray(vectors @ (np.linalg.solve(vectors, B.astype(complex)) / (z[:, None] - values)[:, :, None]))
@@ -262,23 +315,34 @@ def sampled_loop(
     outputs: Array | None = None,
     modes: int | None = None,
 ) -> SampledLoop:
-    """Return the loop of a structure under a linear law with hold, delay and filter, sampled exactly.
+    """Return the exactly sampled loop of a structure and a law.
+
+    The loop has hold, delay and filter.
 
     Parameters
     ----------
     linear : SecondOrderModel
-        The structure.
+        Structure.
     inputs : (n, n_coils) array
         Load distribution of the law's coils.
+    law : LinearController
+        Linear law.
+    converter : Converter
+        Rate, delay and filter.
     outputs : (n_sensors, n) array or None
         Deflection rows of the law's velocity sensors; collocated with the coils by default.
     modes : int or None
-        Keep the first modes only; all by default.
+        Number of retained modes; all by default.
+
+    Returns
+    -------
+    SampledLoop
+        Loop.
 
     Raises
     ------
     BadController
-        A law that is not linear, was made for another rate, or does not fit the coils and sensors.
+        The law is nonlinear, has another rate, or does not fit coils and sensors.
     """
     if not isinstance(law, LinearController):
         raise BadController(
@@ -301,7 +365,10 @@ def sampled_loop(
 
 
 def loop_on(fe: FeModel, law: LinearController, converter: Converter, *, modes: int | None = None) -> SampledLoop:
-    """Return the loop of an FE model under a law, which may have been designed on another model of the structure."""
+    """Return the loop of an FE model and a law.
+
+    The law's design model may be another one.
+    """
     coils, sensors = fe.deflections(law.actuators).T, fe.deflections(law.sensors)
     return sampled_loop(fe.linear, coils, law, converter, outputs=sensors, modes=modes)
 
@@ -309,12 +376,22 @@ def loop_on(fe: FeModel, law: LinearController, converter: Converter, *, modes: 
 def predict_rate_feedback(
     linear: SecondOrderModel, inputs: Array, gains: Array, converter: Converter, *, modes: int | None = None
 ) -> ClosedLoop:
-    """Return the loop u_k = -D y_k between collocated pairs; see `sampled_loop`.
+    """Return the eigenvalues of the loop u_k = -D y_k.
+
+    Coils and sensors are collocated, see `sampled_loop`.
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
+    inputs : array
+        Load distribution of the coils, (n, n_coils).
     gains : (n_coils, n_coils) array
         D [N s/m].
+    converter : Converter
+        Rate, delay and filter.
+    modes : int or None
+        Number of retained modes; all by default.
     """
     places = [f"coil{i + 1}" for i in range(inputs.shape[1])]
     law = DirectRateFeedback(gains, sensors=places, actuators=places)
@@ -333,22 +410,37 @@ def closed_loop_response(
     outputs: Array,
     quantity: Quantity,
 ) -> Array:
-    """Return the analytical closed-loop response to a force added behind the filter, (n_freq, n_outputs, n_excited).
+    """Return the analytical closed-loop response to an added force.
 
-    The loop is opened at the forces: u = c(f) K(f) (velocities), K the law's response and c that of hold, delay and
-    filter, so the coils' forces are -(I + L)^-1 L_excited with L = -c K G. Images of the hold above half the sample
-    rate are left out.
+    The force acts behind the filter. The loop is opened at the forces: u = c(f) K(f) (velocities), with the law's
+    response K and the response c of hold, delay and filter. With L = -c K G the coils' forces are -(I + L)^-1
+    L_excited. Images of the hold above half the sample rate are left out.
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
     coils : (n, n_coils) array
         Load distribution of the law's coils.
+    law : LinearController
+        Linear law.
+    converter : Converter
+        Rate, delay and filter.
+    freq : array
+        Frequencies [Hz].
     sensors : (n_sensors, n) array
         Deflection rows of the law's velocity sensors.
     excited : (n, n_excited) array
         Load distribution of the added force.
     outputs : (n_outputs, n) array
-        Deflection rows of what is observed.
+        Deflection rows of the observed points.
+    quantity : Quantity
+        Observed quantity.
+
+    Returns
+    -------
+    array
+        Response, (n_freq, n_outputs, n_excited).
     """
     both = np.hstack([coils, excited])
     n_coils = coils.shape[1]
@@ -361,7 +453,19 @@ def closed_loop_response(
 
 
 def law_response(law: Matrices, freq: Array, rate: float) -> Array:
-    """Return C (z I - A)^-1 B + D of a discrete law at `freq` [Hz], (n_freq, n_actuators, n_sensors)."""
+    """Return C (z I - A)^-1 B + D of a discrete law.
+
+    The shape is (n_freq, n_actuators, n_sensors).
+
+    Parameters
+    ----------
+    law : Matrices
+        A, B, C, D of the law.
+    freq : array
+        Frequencies [Hz].
+    rate : float
+        Sample rate [Hz].
+    """
     a, b, c, d = law
     z = np.exp(2j * np.pi * np.asarray(freq, dtype=float) / rate)
     return np.asarray(c @ _resolvent(a, b, z) + d if len(a) else np.broadcast_to(d + 0j, (len(z), *d.shape)))

@@ -1,4 +1,4 @@
-"""Release and decay: the damping that a free vibration shows, beside the poles that theory predicts of the loop."""
+"""Damping of a free vibration after release, compared with the loop's poles."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -18,28 +18,28 @@ from vlab.lab.run_folder import PreparedRun
 from vlab.signals import Array, ComplexArray, Recording
 
 TOLD = 0.05
-"""A mode is told where the standard deviation of its damping ratio is below this share of it."""
+"""TOLD [1]: largest relative standard deviation of a damping ratio that counts as identified."""
 NEAR = 0.3
-"""A fitted pole farther than this from the predicted one, relative to its size, is another one."""
+"""NEAR [1]: largest relative distance of a fitted pole from its prediction; a farther pole is another mode."""
 REACH = 0.5
-"""Corner of an envelope's low-pass relative to the distance to the nearest mode, at which it leaves 1/256."""
+"""REACH [1]: corner of an envelope's low-pass relative to the distance to the nearest mode, where the gain is 1/256."""
 WIDEST = 0.5
-"""The same relative to the mode's own frequency: of the mirror image at twice that it leaves 4^-8."""
+"""WIDEST [1]: largest corner relative to the mode's frequency. At twice that frequency, the mirror image, the gain is
+4^-8."""
 GONE = 1.2
-"""Decay, in powers of e, by which a mode may have fallen before its envelope is used."""
+"""GONE [powers of e]: largest decay of a mode before its envelope is used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopPoles:
-    """The poles of a loop as theory has them.
+    """Predicted poles of a loop.
 
     Parameters
     ----------
     s : (n,) complex array
-        Of the modes that have measured ratios and that the coils can drive, in order of their frequency without control
-        [rad/s].
+        Poles of the coil-driven modes with measured damping ratios, in order of their open-loop frequency [rad/s].
     others : (m,) complex array
-        All other oscillatory poles, and what unshielded leads pick up.
+        All further oscillatory poles, and carriers picked up by unshielded leads [rad/s].
     """
 
     s: ComplexArray
@@ -47,7 +47,7 @@ class LoopPoles:
 
     @property
     def hz(self) -> Array:
-        """Frequencies |s|/2 pi [Hz]."""
+        """Frequencies |s|/(2 pi) [Hz]."""
         return np.asarray(np.abs(self.s) / (2 * np.pi))
 
     @property
@@ -63,13 +63,13 @@ class Decay:
     Parameters
     ----------
     mode : int
-        From 1, of those that the coils can drive.
+        Number of the mode, from 1, among coil-driven modes.
     predicted_hz, predicted_zeta : float
-        Of the loop's pole.
+        Frequency [Hz] and damping ratio of the loop's pole.
     hz, zeta, zeta_sd : float or None
-        Of the decaying exponential that all sensors show together; None where they do not tell.
+        Fit of a common decaying exponential to all sensors; None if unidentified.
     zeta_envelope : float or None
-        From the envelope of the sensor that shows the mode best; None where the mode is not told or does not stand alone.
+        Damping ratio from the envelope of the sensor with the largest share; None if unidentified or not isolated.
     """
 
     mode: int
@@ -86,7 +86,22 @@ class Decay:
 
 
 def loop_poles(fe: FeModel, law: object, hardware: Hardware) -> LoopPoles | None:
-    """Return the poles of a loop, or of the structure alone without a law; None for a law that is not linear."""
+    """Return the predicted poles of a loop.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    law : object
+        Law, or None for the structure alone.
+    hardware : Hardware
+        Hardware between law and structure.
+
+    Returns
+    -------
+    LoopPoles or None
+        None for a nonlinear law.
+    """
     fe = brake_model(fe, hardware)
     modes = np.asarray(driven_modes(fe.coils.T @ fe.linear.eigen[1])[: len(fe.structure.damping.ratios)])
     hum = _picked_up(hardware)
@@ -103,7 +118,10 @@ def loop_poles(fe: FeModel, law: object, hardware: Hardware) -> LoopPoles | None
 
 
 def _picked_up(hardware: Hardware) -> ComplexArray:
-    """Return what unshielded leads pick up as poles without damping, folded to below half the sample rate [rad/s]."""
+    """Return carriers of unshielded leads as undamped poles.
+
+    Frequencies are aliased to below half the sample rate [rad/s].
+    """
     rate = hardware.converter.rate
     hz = np.array([hz for _, hz in hardware.leads.carriers]) if hardware.leads is not None else np.zeros(0)
     return np.asarray(2j * np.pi * np.abs(hz - rate * np.round(hz / rate)))
@@ -115,7 +133,10 @@ def _pole(hz: Sequence[float] | Array, zeta: Sequence[float] | Array) -> Complex
 
 
 def ring_down(prepared: PreparedRun, recording: Recording) -> tuple[Decay, ...]:
-    """Return the decay of every mode after a release, open or closed loop; nothing after any other excitation."""
+    """Return every mode's decay after a release.
+
+    Any other excitation gives an empty result.
+    """
     if not isinstance(prepared.experiment.excitation, Release):
         return ()
     poles = loop_poles(prepared.fe_model(), prepared.law, prepared.hardware)
@@ -123,7 +144,22 @@ def ring_down(prepared: PreparedRun, recording: Recording) -> tuple[Decay, ...]:
 
 
 def decays(recording: Recording, poles: LoopPoles) -> tuple[Decay, ...]:
-    """Return what a free vibration says of every mode; raises as `fit_poles` does."""
+    """Return every mode's decay in a free vibration.
+
+    `fit_poles` states the errors.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    poles : LoopPoles
+        Predicted poles.
+
+    Returns
+    -------
+    tuple of Decay
+        One entry a mode.
+    """
     fitted = fit_poles(recording, poles.s, poles.others)
     out = []
     for k in range(len(poles.s)):
@@ -145,7 +181,10 @@ def decays(recording: Recording, poles: LoopPoles) -> tuple[Decay, ...]:
 
 
 def _from_envelope(recording: Recording, poles: LoopPoles, k: int) -> float | None:
-    """Return the damping ratio from the envelope at the sensor that has the largest share of the mode's band."""
+    """Return the damping ratio from an envelope.
+
+    The sensor with the largest share of the mode's band is used.
+    """
     hz = float(poles.hz[k])
     near = np.abs(np.delete(np.concatenate([poles.hz, np.abs(poles.others) / (2 * np.pi)]), k) - hz)
     corner = float(min(WIDEST * hz, REACH * near.min(initial=np.inf)))

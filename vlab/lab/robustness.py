@@ -1,8 +1,8 @@
-"""How far a sampled loop is from instability, and which mode goes first: gain, delay, filter and disc margins.
+"""Robustness of a sampled loop: gain, delay, filter and disc margins.
 
-A margin is found on the exact eigenvalues of the sampled loop: the parameter walks from its nominal value until the largest
-eigenvalue leaves the unit circle, and the crossing is then narrowed by bisection. A window of instability narrower than a
-step of the walk is not seen; the steps are stated where they are chosen.
+A margin comes from exact eigenvalues of the sampled loop. The parameter moves from its nominal value until the largest
+eigenvalue leaves the unit circle; bisection then refines the crossing. An unstable range narrower than a step of the
+search is missed.
 """
 
 import itertools
@@ -19,25 +19,26 @@ from vlab.lab.prediction import LoopPole, SampledLoop, law_response
 from vlab.signals import Array
 
 GAINS = np.geomspace(1.0, 100.0, 41)
-"""Factors on all commands that are tried, upward and as reciprocals downward: steps of 12 %."""
+"""GAINS [1]: trial gains on all commands, upward and as reciprocals downward, in steps of 12 %."""
 DELAY_STEP, DELAY_SPAN = 0.25, 10.0
-"""Extra delays that are tried, in sample periods."""
+"""DELAY_STEP [samples]: step of the trial delays.
+DELAY_SPAN [samples]: largest added trial delay."""
 CORNERS = np.geomspace(1.0, 1e-3, 41)
-"""Factors on the corner of the RC filters that are tried: steps of 16 %."""
+"""CORNERS [1]: trial factors on the corner of the RC filters, in steps of 16 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Margin:
-    """Where a loop becomes unstable as one parameter changes.
+    """Stability limit of a loop under one parameter.
 
     Parameters
     ----------
     value : float or None
-        The parameter there; None: stable as far as was looked.
+        Parameter at the limit; None for a loop stable over the whole search.
     searched : float
-        How far was looked.
+        End of the search.
     first : LoopPole or None
-        The pole that crosses.
+        Pole that crosses.
     """
 
     value: float | None
@@ -47,22 +48,25 @@ class Margin:
 
 @dataclass(frozen=True, kw_only=True)
 class DiscMargin:
-    """The largest disc of gain and phase that a loop bears, with the balanced sensitivity (S - T)/2 [1]_.
+    """Largest disc of gain and phase that keeps stability.
+
+    The disc belongs to the balanced sensitivity (S - T)/2 [1]_.
 
     Parameters
     ----------
     size : float
-        alpha = 1 / max |(S - T)/2|; all channels perturbed at once, or one.
-    gain_low, gain_high : float
-        Factors that each perturbed channel bears.
-    phase : float
-        Phase that each perturbed channel bears [rad].
+        alpha = 1 / max |(S - T)/2|, for all channels at once or for one.
     hz : float
-        Where the disc is smallest.
+        Frequency of the smallest disc [Hz].
+    gain_low, gain_high : float
+        Smallest and largest factor on each perturbed channel.
+    phase : float
+        Largest phase of each perturbed channel [rad].
 
     References
     ----------
-    .. [1] Seiler, Packard, Gahinet, "An introduction to disk margins", IEEE Control Systems 40(5), 2020.
+    .. [1] P. Seiler, A. Packard and P. Gahinet, An introduction to disk margins, IEEE Control Systems 40(5) (2020)
+           78-95.
     """
 
     size: float
@@ -80,14 +84,26 @@ class DiscMargin:
 
     @property
     def phase(self) -> float:
-        """2 atan(size/2) [rad]."""
+        """Phase margin 2 atan(size/2) [rad]."""
         return float(2 * np.arctan(self.size / 2))
 
 
 def find_margin(at: Callable[[float], SampledLoop], values: Array) -> Margin:
-    """Return the first value along `values` at which the loop becomes unstable, from its first (nominal) one.
+    """Return the first value that makes the loop unstable.
 
-    A loop that is unstable at the nominal value has the margin at that value.
+    A loop unstable at the first (nominal) value has the margin there.
+
+    Parameters
+    ----------
+    at : callable
+        Loop as a function of the parameter.
+    values : array
+        Search path from the nominal value.
+
+    Returns
+    -------
+    Margin
+        Margin.
     """
     if at(float(values[0])).radius >= 1:
         return Margin(value=float(values[0]), searched=float(values[0]), first=at(float(values[0])).critical())
@@ -99,18 +115,24 @@ def find_margin(at: Callable[[float], SampledLoop], values: Array) -> Margin:
 
 
 def gain_margins(loop: SampledLoop) -> tuple[Margin, Margin]:
-    """Return the factors on all commands, below and above one, at which the loop becomes unstable."""
+    """Return the gain margins below and above one.
+
+    The factor acts on all commands.
+    """
     return find_margin(loop.with_gain, 1 / GAINS), find_margin(loop.with_gain, GAINS)
 
 
 def delay_margin(loop: SampledLoop, *, span: float = DELAY_SPAN) -> Margin:
-    """Return the whole delay, in sample periods, at which the loop becomes unstable."""
+    """Return the total delay at the stability limit [samples]."""
     start = loop.converter.delay_samples
     return find_margin(loop.with_delay, start + np.arange(0.0, span + DELAY_STEP / 2, DELAY_STEP))
 
 
 def filter_margin(loop: SampledLoop) -> Margin | None:
-    """Return the corner of the RC filters [Hz] below which the loop becomes unstable; None without filters."""
+    """Return the filter corner at the stability limit [Hz].
+
+    None without filters.
+    """
     corner = loop.converter.filter_corner
     return find_margin(loop.with_filter, corner * CORNERS) if corner > 0 else None
 
@@ -121,10 +143,20 @@ def sweep(at: Callable[[float], SampledLoop], values: Array) -> list[tuple[float
 
 
 def disc_margins(loop: SampledLoop) -> tuple[DiscMargin, list[DiscMargin]]:
-    """Return the disc margin with all channels perturbed at once, and one for each channel, the others closed.
+    """Return the disc margins of all channels and of each channel.
 
-    The simultaneous one is a lower bound: the structured singular value is bounded by the largest singular value after
-    a diagonal scaling. A loop that is unstable has no margin: zeros.
+    The simultaneous margin is a lower bound: the largest singular value after a diagonal scaling bounds the structured
+    singular value. An unstable loop has zero margins.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+
+    Returns
+    -------
+    tuple of (DiscMargin, list of DiscMargin)
+        Margin with all channels perturbed, and one a channel with the remaining loops closed.
     """
     count = loop.at_coils.shape[0]
     if loop.radius >= 1:
@@ -142,7 +174,10 @@ def disc_margins(loop: SampledLoop) -> tuple[DiscMargin, list[DiscMargin]]:
 
 
 def _lines(loop: SampledLoop) -> Array:
-    """Return frequencies up to half the sample rate that resolve every resonance, open and closed [Hz]."""
+    """Return frequencies that resolve every resonance [Hz].
+
+    The resonances belong to the open and the closed loop, up to half the sample rate.
+    """
     top = loop.converter.rate / 2
     around = np.concatenate([-np.geomspace(0.01, 30, 15)[::-1], [0.0], np.geomspace(0.01, 30, 15)])
     light = [p for closed in (loop, loop.with_gain(0.0)) for p in closed.poles() if p.hz < top and abs(p.zeta) < 0.3]
@@ -152,9 +187,13 @@ def _lines(loop: SampledLoop) -> Array:
 
 
 def _scaled_norm(M: Array) -> Array:
-    """Return an upper bound of the structured singular value for one complex number a channel, (n_freq,).
+    """Return a bound of the structured singular value, (n_freq,).
 
-    The scaling is that of Osborne: rows and columns of equal size, four passes.
+    The structure is one complex number a channel. Osborne's scaling [1]_ balances rows and columns in four passes.
+
+    References
+    ----------
+    .. [1] E. E. Osborne, On pre-conditioning of matrices, Journal of the ACM 7 (1960) 338-345.
     """
     scaled = M.copy()
     for _ in range(4):
@@ -169,16 +208,28 @@ def _scaled_norm(M: Array) -> Array:
 
 
 def damper_strengths(loop: SampledLoop, freq: Array) -> Array:
-    """Return how the law acts as dampers at `freq` [Hz]: eigenvalues of the Hermitian part of -c K, (n_freq, n_coils).
+    """Return the law's damper strengths over frequency.
 
-    For collocated coils and sensors, in N s/m, ascending. A negative value is a combination of the coils at which the
-    law drives a motion of that frequency instead of damping it: a light mode that the design does not know, and that
-    moves there, loses damping. c is the response of hold, delay and filter.
+    The strengths are the eigenvalues of the Hermitian part of -c K, for collocated coils and sensors. c is the response
+    of hold, delay and filter. A negative value belongs to a combination of coils that drives motion instead of damping.
+    A light unmodelled mode with such motion loses damping.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+    freq : array
+        Frequencies [Hz].
+
+    Returns
+    -------
+    array
+        Ascending strengths [N s/m], (n_freq, n_coils).
 
     Raises
     ------
     BadController
-        A law whose commands and samples do not come in pairs.
+        Commands and samples of the law are not paired.
     """
     if loop.at_coils.shape != loop.at_sensors.shape:
         raise BadController("damper strengths need as many sensors as coils, in collocated pairs")
@@ -195,11 +246,16 @@ def robustness_report(
     Parameters
     ----------
     loop : SampledLoop
-        See `vlab.lab.prediction.loop_on`.
+        Loop, see `vlab.lab.prediction.loop_on`.
     modelled : collection of int or None
-        The structure's modes, from 1, that the law's design model has; the others are unmodelled. None: unknown.
+        Modes, from 1, in the law's design model; the remaining modes are unmodelled. None if unknown.
     sweeps : bool
-        Add the least stable pole over delay and gain.
+        Whether to add the least stable pole over delay and gain.
+
+    Returns
+    -------
+    dict of str to object
+        Plain values by name.
     """
 
     def pole(p: LoopPole | None) -> dict[str, Any] | None:
@@ -260,7 +316,18 @@ def robustness_report(
 
 
 def robustness_text(report: dict[str, Any]) -> str:
-    """Return the margins of a report in words, a line each."""
+    """Return a report's margins as text.
+
+    Parameters
+    ----------
+    report : dict of str to object
+        Result of `robustness_report`.
+
+    Returns
+    -------
+    str
+        One line a margin.
+    """
 
     def what(pole: dict[str, Any] | None) -> str:
         if pole is None:

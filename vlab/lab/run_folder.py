@@ -1,4 +1,4 @@
-"""A run as a folder: its settings in run.toml, its recording, and a manifest that says with what it was made."""
+"""Run folder: settings in run.toml, recording, and manifest."""
 
 import hashlib
 import json
@@ -35,20 +35,23 @@ from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN
 
 SETTINGS = "run.toml"
+"""File name of the settings."""
 COPIES = {"structure": "structure.toml", "hardware": "hardware.toml", "law": "controller.toml"}
-"""What a file that a setting names is called in the run folder: it is copied there, and read from nowhere else."""
+"""File name of each setting's copy in the run folder. A run folder's files are read from there only."""
 MOST_NOISE = 1e3
-"""Noise of a velocity sensor beyond which squares of it overflow before they mean anything [m/s]."""
+"""MOST_NOISE [m/s]: largest noise of a velocity sensor; above it squares overflow."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """Everything that determines an experiment on a structure, as `run.toml` keeps it. None: the default of its part.
+    """Settings that determine an experiment, as in `run.toml`.
+
+    None means the default of the part.
 
     Attributes
     ----------
     is_data : bool
-        The settings come from a file, so that they run no code which they name.
+        Whether the settings come from a file and therefore run no code.
     """
 
     is_data: ClassVar[bool] = False
@@ -76,18 +79,28 @@ class RunSettings:
 
     @property
     def named_files(self) -> dict[str, str]:
-        """The settings that name a file of data, and the file."""
+        """Settings that name a data file, with the file."""
         files = {"structure": self.structure not in BUILT_IN, "hardware": self.hardware, "law": is_law_file(self.law)}
         return {key: getattr(self, key) for key, is_file in files.items() if is_file}
 
     @property
     def named_code(self) -> tuple[str, ...]:
-        """The Python files and entry points that the settings name, see `code_of`."""
+        """Python files and entry points in the settings, see `code_of`."""
         names = (self.law, *(text.partition("@")[0].strip() for text in self.effect))
         return tuple(filter(None, map(code_of, names)))
 
     def inside(self, folder: Path) -> "RunSettings":
-        """Return the settings of a run folder with its own copies of the files that they name: nothing is read elsewhere.
+        """Return the settings with a run folder's own copies.
+
+        Parameters
+        ----------
+        folder : Path
+            Run folder; no file outside is read.
+
+        Returns
+        -------
+        RunSettings
+            Settings.
 
         Raises
         ------
@@ -106,12 +119,17 @@ class RunSettings:
         return replace(self, **found)
 
     def prepare(self, *, code: Collection[str] = ()) -> "PreparedRun":
-        """Build every part, so that whatever is wrong is said before anything runs or is written.
+        """Build every part, so that an error precedes the run.
 
         Parameters
         ----------
         code : collection of str
-            Python files and entry points that the user named, which settings from a file may name, too.
+            Python files and entry points that the user named; settings from a file may name one of them.
+
+        Returns
+        -------
+        PreparedRun
+            Prepared run.
         """
         code = [*code, *(() if self.is_data else self.named_code)]
         structure = load_structure(self.structure)
@@ -177,22 +195,25 @@ class RunSettings:
         )
 
     def to_toml(self) -> str:
-        """Return the settings as TOML; JSON's numbers, strings and truth values are TOML's."""
+        """Return the settings as TOML.
+
+        JSON's numbers, strings and truth values are valid TOML.
+        """
         lines = [f"{key} = {json.dumps(value)}" for key, value in asdict(self).items() if value is not None]
         return "\n".join(lines) + "\n"
 
 
 class StoredSettings(RunSettings):
-    """Settings as they stand in a file: whatever they name, they run nobody's code."""
+    """Settings from a file, which run no code."""
 
     is_data = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedRun:
-    """A run whose parts are all built; what went wrong while the bench was switched on is in `faults`.
+    """A run with all parts built.
 
-    What is written of a concealed one says nothing of the effects in its plant.
+    `faults` lists events at switch-on. A concealed run writes nothing on the effects in its plant.
     """
 
     settings: RunSettings
@@ -205,17 +226,17 @@ class PreparedRun:
     is_concealed: bool = False
 
     def concealed(self) -> "PreparedRun":
-        """Return the same run, whose folder will not say what effects its plant has."""
+        """Return the run with its effects concealed."""
         return replace(self, settings=replace(self.settings, effect=()), is_concealed=True)
 
     def fe_model(self) -> FeModel:
-        """Return the FE model of the same variant, for the analytical responses."""
+        """Return the FE model of the run's variant."""
         return build_fe_model(self.structure, self.settings.variant)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DoneRun:
-    """A run that went well."""
+    """A completed run."""
 
     prepared: PreparedRun
     result: Result
@@ -223,16 +244,16 @@ class DoneRun:
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated over elapsed time."""
+        """Simulated time over elapsed time."""
         return self.prepared.settings.seconds / self.elapsed_s
 
     @property
     def effort(self) -> dict[str, dict[str, Any]]:
-        """What was asked of every actuator, by its place, as plain data."""
+        """Effort of every actuator by place, as plain data."""
         return {part.at: part.as_dict() for part in self.result.effort}
 
     def finish(self, folder: Path) -> None:
-        """Write the manifest, once everything else is in the folder."""
+        """Write the manifest after all further files."""
         digest = hashlib.sha256((folder / RECORDING).read_bytes()).hexdigest()
         write_manifest(
             folder,
@@ -241,7 +262,7 @@ class DoneRun:
             **{STATED: digest},
             faults=[asdict(fault) for fault in self.prepared.faults],
             effort=self.effort,
-            **({} if self.prepared.is_concealed else {"elapsed_s": self.elapsed_s}),  # effects take time
+            **({} if self.prepared.is_concealed else {"elapsed_s": self.elapsed_s}),  # would reveal effects
         )
 
 
@@ -252,7 +273,26 @@ def perform(
     progress: Callable[[float], None] | None = None,
     watch: Callable[[float, Callable[[], Result]], None] | None = None,
 ) -> DoneRun:
-    """Run a prepared experiment and write recording and settings into a folder; see `run_experiment` for the callbacks."""
+    """Run a prepared experiment and write its folder.
+
+    `run_experiment` describes the callbacks.
+
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    folder : Path
+        Output folder.
+    progress : callable or None
+        Called with the simulated seconds done.
+    watch : callable or None
+        Called with the simulated seconds done and a function that returns the result so far.
+
+    Returns
+    -------
+    DoneRun
+        Completed run.
+    """
     begun = time.perf_counter()
     result = run_experiment(prepared.experiment, progress=progress, watch=watch)
     elapsed = time.perf_counter() - begun
@@ -268,12 +308,22 @@ def perform(
 
 
 def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder, or a bare recording file (then without settings).
+    """Load a run folder or a recording file.
+
+    Parameters
+    ----------
+    path : Path or str
+        Run folder or recording file.
+
+    Returns
+    -------
+    tuple of (Recording, RunSettings or None)
+        Recording, and settings (None for a file).
 
     Raises
     ------
     BadRecording
-        The path is neither, or the recording is damaged or not the one whose hash the manifest states.
+        The path is neither, the recording is damaged, or its hash differs from the manifest's.
     """
     path = Path(path)
     if not path.is_dir():
@@ -284,5 +334,5 @@ def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:
     except NotInside as error:
         raise BadRecording(f"{path / SETTINGS}: the file {error}; restore the run folder") from error
     reader = Reader(path / SETTINGS, provenance_required=False, error=BadRecording)
-    whole = path.absolute()  # a relative path would be looked for below the folder
+    whole = path.absolute()  # a relative path would refer to the folder
     return read_recording(whole / RECORDING, folder=whole), reader.table(StoredSettings, reader.load())

@@ -1,11 +1,13 @@
-"""The limit cycle of an unstable loop whose amplifiers have a limit: harmonic balance.
+"""Limit cycle of an unstable loop with saturating amplifiers, by harmonic balance.
 
-A sine of amplitude A through a limit L keeps its frequency and, of its fundamental, the share N(A/L), the describing
-function of saturation [1]_. The loop swings where N makes it just stable. Higher harmonics and noise are left out.
+A sine of amplitude A through a limit L keeps its frequency and the share N(A/L) of its fundamental. N is the describing
+function of saturation [1]_. The loop oscillates steadily where N makes the loop marginally stable. Higher harmonics and
+noise are neglected.
 
 References
 ----------
-.. [1] Gelb and Vander Velde, *Multiple-Input Describing Functions and Nonlinear System Design*, McGraw-Hill, 1968, app. B.
+.. [1] A. Gelb and W. E. Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill,
+       1968, app. B.
 """
 
 from dataclasses import dataclass
@@ -19,21 +21,22 @@ from vlab.lab.prediction import SampledLoop
 from vlab.signals import Array
 
 PASSES = 30
-"""Most passes of the shares of several amplifiers, which depend on each other."""
+"""PASSES [1]: largest number of fixed-point iterations for coupled amplifiers."""
 SMALLEST, LARGEST = 1e-3, 1e4
-"""Amplitudes of the largest command, in limits, between which a limit cycle is looked for."""
+"""SMALLEST,
+LARGEST [limits]: range of the largest command's amplitude in the search for a limit cycle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimitCycle:
-    """A steady vibration of a loop with limited amplifiers.
+    """Steady oscillation of a loop with limited amplifiers.
 
     Parameters
     ----------
     hz : float
         Frequency [Hz].
     commands, forces : (n_coils,) array
-        Amplitudes of the commands, and of the fundamental of the forces, [N].
+        Amplitudes of the commands, and of the forces' fundamental [N].
     samples : (n_sensors,) array
         Amplitudes at the sensors [m/s].
     """
@@ -45,26 +48,35 @@ class LimitCycle:
 
 
 def saturation_share(amplitude: Array, limit: float) -> Array:
-    """Return N: the share of a sine's fundamental that a limit lets through, one below it."""
+    """Return the describing function N of saturation.
+
+    N = 2/pi (arcsin(r) + r sqrt(1 - r^2)) with r = limit/amplitude, and N = 1 below the limit.
+    """
     ratio = limit / np.maximum(np.asarray(amplitude, dtype=float), limit)
     return np.asarray(2 / np.pi * (np.arcsin(ratio) + ratio * np.sqrt(1 - ratio**2)))
 
 
 def harmonic_balance(loop: SampledLoop, limit: float) -> LimitCycle | None:
-    """Return the limit cycle that an unstable loop settles at, or None for a stable loop.
+    """Return the limit cycle of an unstable loop.
 
-    The least stable pole is followed down the shares of the amplifiers; a loop that no amplitude steadies (its
-    structure is unstable without control) is refused.
+    The least stable pole is followed along decreasing shares of the amplifiers.
 
     Parameters
     ----------
+    loop : SampledLoop
+        Sampled loop.
     limit : float
         Largest force of every amplifier [N].
+
+    Returns
+    -------
+    LimitCycle or None
+        None for a stable loop.
 
     Raises
     ------
     BadController
-        A limit that is not positive, or no amplitude at which the loop is steady.
+        The limit is not positive, or no amplitude gives marginal stability (the structure is unstable without control).
     """
     if not limit > 0:
         raise BadController(f"a limit of {limit} N is no limit; harmonic balance needs a positive one")
@@ -90,7 +102,10 @@ def harmonic_balance(loop: SampledLoop, limit: float) -> LimitCycle | None:
 
 
 def _steady_shares(loop: SampledLoop, size: float, limit: float) -> tuple[Array, float]:
-    """Return the shares of the amplifiers when the largest command has this amplitude, and the growth ln|z| then."""
+    """Return the amplifiers' shares and the growth ln|z|.
+
+    `size` is the amplitude of the largest command.
+    """
     shares = np.ones(len(loop.at_coils))
     for _ in range(PASSES):
         _, commands, _ = _swing(loop.with_gain(shares))
@@ -103,7 +118,7 @@ def _steady_shares(loop: SampledLoop, size: float, limit: float) -> tuple[Array,
 
 
 def _swing(loop: SampledLoop) -> tuple[complex, Array, Array]:
-    """Return the least stable eigenvalue, and what its motion asks of the commands and shows at the sensors."""
+    """Return the least stable eigenvalue with its commands and samples."""
     z, vectors = linalg.eig(loop.matrix)
     worst = int(np.abs(z).argmax())
     n = len(loop.plant[0])

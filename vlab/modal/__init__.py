@@ -1,6 +1,6 @@
-"""Experimental modal analysis: recordings to frequency responses, those to poles and shapes, and how shapes compare.
+"""Experimental modal analysis: frequency responses, poles, shapes, comparison.
 
-`modal_test` puts it together: `recognise` says what excited a recording, `frf`, `steps` and `impact` estimate responses,
-`combine` makes several recordings one, `distortion` tells noise from nonlinearity, `poles` finds modes, `appropriation` the
-forces that hold one of them, and `dwell` looks at a mode so held.
+`modal_test` combines the steps. `recognise` identifies the excitation. `frf`, `steps` and `impact` estimate responses,
+and `combine` merges several recordings. `distortion` separates noise from nonlinearity. `poles` identifies modes.
+`appropriation` finds the forces that hold one mode, and `dwell` evaluates a held mode.
 """

@@ -1,4 +1,7 @@
-"""Force appropriation: which forces at which frequency hold one mode alone, from frequency responses to several inputs."""
+"""Force appropriation: forces and frequency that hold one mode alone.
+
+The input is a matrix of frequency responses to several inputs.
+"""
 
 from dataclasses import dataclass
 
@@ -11,18 +14,18 @@ from vlab.signals import Array, FrequencyResponse
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AppropriatedForces:
-    """Forces in phase or in opposition under which all displacements are in quadrature.
+    """In-phase or opposed forces with all displacements in quadrature.
 
     Parameters
     ----------
     hz : float
-        Frequency at which that is best fulfilled [Hz].
+        Frequency of the smallest indicator [Hz].
     indicator : float
-        The mode indicator there: 0 for a pure mode, near 1 away from modes.
+        Mode indicator: 0 for a pure mode, near 1 away from modes.
     forces : (n_inputs,) array
-        The largest is 1.
+        Forces, the largest 1.
     inputs : tuple of str
-        The inputs they belong to.
+        Inputs of the forces.
     """
 
     hz: float
@@ -34,8 +37,9 @@ class AppropriatedForces:
 def mode_indicator(receptance: FrequencyResponse) -> tuple[Array, Array]:
     """Return the multivariate mode indicator functions and their forces [1]_.
 
-    The real part of the displacements relative to all of them is made least: Re(H)^T Re(H) f = lambda H^H H f. The
-    smallest lambda dips towards 0 at every undamped natural frequency, the second smallest where two modes share one.
+    The real part of the displacements, relative to their norm, is minimised: Re(H)^H Re(H) f = lambda H^H H f. The
+    smallest lambda dips towards 0 at every undamped natural frequency. The second smallest dips where two modes share a
+    frequency.
 
     Parameters
     ----------
@@ -45,7 +49,7 @@ def mode_indicator(receptance: FrequencyResponse) -> tuple[Array, Array]:
     Returns
     -------
     (n_lines, n_inputs) array, ascending in each line, and (n_lines, n_inputs, n_inputs) array
-        lambda, and in column k the forces of the k-th.
+        lambda, and the forces of the k-th lambda in column k.
 
     References
     ----------
@@ -56,7 +60,7 @@ def mode_indicator(receptance: FrequencyResponse) -> tuple[Array, Array]:
     for i, H in enumerate(receptance.H):
         real, imaginary = H.real.T @ H.real, H.imag.T @ H.imag
         whole = real + imaginary
-        floor = 1e-12 * np.trace(whole)  # inputs that move nothing at this line
+        floor = 1e-12 * np.trace(whole)  # regularises inputs without response at the line
         if floor == 0:
             raise BadRecording(f"all responses at {receptance.freq[i]:g} Hz are zero; no force can be appropriated")
         values[i], forces[i] = linalg.eigh(real, whole + floor * np.eye(len(whole)))
@@ -66,12 +70,23 @@ def mode_indicator(receptance: FrequencyResponse) -> tuple[Array, Array]:
 def appropriate(
     receptance: FrequencyResponse, near_hz: float, half_width_hz: float, *, shape: Array | None = None
 ) -> AppropriatedForces:
-    """Return the forces that hold the mode near a frequency.
+    """Return the forces that hold a mode near a frequency.
 
     Parameters
     ----------
+    receptance : FrequencyResponse
+        Displacement (or acceleration) per force.
+    near_hz : float
+        Expected frequency [Hz].
+    half_width_hz : float
+        Half width of the search [Hz].
     shape : (n_outputs,) array or None
-        Of the mode that is meant: it decides between modes so close that one frequency holds either.
+        Shape of the wanted mode, which selects between close modes.
+
+    Returns
+    -------
+    AppropriatedForces
+        Forces, frequency and indicator.
 
     Raises
     ------

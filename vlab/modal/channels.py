@@ -1,4 +1,4 @@
-"""Which channels of a recording are inputs and outputs, checked, and the unit of their response."""
+"""Input and output channels of a recording: checks and response unit."""
 
 import re
 
@@ -11,12 +11,26 @@ from vlab.signals import Array, Recording
 def checked_data(
     recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...], skip_s: float
 ) -> tuple[float, Array, Array]:
-    """Return the time step [s] and the input and output samples, (n, n_channels) each, after `skip_s`.
+    """Return time step and samples of inputs and outputs.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    inputs, outputs : tuple of str
+        Channel names.
+    skip_s : float
+        Time to drop at the start [s].
+
+    Returns
+    -------
+    tuple of (float, array, array)
+        Step [s], inputs and outputs, (n, n_channels) each.
 
     Raises
     ------
     BadRecording
-        No or doubled channels, uneven time steps, nothing left, or a constant input.
+        No or repeated channels, uneven time steps, no data left, or a constant input.
     """
     columns = [recording.index(name) for name in inputs + outputs]
     if not inputs or not outputs:
@@ -40,13 +54,28 @@ def checked_data(
         raise BadRecording(f"skip_s = {skip_s:g} s leaves nothing of {len(recording) * dt:g} s")
     x, y = data[:, : len(inputs)], data[:, len(inputs) :]
     for name, column in zip(inputs, x.T, strict=True):
-        if np.ptp(column) <= 1e-12 * np.abs(column).max():  # a few thousand times the rounding error of one sample
+        if np.ptp(column) <= 1e-12 * np.abs(column).max():  # a few thousand times one sample's rounding error
             raise BadRecording(f"input channel {name!r} is constant ({column[0]:g}): nothing was excited by it")
     return dt, x, y
 
 
 def response_unit(recording: Recording, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
-    """Return the unit of H where it is one for all, else nothing."""
+    """Return the common unit of H.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    inputs : tuple of str
+        Names of the inputs.
+    outputs : tuple of str
+        Names of the outputs.
+
+    Returns
+    -------
+    str
+        Unit; "" if units differ.
+    """
     over, under = ({recording.channels[recording.index(n)].unit for n in names} for names in (outputs, inputs))
     if len(over) != 1 or len(under) != 1:
         return ""

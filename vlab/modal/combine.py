@@ -1,4 +1,4 @@
-"""Responses of several recordings as one: realisations averaged, sweeps merged with their zooms, inputs side by side."""
+"""Combination of responses: averages, sweeps with zooms, several inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,20 +13,33 @@ from vlab.modal.steps import merged
 from vlab.signals import Array
 
 IN_COMMON = 0.8
-"""Share of the lines of each response that the others must have, too; a few fall out where the input is weak."""
+"""IN_COMMON [1]: smallest share of each response's lines common to all. A few lines drop out where the input is
+weak."""
 SMOOTHED = 25
-"""Lines over which the spread between realisations is averaged: from few realisations it scatters too much."""
+"""SMOOTHED [lines]: width of the average of the spread between realisations; few realisations give an uncertain
+spread."""
 
 
 def combine_responses(responses: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
-    """Return all responses as one: those to the same input averaged or merged, those to different inputs side by side.
+    """Return all responses as one.
 
-    The variance of an average is that of the noise, and what the realisations differ beyond it.
+    Responses to the same input are averaged or merged; responses to different inputs form columns. The variance of an
+    average includes noise and the additional spread of the realisations.
+
+    Parameters
+    ----------
+    responses : sequence of MeasuredFrequencyResponse
+        Responses with the same outputs.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse
+        Combined response.
 
     Raises
     ------
     BadRecording
-        Different outputs, lines that do not go together, or windows of different decay.
+        Different outputs, incompatible lines, or windows of different decay.
     """
     groups: dict[tuple[str, ...], list[MeasuredFrequencyResponse]] = {}
     for response in responses:
@@ -53,14 +66,17 @@ def _one_input(group: list[MeasuredFrequencyResponse]) -> MeasuredFrequencyRespo
 
 
 def _is_uneven(freq: Array) -> bool:
-    """Whether the lines are those of steps rather than of a transform."""
+    """Return whether lines come from steps instead of a transform."""
     steps = np.diff(freq)
     multiple = freq / max(steps.min(initial=np.inf), 1e-12)
     return bool(np.any(np.abs(multiple - np.round(multiple)) > 1e-3))
 
 
 def _common_lines(group: Sequence[MeasuredFrequencyResponse]) -> list[NDArray[np.int_]] | None:
-    """Return where each response has the lines that all have, or None where they have too few in common."""
+    """Return each response's indices of the common lines.
+
+    The result is None with too few common lines.
+    """
     step = min(float(np.diff(response.freq).min(initial=np.inf)) for response in group)
     keys = [np.round(response.freq / (1e-3 * step)).astype(np.int64) for response in group]
     common = keys[0]

@@ -1,9 +1,9 @@
-"""Noise and nonlinear distortion told apart from periodic data: the robust method of Pintelon and Schoukens.
+"""Noise and nonlinear distortion from periodic data, by the robust method [1]_.
 
-What changes from period to period is noise. What changes from one realisation of the phases to the next beyond that is
-the distortion of a nonlinear structure, which repeats with the period and looks like noise on the best linear
-approximation. What appears at lines that an odd multisine leaves out is distortion, too, and the line says whether it is
-even (a quadratic stiffness, say) or odd (a cubic one, or friction).
+Changes from period to period are noise. Additional changes from realisation to realisation of the phases are distortion
+of a nonlinear structure. Such distortion repeats with the period and resembles noise on the best linear approximation.
+Output at lines that an odd multisine omits is also distortion. The line's number shows an even law (a quadratic
+stiffness) or an odd law (a cubic stiffness, or friction).
 
 References
 ----------
@@ -27,18 +27,18 @@ from vlab.signals import Array, ComplexArray, Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectionLines:
-    """What comes out at lines of the band that are not excited.
+    """Output at unexcited lines of the band.
 
     Parameters
     ----------
     freq : (n,) array
         Frequencies [Hz].
     is_even : (n,) bool array
-        Even multiples of 1/period; the others are odd.
+        Whether the line is an even multiple of 1/period; every other line is odd.
     level : (n, n_outputs) array
-        Amplitude of the output there [unit of the output], rms over the realisations, noise included.
+        Output amplitude [unit of the output], rms over the realisations, with noise.
     noise_sd : (n, n_outputs) array
-        Standard deviation of that amplitude from noise alone.
+        Standard deviation of the amplitude from noise alone.
     """
 
     freq: Array
@@ -49,26 +49,27 @@ class DetectionLines:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distortion:
-    """The best linear approximation of the response to one input, and what the output holds beside it.
+    """Best linear approximation of one input, with noise and distortion.
 
     Parameters
     ----------
     freq : (n,) array
         Excited lines [Hz].
     G : (n, n_outputs) complex array
-        Best linear approximation, the mean over the realisations.
+        Best linear approximation, mean over the realisations.
     noise_sd : (n, n_outputs) array
         Standard deviation of G from noise, from the spread over the periods.
     total_sd : (n, n_outputs) array or None
-        Standard deviation of G from noise and nonlinear distortion together, from the spread over the realisations; None
-        for one realisation.
+        Standard deviation of G from noise and nonlinear distortion, from the spread over the realisations; None for one
+        realisation.
     amplitude : (n,) array
         Amplitude of the input at each line.
     detection : DetectionLines
-        Empty where every line of the band is excited.
+        Unexcited lines; empty if every line of the band is excited.
     outputs, input, units : names of the channels, and the units of the outputs
+        Names of the channels, and units of the outputs.
     realisations, periods : int
-        How many were averaged.
+        Numbers of averages.
     """
 
     freq: Array
@@ -85,17 +86,31 @@ class Distortion:
 
     @property
     def distortion_sd(self) -> Array | None:
-        """Standard deviation of G, in one realisation, from nonlinear distortion alone; 0 where noise explains all."""
+        """Standard deviation of G from distortion, in one realisation.
+
+        The value is 0 if noise explains the spread.
+        """
         if self.total_sd is None:
             return None
         return np.sqrt(self.realisations * np.maximum(self.total_sd**2 - self.noise_sd**2, 0.0))
 
     def levels(self, low: float = 0.0, high: float = np.inf) -> list[dict[str, Any]]:
-        """Return for each output the powers in a band relative to that of its linear response [dB].
+        """Return each output's power levels in a band [dB].
 
-        ``noise_db`` is the noise in one realisation after averaging its periods, ``nonlinear_db`` the distortion that
-        differs between realisations (None for a single one, -inf where noise explains all of the spread), ``even_db``
-        and ``odd_db`` the mean power of a detection line less its noise, relative to the mean power of an excited line.
+        The reference is the power of the output's linear response. ``noise_db`` is the noise of one realisation after
+        averaging its periods. ``nonlinear_db`` is the distortion that differs between realisations: None for a single
+        one, -inf if noise explains the spread. ``even_db`` and ``odd_db`` are mean powers of a detection line without
+        noise, relative to an excited line.
+
+        Parameters
+        ----------
+        low, high : float
+            Band [Hz].
+
+        Returns
+        -------
+        list of dict of str to object
+            One dictionary an output.
         """
         here = (self.freq >= low) & (self.freq <= high)
         linear = np.sum(np.abs(self.G * self.amplitude[:, None])[here] ** 2, axis=0)
@@ -124,20 +139,31 @@ def _decibel(power: Array, reference: Array) -> Array:
 def separate_distortion(
     recordings: Sequence[Recording], *, input: str, outputs: Sequence[str], period_s: float, skip_s: float = 0.0
 ) -> Distortion:
-    """Return the best linear approximation and what is noise and what distortion in it.
+    """Return the best linear approximation, noise and distortion.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        One a realisation: the same lines and amplitudes with other phases. The level must be one: the approximation
-        depends on it.
+        One a realisation: same lines and amplitudes, other phases. The level must be the same, because the
+        approximation depends on it.
+    input : str
+        Name of the input channel.
+    outputs : sequence of str
+        Names of the output channels.
     period_s : float
-        Period [s], a whole number of samples; of each recording the last whole periods after `skip_s` are used.
+        Period [s], a whole number of samples. The last whole periods after `skip_s` are used.
+    skip_s : float
+        Time to drop at the start [s].
+
+    Returns
+    -------
+    Distortion
+        Approximation with standard deviations.
 
     Raises
     ------
     BadRecording
-        Recordings of different rates, no line that all of them excite, or a refusal of the spectra.
+        Recordings of different rates, no common excited line, or an error of the spectra.
     """
     outputs = tuple(outputs)
     spectra = []
@@ -177,10 +203,10 @@ def separate_distortion(
 
 
 def _realisations(X: ComplexArray, Y: ComplexArray) -> tuple[ComplexArray, Array]:
-    """Return the response of each realisation and the variance that noise gives it, (realisation, line, output)."""
+    """Return responses and noise variances, (realisation, line, output)."""
     mean_x = X.mean(axis=1)
     G = Y.mean(axis=1) / mean_x[:, :, None]
-    left = Y - G[:, None] * X[:, :, :, None]  # noise of the input counts as it enters the ratio
+    left = Y - G[:, None] * X[:, :, :, None]  # input noise counts through the ratio
     periods = X.shape[1]
     variance = np.sum(np.abs(left) ** 2, axis=1) / (periods * (periods - 1))
     return G, variance / np.abs(mean_x)[:, :, None] ** 2
@@ -189,7 +215,10 @@ def _realisations(X: ComplexArray, Y: ComplexArray) -> tuple[ComplexArray, Array
 def _detection(
     X: ComplexArray, Y: ComplexArray, freq: Array, lines: NDArray[Any], G: ComplexArray, at: Array
 ) -> DetectionLines:
-    """Return the output at lines that nobody excites, less what little the input has there."""
+    """Return the output at unexcited lines.
+
+    The small input at such lines is compensated.
+    """
     near = (
         np.stack([np.interp(freq[lines], at, part) for part in (*G.real.T, *G.imag.T)])
         if lines.size

@@ -1,4 +1,4 @@
-"""A dwell looked at: the shape while one mode is held, how pure it is, and its decay once the forces stop."""
+"""Evaluation of a dwell: shape and purity of the held mode, and its decay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,32 +12,32 @@ from vlab.modal.steps import SETTLING, Step, sines
 from vlab.signals import Array, ComplexArray, Recording
 
 DECAY_TO = 0.05
-"""The decay is read until its envelope should have fallen to this."""
+"""DECAY_TO [1]: expected envelope at the end of the evaluated decay."""
 MIN_CYCLES = 4
-"""Fewest cycles of the steady part and of the decay."""
+"""MIN_CYCLES [cycles]: shortest steady part and shortest decay."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DwellResult:
-    """One mode, as a multi-point dwell shows it.
+    """One mode from a multi-point dwell.
 
     Parameters
     ----------
     hz : float
         Frequency of the forces [Hz].
     motion : (n_outputs,) complex array
-        Amplitudes of the outputs as displacements, relative to the phase of the forces.
+        Displacement amplitudes of the outputs, relative to the phase of the forces.
     forces : (n_inputs,) array
         Amplitudes of the forces, negative for opposition.
     indicator : float
-        Share of the motion that is not in quadrature with the forces, sum(abs(Re) abs(u)) / sum(abs(u)^2): 0 for a
-        pure mode held at its natural frequency.
+        Share of the motion out of quadrature, sum(abs(Re) abs(u)) / sum(abs(u)^2): 0 for a pure mode at its natural
+        frequency.
     decay_hz, decay_zeta : float or None
         Natural frequency [Hz] and damping ratio from the free decay; None without one.
     decay_residual : float or None
-        What the decay of one mode leaves of the motion, relative rms.
+        Relative rms of the motion beside one mode's decay.
     outputs, inputs : tuple of str
-        Channels.
+        Channel names.
     """
 
     hz: float
@@ -52,7 +52,7 @@ class DwellResult:
 
     @property
     def shape(self) -> Array:
-        """Part of the motion in quadrature with the forces, largest component 1."""
+        """Quadrature part of the motion, largest component 1."""
         quadrature = self.motion.imag
         return np.asarray(quadrature / quadrature[np.argmax(np.abs(quadrature))])
 
@@ -66,16 +66,27 @@ def evaluate_dwell(
     derivatives: Array,
     drive_s: float | None = None,
 ) -> DwellResult:
-    """Read shape, purity and, where the forces stop, damping off a dwell.
+    """Return shape, purity and damping of a dwell.
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     step : Step
-        While the forces act, with their frequency.
+        Time with acting forces, and their frequency.
+    inputs : sequence of str
+        Names of the force channels.
+    outputs : sequence of str
+        Names of the sensor channels.
     derivatives : (n_outputs,) int array
-        How often an output is the derivative of a displacement (1 for velocities).
+        Order of each output's derivative of a displacement (1 for velocities).
     drive_s : float or None
-        When the forces stopped [s after the first sample].
+        Stop time of the forces [s after the first sample].
+
+    Returns
+    -------
+    DwellResult
+        Shape, indicator and decay.
 
     Raises
     ------
@@ -116,13 +127,16 @@ def evaluate_dwell(
 
 
 def _decay(y: Array, dt: float, hz: float) -> tuple[float, float, float]:
-    """Fit one decaying sine to all outputs; amplitudes and offsets are eliminated in closed form."""
+    """Fit one decaying sine to all outputs.
+
+    Amplitudes and offsets are eliminated in closed form.
+    """
     if len(y) * dt * hz < MIN_CYCLES:
         raise BadRecording(f"{len(y) * dt:g} s of decay are fewer than {MIN_CYCLES} cycles of {hz:g} Hz; record longer")
     scale = np.sqrt(np.mean(y**2, axis=0)) + 1e-300
     zeta = 0.01
     theta = np.array([hz, zeta])
-    for _ in range(3):  # once the damping is known, the noise after the decay is left out
+    for _ in range(3):  # repeated, because the damping limits the part above noise
         n = min(len(y), int(max(MIN_CYCLES / hz, -np.log(DECAY_TO) / (2 * np.pi * hz * theta[1])) / dt))
         t, data = dt * np.arange(n), y[:n] / scale
         fit = least_squares(lambda p, t=t, data=data: _left(p, t, data).ravel(), theta, bounds=([0.8 * hz, 1e-6], [1.25 * hz, 0.5]), x_scale=(hz, theta[1]))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Frequency responses from recordings, and what is read off them directly."""
+"""Frequency responses from recordings, with integration and peak reading."""
 
 import re
 from collections.abc import Sequence
@@ -16,27 +16,28 @@ from vlab.signals import Array, ComplexArray, FrequencyResponse, Recording
 Estimator = Literal["H1", "H2", "Hv"]
 
 RANDOM_FLOOR, PERIODIC_FLOOR = 1e-10, 1e-6
-"""Lines with less than this fraction of the input's largest power are left out. Random: only what is rounding error
-(100 dB). Periodic: 60 dB, room for the force drop-out at resonance of a light structure, none for rounding error."""
+"""RANDOM_FLOOR [1]: smallest used input power of random data, relative to the largest line (100 dB); below is rounding.
+PERIODIC_FLOOR [1]: same for periodic data (60 dB), which allows the force drop-out at resonance of a light
+structure."""
 
 _INTEGRALS = {"m/s^2": "m/s", "m/s": "m", "rad/s^2": "rad/s", "rad/s": "rad"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredFrequencyResponse(FrequencyResponse):
-    """A frequency response that knows how noisy it is.
+    """A frequency response with its variance.
 
     Parameters
     ----------
     variance : (n, n_outputs, n_inputs) array or None
-        Variance of the complex H (of its real and imaginary part together), from the spread over segments or periods.
+        Variance of the complex H (real plus imaginary part), from the spread over segments or periods.
     n_averages : float
-        Independent averages that it rests on; overlapping windows count for less than their number.
+        Number of independent averages; overlapping windows count less.
     resolution_hz : float
-        Noise bandwidth of the window: poles nearer than this leak into each other. 0 without a window.
+        Noise bandwidth of the window [Hz]; closer poles leak into each other. 0 without a window.
     added_decay : float
-        Decay of an exponential window on input and output [1/s]: H is that at s = added_decay + j omega, so that every
-        pole of it lies further left by so much.
+        Decay of an exponential window on input and output [1/s]. H is evaluated at s = added_decay + j omega, which
+        moves every pole left by the same amount.
     """
 
     variance: Array | None = None
@@ -56,7 +57,7 @@ class MeasuredFrequencyResponse(FrequencyResponse):
             object.__setattr__(self, "variance", variance)
 
     def between(self, low: float, high: float) -> "MeasuredFrequencyResponse":
-        """Return the part with low <= frequency <= high [Hz]."""
+        """Return the lines with low <= frequency <= high [Hz]."""
         return self._lines((self.freq >= low) & (self.freq <= high))
 
     def _lines(self, keep: Any) -> "MeasuredFrequencyResponse":
@@ -81,47 +82,49 @@ def estimate_frf(
     """Estimate the frequency responses of a recording.
 
     Random data are averaged over windowed, overlapping segments. Periodic data (`period_s`) are averaged over whole
-    periods without a window: once the transient has died out (`skip_s`) there is no leakage, and what differs from
-    period to period is noise. H1 is unbiased with noise on the outputs only, H2 with noise on the input only [1]_;
-    Hv takes both as equally noisy for their power [2]_. Several inputs are solved together, H = S_yx S_xx^-1, with the
-    multiple coherence. In a closed loop choose what was added to the loop as input, not the sum that the coil gets.
-    The line at 0 Hz is left out: offsets of the sensors are not responses.
+    periods without a window. After the transient (`skip_s`) periodic data have no leakage, and differences between
+    periods are noise.
+
+    H1 is unbiased with noise on the outputs only, H2 with noise on the input only [1]_. Hv assumes equal relative noise
+    on both [2]_. Several inputs are solved together, H = S_yx S_xx^-1, with the multiple coherence. In a closed loop
+    the input must be the signal added to the loop, not the coil's total. The line at 0 Hz is dropped, because sensor
+    offsets are no responses.
 
     Parameters
     ----------
     recording : Recording
         Uniformly sampled.
     inputs, outputs : sequence of str
-        Channel names; by default the channels marked as inputs, and all others.
+        Channel names; by default the channels marked as inputs, and all remaining channels.
     estimator : {"H1", "H2", "Hv"}
         H2 with several inputs needs as many outputs.
     segment_s : float
-        Length of a segment of random data [s]; by default an eighth of the recording. Line spacing is its inverse, and
-        a mode narrower than about four lines (2 zeta f segment_s < 4) comes out too damped by leakage.
+        Length of a segment of random data [s]; an eighth of the recording by default. Its inverse is the line spacing.
+        Leakage overestimates the damping of a mode narrower than about four lines (2 zeta f segment_s < 4).
     period_s : float
         Period of the excitation [s], a whole number of samples. The last whole periods are used.
     overlap : float
-        Of segments, in [0, 1); periods do not overlap.
+        Overlap of segments, in [0, 1); periods do not overlap.
     window : str
-        Of segments; a name that `scipy.signal.get_window` knows.
+        Window of segments, a name of `scipy.signal.get_window`.
     skip_s : float
-        Left out at the start [s], for the transient.
+        Time dropped at the start [s], for the transient.
     power_floor : float
-        Lines with less than this fraction of the input's largest power are left out; 1e-10 for random and 1e-6 for
-        periodic data by default. Periodic data of one input must also repeat significantly at a line.
+        Smallest used input power relative to the largest line; by default 1e-10 for random and 1e-6 for periodic data.
+        With one periodic input a line must also repeat significantly.
 
     Returns
     -------
     MeasuredFrequencyResponse
-        With coherence (ordinary or multiple) and variance.
+        H with ordinary or multiple coherence and variance.
 
     Raises
     ------
     BadRecording
-        Not uniform, too short for coherence to mean anything, an input that is constant, inputs that are one and the
-        same signal, a period that is not a whole number of samples or with which the input does not repeat.
+        Uneven samples, a recording too short for coherence, a constant input, or identical inputs. Or the period is no
+        whole number of samples or does not fit the input.
     UnknownName
-        A channel name that the recording does not have.
+        The recording has no channel of that name.
 
     References
     ----------
@@ -157,12 +160,12 @@ def estimate_frf(
 
 
 def integrate(frf: FrequencyResponse) -> FrequencyResponse:
-    """Divide by j omega: accelerance -> mobility -> receptance."""
+    """Divide by j omega: accelerance to mobility to receptance."""
     return _times_power_of_s(frf, -1)
 
 
 def differentiate(frf: FrequencyResponse) -> FrequencyResponse:
-    """Multiply by j omega: receptance -> mobility -> accelerance."""
+    """Multiply by j omega: receptance to mobility to accelerance."""
     return _times_power_of_s(frf, 1)
 
 
@@ -175,26 +178,26 @@ def peak_levels(
     per_output: bool = False,
     normalise: bool = True,
 ) -> ComplexArray:
-    """Read mode shapes off the peaks: level and phase of each response at each natural frequency.
+    """Return mode shapes from the peaks of responses.
 
-    This is how the dissertation got its mode shapes (section 5.4.1). It is right for well separated, lightly damped
-    modes; `vlab.modal.poles.estimate_poles` separates close ones.
+    Level and phase of each response at each natural frequency form the shape, as in the dissertation (section 5.4.1).
+    The method suits well separated, lightly damped modes; `vlab.modal.poles.estimate_poles` separates close modes.
 
     Parameters
     ----------
     frf : FrequencyResponse
-        Integrate mobility first to have displacement shapes.
+        Responses; integrate a mobility first for displacement shapes.
     frequencies : array of n_modes
-        Where the peaks are, about [Hz].
+        Approximate natural frequencies [Hz].
     half_width_hz : float
-        How far from there the peak is sought [Hz].
+        Half width of the search for a peak [Hz].
     input : str
-        The input whose column is read; needed where there are several.
+        Input of the used column, required with several inputs.
     per_output : bool
-        Take each output at its own peak; by default all at the line where they are largest together, which keeps
-        their phases comparable and does not mistake the flank of a neighbour for the peak of a nodal point.
+        Whether each output has its own peak. By default all outputs use the line of their largest common response.
+        Phases then stay comparable, and a neighbour's flank is not taken for a nodal point's peak.
     normalise : bool
-        Divide each mode by its largest response, which becomes 1.
+        Whether to divide each mode by its largest response.
 
     Returns
     -------

@@ -1,4 +1,7 @@
-"""Hammer tests: blows found, doubled ones left out, windows whose damping is known and taken out again."""
+"""Hammer tests: detection of blows, exclusion of double hits, exponential windows.
+
+The window's known damping is removed from the poles.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,20 +16,23 @@ from vlab.modal.spectra import Spectra, solve
 from vlab.signals import Array, Recording
 
 THRESHOLD = 0.1
-"""Part of the largest force that a blow exceeds."""
+"""THRESHOLD [1]: smallest force of a blow relative to the largest."""
 EDGE = 0.01
-"""Part of its own peak below which a blow has ended."""
+"""EDGE [1]: end of a blow as a share of its own peak."""
 PRETRIGGER = 0.002
-"""Share of a block before the blow."""
+"""PRETRIGGER [1]: share of a block before the blow."""
 END_LEVEL = 0.05
-"""What the exponential window leaves at the end of a block; the customary 1 to 5 %."""
+"""END_LEVEL [1]: value of the exponential window at the end of a block; customary values are 0.01 to 0.05."""
 USABLE = 1e-2
-"""Lines with less than this part of the largest force power are left out: 20 dB, customary for hammers."""
+"""USABLE [1]: smallest used force power relative to the largest line, 20 dB as customary for hammers."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Blow:
-    """A blow: first sample, and the one after the last; `count` of pulses until the next blow."""
+    """A blow with its first sample and end.
+
+    `count` is the number of pulses until the next blow.
+    """
 
     start: int
     stop: int
@@ -34,10 +40,24 @@ class Blow:
 
 
 def find_blows(force: Array, rate: float, *, block_s: float | None = None) -> list[Blow]:
-    """Return the blows in a force signal whose resting value is zero.
+    """Return the blows in a force signal.
 
-    A pulse that follows within a block of the one before is its double. Without `block_s`, pulses within a twentieth of
-    the median distance between pulses count as one blow.
+    The resting value must be zero. A pulse within a block of the preceding one is its double hit. Without `block_s`,
+    pulses within a twentieth of the median interval count as one blow.
+
+    Parameters
+    ----------
+    force : array
+        Force samples, (n,).
+    rate : float
+        Sample rate [Hz].
+    block_s : float or None
+        Length of a block [s].
+
+    Returns
+    -------
+    list of Blow
+        Blows in order.
     """
     size = np.abs(force)
     loud = size > THRESHOLD * size.max()
@@ -50,7 +70,7 @@ def find_blows(force: Array, rate: float, *, block_s: float | None = None) -> li
         begin, end = _feet(size, a, b)
         if blows and a - blows[-1].start < near:
             previous = blows[-1]
-            touching = begin <= previous.stop  # one pulse with a dent is no double
+            touching = begin <= previous.stop  # one pulse with a dent is no double hit
             blows[-1] = replace(previous, stop=max(end, previous.stop), count=previous.count + (not touching))
         else:
             blows.append(Blow(start=begin, stop=end))
@@ -58,7 +78,7 @@ def find_blows(force: Array, rate: float, *, block_s: float | None = None) -> li
 
 
 def _feet(size: Array, a: int, b: int) -> tuple[int, int]:
-    """Widen a pulse to where it leaves the floor."""
+    """Widen a pulse to its crossings of the floor."""
     floor = EDGE * size[a:b].max()
     while a > 0 and size[a - 1] > floor:
         a -= 1
@@ -76,24 +96,34 @@ def estimate_impact_frf(
     block_s: float | None = None,
     end_level: float = END_LEVEL,
 ) -> MeasuredFrequencyResponse:
-    """Estimate the frequency response from blows.
+    """Estimate the frequency response from hammer blows.
 
-    The force is cut to its pulse (rectangular window); force and response are multiplied by the same falling
-    exponential, so that the response ends within the block. H is then exactly that at s = added_decay + j omega, and
-    `without_added_decay` takes the window's damping out of the poles [1]_. Blows with a second pulse in
-    their block are left out.
+    A rectangular window cuts the force to its pulse. The same exponential multiplies force and response, so that the
+    response ends within the block. H is then exact at s = added_decay + j omega, and `without_added_decay` removes the
+    window's damping from the poles [1]_. Blocks with a double hit are dropped.
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
+    inputs, outputs : sequence of str
+        Channel names; one input.
+    estimator : Estimator
+        ``"H1"``, ``"H2"`` or ``"Hv"``.
     block_s : float or None
-        Length of a block [s]; by default the shortest distance between blows.
+        Length of a block [s]; the shortest interval between blows by default.
     end_level : float
-        What the exponential window leaves at the end of a block, in (0, 1]; 1 for none.
+        Value of the exponential window at the end of a block, in (0, 1]; 1 for no window.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse
+        H with coherence and variance.
 
     Raises
     ------
     BadRecording
-        Several inputs, no blow, only doubled blows, or blocks that hold no response.
+        Several inputs, no blow, double hits only, or blocks without response.
 
     References
     ----------
@@ -134,10 +164,10 @@ def estimate_impact_frf(
         Y=np.fft.rfft(Y, axis=1),
         freq=np.arange(length // 2 + 1) / (length * dt),
         n_effective=float(len(used)),
-        resolution_hz=decay / np.pi,  # half-power width that the window gives to any pole
+        resolution_hz=decay / np.pi,  # half-power width of any pole under the window
     ).at(keep)
     H, coherence, variance = solve(spectra, estimator)
-    is_single = len(used) < 2  # one blow agrees with itself whatever the noise
+    is_single = len(used) < 2  # a single blow is coherent whatever the noise
     return MeasuredFrequencyResponse(
         freq=spectra.freq,
         H=H,
@@ -167,9 +197,22 @@ def _block_length(blows: list[Blow], samples: int, dt: float, block_s: float | N
 
 
 def without_added_decay(estimate: PoleEstimate, decay: float) -> PoleEstimate:
-    """Return the poles moved right by the decay of an exponential window [1/s]; natural frequency and damping follow.
+    """Return the poles without an exponential window's damping.
 
-    Poles that this leaves without damping are noise or leakage and count as nuisance.
+    Each pole moves right by the decay [1/s]; frequency and damping follow. A pole left without damping is noise or
+    leakage and counts as nuisance.
+
+    Parameters
+    ----------
+    estimate : PoleEstimate
+        Poles of the windowed data.
+    decay : float
+        Decay of the window [1/s].
+
+    Returns
+    -------
+    PoleEstimate
+        Corrected estimate.
 
     Raises
     ------

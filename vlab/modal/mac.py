@@ -1,4 +1,4 @@
-"""How alike mode shapes are: MAC, COMAC, pairing, orthogonality."""
+"""Comparison of mode shapes: MAC, COMAC, pairing, orthogonality."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,23 +11,24 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, ModalModel
 
 FREQUENCY_TIE_BREAK = 1e-3
-"""MAC that a frequency ratio of e is worth when modes are paired: decides only between shapes that are alike."""
+"""FREQUENCY_TIE_BREAK [1]: MAC equivalent of a frequency ratio of e in the pairing. The small value decides only
+between similar shapes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModePairing:
-    """Which mode of one model is which of another.
+    """Pairing of the modes of two models.
 
     Parameters
     ----------
     a, b : (n,) int arrays
-        Columns of the one and of the other model, ascending in `a`.
+        Mode indices of the first and second model, ascending in `a`.
     mac : (n,) array
-        MAC of each pair, at the coordinates that both models have.
+        MAC of each pair at the common coordinates.
     freq_error : (n,) array
-        Relative deviation of the frequency of `b` from that of `a`.
+        Relative deviation of the frequency in `b` from the frequency in `a`.
     coordinates : tuple of str
-        Where the shapes were compared.
+        Common coordinates.
     """
 
     a: NDArray[np.int_]
@@ -38,12 +39,14 @@ class ModePairing:
 
 
 def mac(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the modal assurance criterion between the columns of two shape matrices.
+    """Return the modal assurance criterion (MAC) of shape columns.
+
+    MAC = |a^H b|^2 / ((a^H a)(b^H b)) [1]_.
 
     Parameters
     ----------
     a, b : (n_coordinates, n_modes) real or complex array
-        The same coordinates in the same order; scale and phase of a column do not matter.
+        Shapes at the same coordinates in the same order; scale and phase of a column have no influence.
 
     Returns
     -------
@@ -52,7 +55,8 @@ def mac(a: ArrayLike, b: ArrayLike) -> Array:
 
     References
     ----------
-    .. [1] Allemang and Brown, "A correlation coefficient for modal vector analysis", IMAC I, 1982.
+    .. [1] R. J. Allemang and D. L. Brown, A correlation coefficient for modal vector analysis, Proc. 1st International
+           Modal Analysis Conference (IMAC), 1982, 110-116.
     """
     left, right = _unit_columns(a, "a"), _unit_columns(b, "b")
     if len(left) != len(right):
@@ -61,17 +65,19 @@ def mac(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def comac(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the coordinate MAC: how well paired modes agree at each coordinate.
+    """Return the coordinate MAC of paired modes.
+
+    COMAC_i = (sum_k |a_ik b_ik|)^2 / (sum_k |a_ik|^2 sum_k |b_ik|^2) [1]_.
 
     Parameters
     ----------
     a, b : (n_coordinates, n_modes) real or complex array
-        Column k of `a` is the same mode as column k of `b` (see `match_modes`). Columns are scaled to unit length.
+        Paired shapes, column by column (see `match_modes`). Columns are scaled to unit length.
 
     Returns
     -------
     (n_coordinates,) array
-        Between 0 and 1; 1 where both are zero in all modes.
+        Between 0 and 1; 1 at a coordinate with zero motion in all modes.
 
     References
     ----------
@@ -89,14 +95,14 @@ def comac(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def match_modes(model_a: ModalModel, model_b: ModalModel, *, min_mac: float = 0.0) -> ModePairing:
-    """Pair the modes of two models so that the sum of the MACs is largest.
+    """Pair the modes of two models by the largest sum of MACs.
 
     Parameters
     ----------
     model_a, model_b : ModalModel
-        They are compared at the coordinates that both have, whatever their order; at least 2.
+        Models with at least 2 common coordinates, in any order.
     min_mac : float
-        Pairs below are left out.
+        Smallest MAC of a pair.
 
     Returns
     -------
@@ -125,19 +131,21 @@ def match_modes(model_a: ModalModel, model_b: ModalModel, *, min_mac: float = 0.
 
 
 def orthogonality(shapes: ArrayLike, M: ArrayLike) -> NDArray[Any]:
-    """Return shapes^H M shapes with each shape scaled to unit modal mass; off the diagonal it should vanish.
+    """Return shapes^H M shapes with unit modal masses.
+
+    For orthogonal shapes the off-diagonal terms vanish.
 
     Parameters
     ----------
     shapes : (n_coordinates, n_modes) real or complex array
         Mode shapes.
     M : (n_coordinates, n_coordinates) array
-        Mass matrix at these coordinates.
+        Mass matrix at the shapes' coordinates.
 
     Returns
     -------
     (n_modes, n_modes) array
-        With a diagonal of ones.
+        Matrix with unit diagonal.
     """
     phi, mass = np.asarray(shapes), np.asarray(M, dtype=float)
     if phi.ndim != 2 or mass.shape != (len(phi), len(phi)):

@@ -1,4 +1,4 @@
-"""A modal test: frequency responses, poles and shapes from one or several recordings."""
+"""Modal test: frequency responses, poles and shapes from recordings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,37 +19,38 @@ from vlab.modal.steps import estimate_stepped_frf
 from vlab.signals import Array, Recording, check_sizes
 
 SETTLING_SHARE = 0.5
-"""Share of the periods of a periodic record that is left out at its start, for the transient to decay."""
+"""SETTLING_SHARE [1]: share of the periods dropped at the start of a periodic record, for decay of the transient."""
 FINE_LINES, FINEST = 201, 1e-3
-"""Lines over a peak on which forces are appropriated, and the least half width of a peak, relative to its frequency."""
+"""FINE_LINES [1]: number of lines over a peak for force appropriation.
+FINEST [1]: smallest half width of a peak relative to its frequency."""
 PEAK_WIDTH = 0.02
-"""How far from a natural frequency its peak is looked for, relatively, and no further than half way to the next."""
+"""PEAK_WIDTH [1]: relative half width of the search for a peak, at most half the distance to the next."""
 
 _DERIVATIVES = {"velocity": 1, "angular-velocity": 1, "acceleration": 2, "angular-acceleration": 2}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModalTest:
-    """How to test.
+    """Settings of a modal test.
 
     Parameters
     ----------
     inputs, outputs : sequence of str
-        Channels; by default the inputs of the recording, and its sensors.
+        Channel names; by default the recording's inputs and sensors.
     band_hz : (low, high)
-        Band in which modes are looked for.
+        Band of the modes [Hz].
     n_modes : int or None
-        How many to report; as many as the data support by default.
+        Number of reported modes; by default as many as the data support.
     signal : str or None
-        What excited, one of `vlab.modal.recognise.KINDS`; by default what the recording says, or looks like.
+        Excitation, one of `vlab.modal.recognise.KINDS`; by default from the recording's notes or samples.
     period_s : float or None
-        Period of the excitation; by default what the recording says of itself.
+        Period of the excitation [s]; by default from the recording's notes.
     segment_s : float or None
-        Length of the segments of random data, of the blocks of bursts and blows.
+        Length of segments of random data, or of blocks of bursts and blows [s].
     dwell_s : float or None
-        Time of each step of a stepped sine; by default the steps are found.
+        Duration of each step of a stepped sine [s]; detected by default.
     end_level : float
-        What the exponential window leaves at the end of a hammer's block.
+        Value of a hammer's exponential window at the end of a block.
     """
 
     inputs: tuple[str, ...] = ()
@@ -78,18 +79,20 @@ class ModalTest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalTestResult:
-    """Responses of every recording, and the poles of what they make together, all sensors as displacements.
+    """Responses of every recording, and their common poles.
+
+    All sensors are converted to displacements.
 
     Parameters
     ----------
     signals : tuple of Signal
-        What each recording was taken for.
+        Excitation of each recording.
     distortion : tuple of Distortion
-        Noise and nonlinear distortion, for each input with periodic data.
+        Noise and nonlinear distortion of each input with periodic data.
     forces : tuple of AppropriatedForces
-        For each mode, where several inputs were tested: the forces of a dwell that holds it alone.
+        With several inputs: forces of a dwell for each mode.
     skipped_s : tuple of float or None
-        What was left out at the start of each recording with periodic data, None for other excitations.
+        Time dropped at the start of each periodic recording [s]; None for any other excitation.
     """
 
     responses: tuple[MeasuredFrequencyResponse, ...]
@@ -101,7 +104,7 @@ class ModalTestResult:
     skipped_s: tuple[float | None, ...] = ()
 
     def misfit_band(self) -> tuple[float, float]:
-        """Return the band [Hz] with the middle nine tenths of what the fit leaves of the responses."""
+        """Return the band with the middle 90 % of the residual [Hz]."""
         fitted = self.poles.fitted
         rows = np.searchsorted(self.mean.freq, fitted.freq)
         left = np.cumsum(np.sum(np.abs(self.mean.H[rows] - fitted.H) ** 2, axis=(1, 2)))
@@ -109,20 +112,22 @@ class ModalTestResult:
         return float(low), float(high)
 
     def still_ringing(self) -> Array:
-        """Return what is left of each mode's transient where the averaged periods begin, (n_modes,), in 0 to 1.
+        """Return each mode's remaining transient, (n_modes,), in 0 to 1.
 
-        exp(-zeta omega t) with the time t left out at the start of periodic records, the least of them; 0 for other
-        excitations. The rest counts as noise, and what the averaged periods share of it biases the damping.
+        The value is exp(-zeta omega t) with the shortest time t dropped from a periodic record; 0 for any other
+        excitation. The remaining transient differs between periods and counts as noise. Its common part biases the
+        damping.
         """
         times = [time for time in self.skipped_s if time is not None]
         omega = 2 * np.pi * self.poles.freq
         return np.asarray(np.exp(-self.poles.zeta * omega * min(times))) if times else np.zeros(omega.size)
 
     def peak_shapes(self) -> Array:
-        """Return the shapes as the dissertation read them off the peaks, (n_outputs, n_modes): section 5.4.1.
+        """Return peak-picked shapes, (n_outputs, n_modes).
 
-        Level and phase of each displacement where all are largest together, from the input to which the mode responds
-        most; the largest is 1, of the others the part in phase or in opposition to it stands.
+        The method is the dissertation's (section 5.4.1): level and phase of each displacement at the line of the
+        largest common response. The input with the strongest response to the mode is used. The largest component is 1;
+        every further component is its part in phase or in opposition.
         """
         freq, spacing = self.poles.freq, float(np.median(np.diff(self.mean.freq)))
         shapes = []
@@ -190,15 +195,27 @@ def _distortion(part: Distortion) -> dict[str, Any]:
 
 
 def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTestResult:
-    """Estimate responses of each recording and the poles of all of them together.
+    """Estimate responses of recordings and their common poles.
 
-    Recordings of one input are realisations and are averaged; those of different inputs stand side by side, which is
-    what tells close modes apart (a test with several references).
+    Recordings of one input are realisations and averaged. Recordings of different inputs form columns, which separates
+    close modes (a test with several references).
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of one rate.
+    test : ModalTest
+        Settings.
+
+    Returns
+    -------
+    ModalTestResult
+        Responses, poles, distortion and forces.
 
     Raises
     ------
     BadRecording
-        Nothing to test, recordings that do not go together, or one of the refusals of the estimators.
+        No data, incompatible recordings, or an error of the estimators.
     """
     signals = read_signals(recordings, test)
     if any(signal.kind == "dwell" for signal in signals):
@@ -226,7 +243,22 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
 
 
 def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
-    """Read one mode off a recorded dwell; raises as `run_modal_test` does."""
+    """Evaluate one mode of a recorded dwell.
+
+    `run_modal_test` states the errors.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    test : ModalTest
+        Settings of the test.
+
+    Returns
+    -------
+    DwellResult
+        Shape, indicator and decay.
+    """
     (signal,) = read_signals([recording], test)
     if signal.kind != "dwell":
         raise BadRecording(f"the excitation is {signal.kind}, not a dwell; give --signal dwell where it is one")
@@ -238,7 +270,22 @@ def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
 
 
 def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Signal, ...]:
-    """Return what each recording was excited by; raises as `run_modal_test` does."""
+    """Return the excitation of each recording.
+
+    `run_modal_test` states the errors.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Recordings of a test.
+    test : ModalTest
+        Settings of the test.
+
+    Returns
+    -------
+    tuple of Signal
+        One signal a recording.
+    """
     if not recordings:
         raise BadRecording("no recording was given")
     return tuple(
@@ -255,9 +302,10 @@ def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Sign
 
 
 def as_displacement(frf: MeasuredFrequencyResponse, recording: Recording) -> MeasuredFrequencyResponse:
-    """Return the responses with velocities and accelerations integrated in the frequency domain (section 5.4.1).
+    """Return responses integrated to displacements.
 
-    Mode shapes of different kinds of sensors then stand in one unit.
+    Velocities and accelerations are integrated in the frequency domain (section 5.4.1). Shapes of different sensors
+    then share one unit.
     """
     powers = np.array([_DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in frf.outputs])
     factor = (frf.added_decay + 2j * np.pi * frf.freq[:, None]) ** -powers[None, :]
@@ -266,7 +314,10 @@ def as_displacement(frf: MeasuredFrequencyResponse, recording: Recording) -> Mea
 
 
 def estimate_responses(recordings: Sequence[Recording], test: ModalTest) -> tuple[MeasuredFrequencyResponse, ...]:
-    """Estimate the responses of each recording, without looking for poles; raises as `run_modal_test` does."""
+    """Estimate the responses of each recording, without poles.
+
+    `run_modal_test` states the errors.
+    """
     signals = read_signals(recordings, test)
     return tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
 
@@ -298,13 +349,16 @@ def _estimate(recording: Recording, test: ModalTest, signal: Signal) -> Measured
         return estimate_frf(recording, segment_s=signal.block_s, overlap=0.0, window="boxcar", **common)
     skip = _skip_s(recording, signal)
     if skip is None and test.period_s is None:
-        # not periodic, or too short to show that it is: averaged over windowed segments
+        # random, or too short for two periods: averaged over windowed segments
         return estimate_frf(recording, segment_s=test.segment_s, **common)
     return estimate_frf(recording, period_s=signal.period_s, skip_s=skip or 0.0, **common)
 
 
 def _skip_s(recording: Recording, signal: Signal) -> float | None:
-    """Return what is left out at the start of periodic data, or None where there are not two periods."""
+    """Return the time dropped from periodic data [s].
+
+    None for fewer than two periods.
+    """
     if signal.period_s is None:
         return None
     periods = int((len(recording) + 0.5) / recording.rate / signal.period_s)
@@ -314,7 +368,10 @@ def _skip_s(recording: Recording, signal: Signal) -> float | None:
 def _distortions(
     recordings: Sequence[Recording], signals: Sequence[Signal], responses: Sequence[MeasuredFrequencyResponse]
 ) -> tuple[Distortion, ...]:
-    """Separate noise and distortion for each single input whose recordings are all periodic with one period."""
+    """Separate noise and distortion for each input.
+
+    All recordings of the input must have one period.
+    """
     groups: dict[str, list[int]] = {}
     for i, (recording, signal, response) in enumerate(zip(recordings, signals, responses, strict=True)):
         if signal.kind == "periodic" and len(response.inputs) == 1 and _skip_s(recording, signal) is not None:
@@ -338,7 +395,10 @@ def _distortions(
 
 
 def _forces(poles: PoleEstimate) -> tuple[AppropriatedForces, ...]:
-    """Appropriate forces to each mode on the fitted responses, which have no noise left, on lines finer than a peak."""
+    """Appropriate forces to each mode on the fitted responses.
+
+    The fit is free of noise and has lines finer than a peak.
+    """
     chosen = []
     for hz, zeta, shape in zip(poles.freq, poles.zeta, poles.real_shapes().T, strict=True):
         width = max(zeta, FINEST) * hz

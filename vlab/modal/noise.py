@@ -1,4 +1,4 @@
-"""The variance of frequency responses: as measured, as guessed from neighbouring lines, as fitted to a residual."""
+"""Variance of frequency responses: measured, guessed from neighbouring lines, or fitted."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -7,13 +7,27 @@ from vlab.modal.frf import MeasuredFrequencyResponse
 from vlab.signals import Array, ComplexArray, FrequencyResponse
 
 PROPORTIONAL_ERROR = 0.01
-"""Relative error of H assumed before any residual is known, so that sharp peaks do not drown what is heavily damped."""
+"""PROPORTIONAL_ERROR [1]: relative error of H assumed before a residual exists. The error keeps sharp peaks from
+dominating heavily damped modes."""
 EXACT = 1e-8
-"""Relative misfit below which data count as exact: what is smaller is rounding, not modes."""
+"""EXACT [1]: relative residual below which data count as exact; a smaller residual is rounding."""
 
 
 def known_variance(used: FrequencyResponse) -> Array | None:
-    """Return the measured variance, smoothed over lines: from few periods it scatters too much to weight by."""
+    """Return the measured variance, smoothed over lines.
+
+    Few periods give an uncertain variance, unsuitable as a weight.
+
+    Parameters
+    ----------
+    used : FrequencyResponse
+        Response with or without variance.
+
+    Returns
+    -------
+    array or None
+        Variance of each entry; None without a measured one.
+    """
     if not isinstance(used, MeasuredFrequencyResponse) or used.variance is None:
         return None
     H, variance = used.H.reshape(used.freq.size, -1), used.variance.reshape(used.freq.size, -1)
@@ -24,22 +38,50 @@ def known_variance(used: FrequencyResponse) -> Array | None:
 
 
 def roughness(used: FrequencyResponse) -> Array:
-    """Return a first guess of the variance from how far each line is from the chord between its neighbours."""
+    """Return a first guess of the variance from line to line.
+
+    The guess is the distance of each line from the chord of its neighbours.
+
+    Parameters
+    ----------
+    used : FrequencyResponse
+        Response.
+
+    Returns
+    -------
+    array
+        Variance of each entry.
+    """
     f, H = used.freq, used.H.reshape(used.freq.size, -1)
     part = ((f[1:-1] - f[:-2]) / (f[2:] - f[:-2]))[:, None]
     apart = np.abs(H[1:-1] - (1 - part) * H[:-2] - part * H[2:]) ** 2 / (1 + part**2 + (1 - part) ** 2)
-    additive = np.median(apart, axis=0) / np.log(2)  # the square of a complex Gaussian number is exponential
+    additive = np.median(apart, axis=0) / np.log(2)  # median to mean: the square of a complex Gaussian is exponential
     return additive + (PROPORTIONAL_ERROR * np.abs(H)) ** 2 + rounding_floor(H)
 
 
 def rounding_floor(H: ComplexArray) -> Array:
-    """Return the variance of rounding, which keeps every weight finite."""
+    """Return the rounding variance, which bounds every weight."""
     power = np.abs(H) ** 2
     return EXACT**2 * (power + 1e-4 * power.mean(axis=0) + 1e-30 * power.max())
 
 
 def noise_model(squares: Array, H: ComplexArray) -> Array:
-    """Fit variance = a + b abs(H)^2 to squared errors, per column (Itakura-Saito distance, multiplicative updates)."""
+    """Fit variance = a + b |H|^2 to squared errors, per column.
+
+    Multiplicative updates minimise the Itakura-Saito distance.
+
+    Parameters
+    ----------
+    squares : array
+        Squared errors, (line, entry).
+    H : complex array
+        Response, (line, entry).
+
+    Returns
+    -------
+    array
+        Fitted variance, (line, entry).
+    """
     level = squares.mean(axis=0)
     y, x = squares / (level + 1e-300), np.abs(H) ** 2
     x = x / (x.mean(axis=0) + 1e-300)
@@ -53,6 +95,9 @@ def noise_model(squares: Array, H: ComplexArray) -> Array:
 
 
 def common_weight(variance: Array) -> tuple[Array, Array]:
-    """Return weights over the lines and factors of the responses whose products come near 1 / sqrt(variance)."""
+    """Return line weights and response factors.
+
+    Their products approximate 1 / sqrt(variance).
+    """
     size = 1 / np.mean(1 / variance, axis=0)
     return 1 / np.sqrt(np.mean(variance / size, axis=1)), 1 / np.sqrt(size)

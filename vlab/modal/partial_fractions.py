@@ -1,6 +1,12 @@
-"""Partial fractions fitted to frequency responses: residues eliminated in closed form, poles by descent.
+"""Partial fractions fitted to frequency responses by variable projection.
 
-Poles that the data do not need are taken out, and poles that the residual asks for are put in.
+Residues are eliminated in closed form, and poles follow by descent [1]_. The search removes superfluous poles and adds
+poles where the residual has a peak.
+
+References
+----------
+.. [1] G. H. Golub and V. Pereyra, Separable nonlinear least squares: the variable projection method and its
+       applications, Inverse Problems 19 (2003) R1-R26.
 """
 
 from collections.abc import Sequence
@@ -15,36 +21,41 @@ from vlab.modal.tall_matrices import in_blocks, orthonormal, product, stacked
 from vlab.signals import Array, ComplexArray, FrequencyResponse
 
 ZETA_RANGE = (1e-7, 3.0)
-"""Damping ratios that the fit may visit; above 1 a pair is two real poles (a lag in the loop) and not reported."""
+"""ZETA_RANGE [1]: bounds of damping ratios in the fit. Above 1 a pair is two real poles (a lag in the loop) and is not
+reported."""
 TRIAL_ZETAS = (0.001, 0.005, 0.02, 0.08, 0.25, 0.6)
-"""Damping ratios that are tried where the residual shows that a pole is missing."""
+"""TRIAL_ZETAS [1]: trial damping ratios of an added pole."""
 MAX_ADDED = 6
-"""Poles that may be added after the chart."""
+"""MAX_ADDED [1]: largest number of poles added after the chart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitState:
-    """The fit at given poles: residues are eliminated, derivatives are with respect to (log omega, log zeta)."""
+    """The fit at given poles with eliminated residues.
+
+    Derivatives are with respect to (log omega, log zeta).
+    """
 
     theta: Array  # (n_poles, 2)
     cost: float  # sum of squared weighted errors
     gradient: Array
     normal: Array  # Gauss-Newton matrix
-    gain: Array  # (n_poles,) what the cost loses without the pole, the other poles staying
+    gain: Array  # (n_poles,) cost increase without the pole, with all further poles fixed
     coefficients: Array  # (entry, column of the basis)
     errors: ComplexArray  # (line, entry), weighted
 
     @property
     def poles(self) -> ComplexArray:
-        """The poles [rad/s]; overdamped pairs are given by -zeta omega alone."""
+        """Poles [rad/s]; -zeta omega alone for an overdamped pair."""
         omega, zeta = np.exp(self.theta.T)
         return omega * (-zeta + 1j * np.sqrt(np.maximum(1 - zeta**2, 0)))
 
 
 class FitProblem:
-    """Weighted data, and the partial fractions c1 + c2 q over D(q) = q^2 + 2 zeta omega q + omega^2 with powers of s.
+    """Weighted data and partial fractions in q.
 
-    For sampled data q = (1 - 1/z) / T, which is j omega for T -> 0 and does not lose digits at low frequencies.
+    The fractions are c1 + c2 q over D(q) = q^2 + 2 zeta omega q + omega^2, with additional powers of s. For sampled
+    data q = (1 - 1/z) / T. The limit for T -> 0 is j omega, and no digits are lost at low frequencies.
     """
 
     def __init__(self, used: FrequencyResponse, step: float, powers: Sequence[int], variance: Array | None) -> None:
@@ -60,7 +71,10 @@ class FitProblem:
         self.weigh(roughness(used) if variance is None else variance, is_shared=True)
 
     def weigh(self, variance: Array, *, is_shared: bool) -> None:
-        """Set the weights: each response its own over the lines, or all one but for a factor (one factorisation)."""
+        """Set the weights of lines and responses.
+
+        Either each response has its own weights over the lines, or all share them up to a factor (one factorisation).
+        """
         self.variance = variance
         self.weight = 1 / np.sqrt(variance)
         self.groups = [[e] for e in range(variance.shape[1])]
@@ -70,11 +84,24 @@ class FitProblem:
         self.exact_cost = EXACT**2 * float(np.sum(np.abs(self.weight * self.H) ** 2))
 
     def bounded(self, theta: Array) -> Array:
-        """Return the parameters moved into where the fit may go."""
+        """Return the parameters clipped to their bounds."""
         return np.clip(theta, *self.limits)
 
     def noise(self, state: FitState) -> float:
-        """Return the variance of a real weighted error, more where neighbouring lines err alike (windows, misfit)."""
+        """Return the variance of a real weighted error.
+
+        Correlated errors of neighbouring lines (windows, misfit) increase the variance.
+
+        Parameters
+        ----------
+        state : FitState
+            Present fit.
+
+        Returns
+        -------
+        float
+            Variance.
+        """
         n_free = 2 * self.H.size - self.H.shape[1] * (2 * len(state.theta) + self.powers.shape[1]) - state.theta.size
         e = state.errors
         power = np.sum(np.abs(e) ** 2) + 1e-300
@@ -83,7 +110,20 @@ class FitProblem:
         return max(level, 0.5 * self.is_known) * (1 + 2 * sum(max(r, 0.0) for r in rho))
 
     def denominators(self, theta: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Return D and its derivatives by log omega and log zeta, (line, pole) each."""
+        """Return D and its derivatives, (line, pole) each.
+
+        The derivatives are with respect to log omega and log zeta.
+
+        Parameters
+        ----------
+        theta : array
+            log omega and log zeta of the poles, (n_poles, 2).
+
+        Returns
+        -------
+        tuple of (complex array, complex array, complex array)
+            D, dD/dlog omega, dD/dlog zeta.
+        """
         omega, zeta = np.exp(theta.T)
         q, T = self.q[:, None], self.step
         if T == 0:
@@ -104,29 +144,48 @@ class FitProblem:
         return D / T**2, slope(a, 2 * x) / T**2, slope(a, -2 * (zeta * omega * T) ** 2) / T**2
 
     def numerators(self, theta: Array) -> ComplexArray:
-        """Return the two numerators of each pole, (line, pole, 2), scaled to order 1 over D at resonance."""
+        """Return both numerators of each pole, (line, pole, 2).
+
+        The scale gives order 1 over D at resonance.
+        """
         omega, zeta = np.exp(theta.T)
         ones = np.ones_like(self.q)
         return np.stack([np.outer(ones, zeta * omega**2), np.outer(self.q, zeta * omega)], axis=2)
 
     def basis(self, theta: Array) -> ComplexArray:
-        """Return all that is fitted linearly, (line, column): two columns a pole, then the powers."""
+        """Return all linear terms, (line, column).
+
+        Two columns a pole precede the powers.
+        """
         parts = self.numerators(theta) / self.denominators(theta)[0][:, :, None]
         return np.hstack([parts.reshape(self.q.size, 2 * len(theta)), self.powers])
 
     def evaluate(self, theta: Array) -> FitState:
-        """Eliminate the residues and differentiate (Kaufman's form of variable projection)."""
+        """Eliminate the residues and differentiate.
+
+        Kaufman's form of variable projection gives the Jacobian.
+
+        Parameters
+        ----------
+        theta : array
+            log omega and log zeta of the poles, (n_poles, 2).
+
+        Returns
+        -------
+        FitState
+            Cost, gradient and Gauss-Newton matrix.
+        """
         m, n_lines, n_entries = len(theta), *self.H.shape
         D, D_omega, D_zeta = self.denominators(theta)
         numerators = self.numerators(theta)
         basis = np.hstack([(numerators / D[:, :, None]).reshape(n_lines, 2 * m), self.powers])
         slopes = np.stack([-D_omega / D**2, -D_zeta / D**2], axis=2)  # (line, pole, parameter)
-        slopes = (slopes[:, :, :, None] * numerators[:, :, None, :]).reshape(n_lines, 4 * m)  # ... times numerator
+        slopes = (slopes[:, :, :, None] * numerators[:, :, None, :]).reshape(n_lines, 4 * m)  # times numerator
         normal, gradient, gain = np.zeros((m, 2, m, 2)), np.zeros((m, 2)), np.zeros(m)
         coefficients, errors = np.empty((basis.shape[1], n_entries)), np.empty_like(self.H)
         area = max(4 * m, basis.shape[1]) * max(4 * m, basis.shape[1], max(map(len, self.groups)))
         for group in self.groups:
-            w, own = self.weight[:, group], self.weight[0, group]  # group[0] carries the lines, `own` the factors
+            w, own = self.weight[:, group], self.weight[0, group]  # group[0] has the line weights, `own` the factors
             Q, inverse = orthonormal(in_blocks(stacked(w[:, :1] * basis), area))
             y = in_blocks(stacked(w * self.H[:, group]), area)
             at = product(Q, y)
@@ -140,7 +199,7 @@ class FitProblem:
             normal += np.einsum("kpjlqi,kjli->kplq", product(V, V).reshape(m, 2, 2, m, 2, 2), both)
             gain += _gains(inverse, pairs)
             coefficients[:, group] = c * (own[0] / own)
-            r = r.reshape(-1, len(group))  # with the padding at its end
+            r = r.reshape(-1, len(group))  # pads the last block
             errors[:, group] = r[:n_lines] + 1j * r[n_lines : 2 * n_lines]
         return FitState(
             theta=theta,
@@ -153,7 +212,18 @@ class FitProblem:
         )
 
     def residues(self, state: FitState) -> ComplexArray:
-        """Return the residues in s, (pole, output, input)."""
+        """Return the residues in s, (pole, output, input).
+
+        Parameters
+        ----------
+        state : FitState
+            Present fit.
+
+        Returns
+        -------
+        complex array
+            Residues, (pole, output, input).
+        """
         omega, zeta = np.exp(state.theta.T)
         s, T = state.poles, self.step
         q = s if T == 0 else -np.expm1(-s * T) / T
@@ -161,11 +231,24 @@ class FitProblem:
         modal = c[:, :, 0] * (zeta * omega**2) + c[:, :, 1] * (zeta * omega * q)
         # D = exp(-2 zeta omega T) (q - q_k)(q - q_k*) and dq/ds = exp(-s T)
         slope = np.exp(-2 * zeta * omega * T) * 2j * q.imag * np.exp(-s * T)
-        slope = np.where(slope == 0, 1.0, slope)  # overdamped: not reported
+        slope = np.where(slope == 0, 1.0, slope)  # overdamped pair: not reported
         return (modal / slope).T.reshape(s.size, *self.shape[1:])
 
     def candidate_gains(self, state: FitState, trial: Array) -> Array:
-        """Return what the cost loses with each trial pole (one at a time) beside those of the state."""
+        """Return the cost decrease by each trial pole alone.
+
+        Parameters
+        ----------
+        state : FitState
+            Present fit.
+        trial : array
+            log omega and log zeta of the trial poles, (m, 2).
+
+        Returns
+        -------
+        array
+            Decrease of the cost, (m,).
+        """
         w, basis = self.weight[:, :1], self.basis(state.theta)
         columns = self.numerators(trial) / self.denominators(trial)[0][:, :, None]
         area = 2 * len(trial) * max(basis.shape[1], self.H.shape[1])
@@ -178,24 +261,30 @@ class FitProblem:
 
 
 def pole_mac(p: ComplexArray, q: ComplexArray) -> Array:
-    """Return the MAC of the decays exp(p t) and exp(q t): 1 for equal poles, 1/2 a half-power half-width apart."""
+    """Return the MAC of the decays exp(p t) and exp(q t).
+
+    The value is 1 for equal poles and 1/2 at a distance of half the half-power width.
+    """
     return 4 * p.real[:, None] * q.real / np.abs(p[:, None] + q.conj()) ** 2
 
 
 def _gains(inverse: Array, pairs: Array) -> Array:
-    """Return for each pole what the sum of squares gains when its two coefficients are set to zero."""
+    """Return the cost increase without each pole's coefficients."""
     rows = inverse[: 2 * len(pairs)].reshape(len(pairs), 2, len(inverse))
     return _quadratic(rows @ np.swapaxes(rows, 1, 2), pairs)
 
 
 def _quadratic(gram: Array, columns: Array) -> Array:
-    """Return the trace of B' A^-1 B of each Gram matrix A (pole, 2, 2) and B (pole, 2, column); A may be singular to rounding."""
+    """Return the trace of B' A^-1 B for each pair of matrices.
+
+    A is (pole, 2, 2) and may be singular to rounding; B is (pole, 2, column).
+    """
     least = 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-300
     return np.sum(columns * np.linalg.solve(gram + least * np.eye(2), columns), axis=(1, 2))
 
 
 def _descend(problem: FitProblem, theta: Array, steps: int = 40) -> FitState:
-    """Levenberg-Marquardt in (log omega, log zeta)."""
+    """Minimise by Levenberg-Marquardt in (log omega, log zeta)."""
     state = problem.evaluate(problem.bounded(theta))
     damping = 1e-4
     for _ in range(steps if len(theta) else 0):
@@ -217,9 +306,24 @@ def _descend(problem: FitProblem, theta: Array, steps: int = 40) -> FitState:
 
 
 def fit_partial_fractions(problem: FitProblem, start: ComplexArray, n_modes: int | None) -> FitState:
-    """Return the partial fractions that the data need, no fewer and no more."""
+    """Return the partial fractions supported by the data.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Weighted data.
+    start : complex array
+        Start values of the poles [rad/s].
+    n_modes : int or None
+        Required number of modes; None for as many as supported.
+
+    Returns
+    -------
+    FitState
+        Fit.
+    """
     most = max(1, problem.omega.size // 3 - problem.powers.shape[1])
-    start = start[np.argsort(-start.real / np.abs(start))][:most]  # where lines are few, light damping first
+    start = start[np.argsort(-start.real / np.abs(start))][:most]  # with few lines, lightly damped poles first
     theta = np.log(np.stack([np.abs(start), -start.real / np.abs(start)], axis=1))
     state = _pruned(problem, _descend(problem, theta, 8))
     room = MAX_ADDED
@@ -238,28 +342,37 @@ def fit_partial_fractions(problem: FitProblem, start: ComplexArray, n_modes: int
 
 
 def _updated_variance(problem: FitProblem, state: FitState) -> Array:
-    """Return the variance that the residual shows, or the known one unless the model misses something."""
-    problem.is_known &= state.cost < 4 * problem.H.size  # within twice the known deviation
+    """Return the variance from the residual.
+
+    A known variance stands unless the model lacks a pole.
+    """
+    problem.is_known &= state.cost < 4 * problem.H.size  # within twice the known standard deviation
     if problem.is_known:
         return problem.variance
     error = state.errors / problem.weight
-    fitted = problem.H - error  # the measured H would weight down what noise made large
+    fitted = problem.H - error  # weighting by the measured H would favour lines that noise made small
     return noise_model(np.abs(error) ** 2, fitted) + rounding_floor(problem.H)
 
 
 def _penalty(problem: FitProblem, state: FitState) -> float:
-    """Return how much less the cost must be with another pole (Bayesian information criterion)."""
+    """Return the cost decrease required of another pole.
+
+    The Bayesian information criterion gives the value.
+    """
     return (2 * problem.H.shape[1] + 2) * float(np.log(2 * problem.omega.size)) * problem.noise(state)
 
 
 def is_mode(problem: FitProblem, state: FitState) -> NDArray[np.bool_]:
-    """Mark the poles that oscillate within the band."""
+    """Return a mask of oscillating poles within the band."""
     omega, zeta = np.exp(state.theta.T)
     return (omega >= problem.omega[0]) & (omega <= problem.omega[-1]) & (zeta < 1)
 
 
 def _pruned(problem: FitProblem, state: FitState) -> FitState:
-    """Take out poles without which the cost is hardly more, with the others moving in to fill the gap."""
+    """Remove poles with a small effect on the cost.
+
+    The remaining poles are refitted.
+    """
     spared: list[complex] = []
     while len(state.theta):
         penalty = _penalty(problem, state)
@@ -280,7 +393,7 @@ def _pruned(problem: FitProblem, state: FitState) -> FitState:
 
 
 def _enriched(problem: FitProblem, state: FitState, *, must: bool) -> FitState | None:
-    """Put a pole in where the residual asks for it, or return None."""
+    """Add a pole at the largest residual, or return None."""
     if state.cost <= problem.exact_cost or 2 * len(state.theta) + problem.powers.shape[1] > problem.omega.size - 4:
         return None
     power = uniform_filter1d(np.sum(np.abs(state.errors) ** 2, axis=1), 3)

@@ -1,4 +1,12 @@
-"""Polyreference least squares (pLSCF): poles at many model orders, and those that persist over the orders."""
+"""Polyreference least squares (pLSCF): poles over model orders, and persistent poles.
+
+The estimator is the one of [1]_.
+
+References
+----------
+.. [1] P. Guillaume, P. Verboven, S. Vanlanduit, H. Van der Auweraer and B. Peeters, A poly-reference implementation of
+       the least-squares complex frequency-domain estimator, IMAC XXI, 2003.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +22,31 @@ from vlab.signals import Array, ComplexArray
 
 
 def plscf_chart(problem: FitProblem, orders: Sequence[int], known: ComplexArray | None = None) -> list[ComplexArray]:
-    """Return the damped, oscillating poles at each order of the right matrix fraction B(w) A(w)^-1, w = exp(-j omega T).
+    """Return damped, oscillating poles at each model order.
 
-    A band from low frequencies fills the half circle and the coefficients are real. A band far from 0 is moved to its
-    centre, fills most of the circle, and the coefficients are complex; its mirror image is then out of band. Poles
-    known already divide the equations by what they make of A(w) [Sanathanan and Koerner, IEEE Trans. Autom. Control 8,
-    1963], which takes out the bias and the dominance of sharp peaks that the linearisation brought in.
+    The model is the right matrix fraction B(w) A(w)^-1 with w = exp(-j omega T). A band from low frequencies fills the
+    half circle, and the coefficients are real. A band far from 0 is moved to its centre and fills most of the circle;
+    the coefficients are complex, and its mirror image is out of band. Known poles divide the equations by their A(w)
+    [1]_, which removes the bias and the dominance of sharp peaks due to linearisation.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Weighted data.
+    orders : sequence of int
+        Model orders.
+    known : complex array or None
+        Known poles [rad/s].
+
+    Returns
+    -------
+    list of complex array
+        Poles at each order [rad/s].
+
+    References
+    ----------
+    .. [1] C. K. Sanathanan and J. Koerner, Transfer function synthesis as a ratio of two complex polynomials, IEEE
+           Transactions on Automatic Control 8 (1963) 56-58.
     """
     omega, (n_lines, n_out, n_in) = problem.omega, problem.shape
     top = max(orders)
@@ -45,7 +72,7 @@ def plscf_chart(problem: FitProblem, orders: Sequence[int], known: ComplexArray 
         explained.append(product(Q, Y))
         rest = Y - Q @ explained[-1]
         gram = gram + product(rest, rest)
-    # Column n of Q is what column n of B adds to those before: an order below the top leaves Y what later ones explain,
+    # Column n of Q is the increment of column n of B: an order below the top leaves in Y the share of later columns,
     # so that one orthogonalisation serves all orders.
     R = np.stack(explained, axis=1)
     chart: dict[int, ComplexArray] = {}
@@ -54,7 +81,7 @@ def plscf_chart(problem: FitProblem, orders: Sequence[int], known: ComplexArray 
         exposed = R[n + 1 : below + 1].reshape(-1, size)
         gram, below = gram + exposed.conj().T @ exposed, n
         m = n * n_in
-        alpha = np.linalg.lstsq(gram[:m, :m], -gram[:m, m : m + n_in], rcond=None)[0]  # the highest coefficient is 1
+        alpha = np.linalg.lstsq(gram[:m, :m], -gram[:m, m : m + n_in], rcond=None)[0]  # highest coefficient 1
         companion = np.eye(m, k=n_in, dtype=alpha.dtype)
         companion[-n_in:] = -np.hstack([alpha[j : j + n_in] for j in range(0, m, n_in)])
         roots = np.linalg.eigvals(companion).astype(complex)
@@ -64,7 +91,22 @@ def plscf_chart(problem: FitProblem, orders: Sequence[int], known: ComplexArray 
 
 
 def persistent_poles(chart: list[ComplexArray], omega: Array) -> ComplexArray:
-    """Follow poles from order to order and return one for each trail that lasts, in the band or just outside."""
+    """Return one pole for each persistent trail over the orders.
+
+    The poles are in the band or just outside.
+
+    Parameters
+    ----------
+    chart : list of complex array
+        Poles at each order [rad/s].
+    omega : array
+        Lines [rad/s].
+
+    Returns
+    -------
+    complex array
+        Poles [rad/s].
+    """
     low, high = omega[0] - 0.1 * np.ptp(omega), omega[-1] + 0.1 * np.ptp(omega)
     trails: list[list[complex]] = []
     born: list[int] = []

@@ -1,10 +1,9 @@
 """Poles, damping ratios and mode shapes from frequency responses.
 
-Three steps. Polyreference least squares (`vlab.modal.plscf`) at many model orders gives a stabilisation chart without
-starting values; poles that persist over the orders are starting values for a weighted least squares fit of partial
-fractions (`vlab.modal.partial_fractions`; maximum likelihood when the variance is known), in which the residues are
-eliminated in closed form; then poles that the data do not need are taken out, and poles that the residual asks for are
-put in.
+Polyreference least squares (`vlab.modal.plscf`) at many model orders gives a stabilisation chart without start values.
+Persistent poles start a weighted least-squares fit of partial fractions (`vlab.modal.partial_fractions`), which is
+maximum likelihood for a known variance. Residues are eliminated in closed form. The last step removes superfluous poles
+and adds poles at peaks of the residual.
 """
 
 from collections.abc import Sequence
@@ -22,23 +21,24 @@ from vlab.modal.plscf import persistent_poles, plscf_chart
 from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
-"""A pole is marked stable when one of the order before is this near, relatively (customary for such charts)."""
+"""FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders.
+ZETA_TOLERANCE [1]: same for the damping ratio. Both values are customary for stabilisation charts."""
 GHOST_MAC = 0.8
-"""Shapes that are more alike, of poles that the lines do not resolve, are one mode and its leakage."""
+"""GHOST_MAC [1]: MAC above which two poles within one line are one mode and its leakage."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stabilisation:
-    """All poles with positive damping and imaginary part that were found at each model order.
+    """Damped, oscillating poles at each model order.
 
     Parameters
     ----------
     order : (n,) int array
-        Order of the denominator at which the pole was found.
+        Order of the denominator.
     freq, zeta : (n,) array
         Natural frequency [Hz] and damping ratio.
     is_stable : (n,) bool array
-        Whether the order before had it too, within `FREQ_TOLERANCE` and `ZETA_TOLERANCE`.
+        Whether the preceding order has the pole within `FREQ_TOLERANCE` and `ZETA_TOLERANCE`.
     """
 
     order: NDArray[np.int_]
@@ -49,30 +49,30 @@ class Stabilisation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoleEstimate:
-    """What the frequency responses say about the modes, with evidence.
+    """Modes estimated from frequency responses, with evidence.
 
     Parameters
     ----------
     s : (n_modes,) complex array
-        Poles [rad/s], imaginary part positive, by ascending natural frequency.
+        Poles [rad/s] with positive imaginary part, by ascending natural frequency.
     freq, zeta : (n_modes,) array
         Natural frequency abs(s) / 2 pi [Hz] and damping ratio.
     shapes : (n_outputs, n_modes) complex array
         Residues, scaled so that the largest component of each mode is 1.
     participation : (n_inputs, n_modes) complex array
-        The residue matrix of a mode is shape times participation (transposed).
+        Participation; shape times participation (transposed) is a mode's residue matrix.
     freq_sd, zeta_sd : (n_modes,) array
-        Standard deviations from the residual [Hz], [1]; leakage and nonlinearity are not in them.
+        Standard deviations from the residual [Hz], [1], without leakage and nonlinearity.
     confidence : (n_modes,) array
-        0 to 1: how well the pole is found again by itself over the upper half of the model orders.
+        Repeatability of the pole over the upper half of the model orders, 0 to 1.
     stabilisation : Stabilisation
-        For the chart.
+        Poles of the chart.
     fitted : FrequencyResponse
-        The partial fractions at the lines of the data.
+        Partial fractions at the lines of the data.
     residual : float
         Relative misfit, norm(H - fitted) / norm(H).
     n_nuisance : int
-        Further poles in the fit that are not reported: outside the band, overdamped, or below the confidence asked for.
+        Number of fitted but unreported poles: outside the band, overdamped, or of low confidence.
     """
 
     s: ComplexArray
@@ -89,14 +89,27 @@ class PoleEstimate:
     n_nuisance: int
 
     def real_shapes(self) -> Array:
-        """Return the shapes turned to where they are most nearly real, and their real part, largest component 1."""
+        """Return the real parts of optimally rotated shapes.
+
+        The largest component is 1.
+        """
         turned = self.shapes * np.exp(-0.5j * np.angle(np.sum(self.shapes**2, axis=0)))
         return turned.real / _largest(turned.real)
 
     def on_lines(self, freq: Array) -> FrequencyResponse:
-        """Return the fit at other lines [Hz] within those of the data: the modes exactly, what is beside them in between.
+        """Return the fit at given lines [Hz].
 
-        Modes outside the band and other slow parts of the fit are interpolated linearly.
+        The modes are exact. Modes outside the band and further slow parts of the fit are interpolated linearly.
+
+        Parameters
+        ----------
+        freq : array
+            Lines within the data's band [Hz].
+
+        Returns
+        -------
+        FrequencyResponse
+            Fitted responses.
         """
         lines, f = self.fitted.freq, np.asarray(freq, dtype=float)
         if f.size and not (lines[0] <= f[0] and f[-1] <= lines[-1]):
@@ -106,14 +119,17 @@ class PoleEstimate:
         return replace(self.fitted, freq=f, H=self._modal(f) + between.reshape(f.size, *self.fitted.H.shape[1:]))
 
     def _modal(self, freq: Array) -> ComplexArray:
-        """Return what the modes alone make, (line, output, input)."""
+        """Return the responses of the modes alone, (line, output, input)."""
         s = 2j * np.pi * freq[:, None]
         residues = np.einsum("ok,ik->oik", self.shapes, self.participation)
         direct = np.einsum("fk,oik->foi", 1 / (s - self.s), residues)
         return direct + np.einsum("fk,oik->foi", 1 / (s - self.s.conj()), residues.conj())
 
     def to_modal_model(self, *, is_real: bool = True) -> ModalModel:
-        """Return frequencies, damping ratios and shapes (real by default) at the output channels."""
+        """Return frequencies, damping ratios and shapes at the outputs.
+
+        Shapes are real by default.
+        """
         shapes = self.real_shapes() if is_real else self.shapes
         return ModalModel(freq=self.freq, zeta=self.zeta, shapes=shapes, coordinates=self.fitted.outputs)
 
@@ -130,31 +146,33 @@ def estimate_poles(
 ) -> PoleEstimate:
     """Estimate poles and mode shapes from frequency responses.
 
-    Lines need not be evenly spaced. Damping ratios from 0.0005 to 0.6 may stand side by side. Residues belong to a real
-    system (conjugate pairs), poles are stable.
+    Lines need not be evenly spaced [1]_ [2]_ [3]_. Damping ratios from 0.0005 to 0.6 may occur together. Residues
+    belong to a real system (conjugate pairs), and poles are stable.
 
     Parameters
     ----------
     frf : FrequencyResponse
-        Receptance, mobility or accelerance. A `MeasuredFrequencyResponse` is weighted by its variance; otherwise an
-        additive and a proportional noise of each response are estimated from the residual.
+        Receptance, mobility or accelerance. The variance of a `MeasuredFrequencyResponse` gives the weights. Otherwise
+        the residual gives an additive and a proportional noise of each response.
     sample_rate : float
-        Of sampled responses [Hz]: the partial fractions are then those of a sampled system, exact up to half of it.
-        None for continuous ones. Far below half the rate it makes no difference.
+        Sample rate of sampled responses [Hz]; the partial fractions are then exact up to half the rate. None for
+        continuous responses. Far below half the rate the choice has no effect.
     band_hz : (low, high)
-        Lines used and modes reported; all by default.
+        Band of used lines and reported modes [Hz]; all by default.
     orders : sequence of int
         Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60.
     n_modes : int
-        Report at most so many, the most significant ones, however low their confidence. None: what the data support.
+        Largest number of reported modes, by significance and regardless of confidence. None for as many as the data
+        support.
     min_confidence : float
-        Below, a pole is not reported (only without `n_modes`).
+        Smallest confidence of a reported pole (only without `n_modes`).
     residual_powers : sequence of int
-        Powers of j omega that stand for all modes outside the band.
+        Powers of j omega that represent all modes outside the band.
 
     Returns
     -------
     PoleEstimate
+        Modes with standard deviations.
 
     Raises
     ------
@@ -183,7 +201,10 @@ def estimate_poles(
 def _checked(
     frf: FrequencyResponse, sample_rate: float | None, band_hz: tuple[float, float] | None
 ) -> tuple[FrequencyResponse, float]:
-    """Return the lines used and the sampling interval (0: continuous)."""
+    """Return the used lines and the sampling interval.
+
+    The interval is 0 for continuous responses.
+    """
     low, high = (0.0, np.inf) if band_hz is None else band_hz
     if not 0 <= low < high:
         raise BadRecording(f"band_hz = ({low:g}, {high:g}) is not a band; give (low, high) in Hz")
@@ -203,7 +224,7 @@ def _checked(
 
 
 def _checked_orders(orders: Sequence[int] | None, used: FrequencyResponse) -> list[int]:
-    """Return ascending orders that the number of lines can carry."""
+    """Return ascending orders within the number of lines."""
     n_in = len(used.inputs)
     limit = (2 * used.freq.size - 2) // (2 * (n_in + 1))
     if orders is None:
@@ -223,7 +244,10 @@ def _report(
     n_modes: int | None,
     min_confidence: float,
 ) -> PoleEstimate:
-    """Choose what is reported of the fit, and add shapes, deviations and confidence."""
+    """Select the reported poles of the fit.
+
+    Shapes, standard deviations and confidence are added.
+    """
     poles = state.poles
     each = np.array([_confidence(poles, chart) for chart in charts])
     confidence, chart = each.max(axis=0), charts[int(np.argmax(each.sum(axis=1)))]
@@ -231,7 +255,7 @@ def _report(
     H = (problem.basis(state.theta) @ state.coefficients.T).reshape(used.H.shape)
     residual = float(np.linalg.norm(H - used.H) / np.linalg.norm(used.H))
     keep = is_mode(problem, state)
-    if residual > 100 * EXACT:  # in exact data two poles are two modes however near
+    if residual > 100 * EXACT:  # in exact data two poles are two modes, however close
         keep &= ~_is_ghost(state, residues, used)
     modes = np.flatnonzero(keep & ((confidence >= min_confidence) | (n_modes is not None)))
     modes = modes[np.lexsort((-state.gain[modes], confidence[modes] < 0.5))][:n_modes]
@@ -263,14 +287,20 @@ def _report(
 
 
 def _confidence(poles: ComplexArray, chart: list[ComplexArray]) -> Array:
-    """Return the mean over the upper half of the orders of the largest MAC between a pole and those of the order."""
+    """Return the repeatability of poles over the chart.
+
+    The value is the mean, over the upper half of the orders, of the largest MAC with an order's poles.
+    """
     upper = chart[len(chart) // 2 :]
     best = [pole_mac(poles, found).max(axis=1) if found.size else np.zeros(poles.size) for found in upper]
     return np.mean(best, axis=0) if poles.size else np.zeros(0)
 
 
 def _is_ghost(state: FitState, residues: ComplexArray, used: FrequencyResponse) -> NDArray[np.bool_]:
-    """Mark poles that are the leakage or the bent peak of a stronger one: of like shape, and nearer than one line."""
+    """Return a mask of poles that repeat a stronger one.
+
+    Leakage or a bent peak gives a similar shape within one line.
+    """
     poles, gain = state.poles, state.gain
     window = used.resolution_hz if isinstance(used, MeasuredFrequencyResponse) else 0.0
     reach = 2 * np.pi * np.maximum(window, np.interp(np.abs(poles) / (2 * np.pi), used.freq, np.gradient(used.freq)))
@@ -282,7 +312,10 @@ def _is_ghost(state: FitState, residues: ComplexArray, used: FrequencyResponse) 
 
 
 def _shapes(residues: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Split residues (mode, output, input) into shapes (output, mode) and participation (input, mode)."""
+    """Split residues into shapes and participation.
+
+    Shapes: residues (mode, output, input), shapes (output, mode), participation (input, mode).
+    """
     left, sigma, right = np.linalg.svd(residues, full_matrices=False)
     raw = left[:, :, 0].T
     largest = _largest(raw)
@@ -290,13 +323,16 @@ def _shapes(residues: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _largest(shapes: NDArray[Any]) -> NDArray[Any]:
-    """Return the largest component of each column; of those alike to rounding, the first, so that signs repeat."""
+    """Return the largest component of each column.
+
+    The first of equal components is chosen, so that signs repeat.
+    """
     size = np.abs(shapes)
     return shapes[np.argmax(size > (1 - 1e-6) * size.max(axis=0), axis=0), np.arange(shapes.shape[1])]
 
 
 def _stabilisation(chart: list[ComplexArray], orders: Sequence[int]) -> Stabilisation:
-    """Mark the poles of each order that the order before had too."""
+    """Mark the poles that the preceding order also has."""
     order, poles, stable = [], [], []
     for i, found in enumerate(chart):
         s = found[np.argsort(np.abs(found))]

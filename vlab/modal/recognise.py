@@ -1,4 +1,7 @@
-"""What kind of signal excited a recording: as the recording says, or as its input looks."""
+"""Recognition of the excitation of a recording.
+
+The recording's notes precede the samples.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -11,33 +14,37 @@ from vlab.signals import Array, Recording
 
 SignalKind = Literal["random", "periodic", "burst", "stepped", "impact", "dwell"]
 KINDS: tuple[str, ...] = get_args(SignalKind)
+"""Names of the excitations."""
 
 REST_LEVEL, REST_SHARE = 0.05, 0.95
-"""An input that is below this part of its peak for more than this share of the time is one of blows."""
+"""REST_LEVEL [1]: level relative to the peak below which an input is at rest.
+REST_SHARE [1]: smallest share of time at rest of a hammer's input."""
 STEADY_SHARE = 0.6
-"""A sine in steps has a frequency that stands for at least this share of the time."""
+"""STEADY_SHARE [1]: smallest share of time with constant frequency of a stepped sine."""
 LEAST_STEP, MOST_STEPS = 10, 5000
-"""Samples of a step, and steps of a recording, below and above which a given dwell is a slip of the pen."""
+"""LEAST_STEP [samples]: shortest plausible step.
+MOST_STEPS [1]: largest plausible number of steps."""
 DRIFT = 0.2
-"""Change of frequency within a step, relative to that between steps, above which the sine slides and has no steps."""
+"""DRIFT [1]: frequency change within a step, relative to the change between steps, above which a sine sweeps
+continuously."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """What a modal test is to make of a recording.
+    """Excitation of a recording.
 
     Parameters
     ----------
     kind : str
         One of `KINDS`.
     period_s, block_s : float or None
-        Of a periodic signal, of bursts.
+        Period of a periodic signal, block length of bursts [s].
     steps : tuple of Step
-        Of a stepped sine, or the one of a dwell.
+        Steps of a stepped sine, or the single step of a dwell.
     drive_s : float or None
-        When the forces of a dwell stopped [s after the first sample].
+        Stop time of a dwell's forces [s after the first sample].
     is_recognised : bool
-        Whether the kind was told from the samples rather than said by the recording or its user.
+        Whether the samples determined the kind, instead of the recording's notes or the user.
     """
 
     kind: str
@@ -57,21 +64,30 @@ def signal_of(
     segment_s: float | None = None,
     dwell_s: float | None = None,
 ) -> Signal:
-    """Return the signal of a recording's input: what is given counts first, then what the recording says, then its samples.
+    """Return the excitation of a recording.
+
+    Arguments precede the recording's notes, and notes precede the samples.
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     input : str
-        The channel that is looked at.
+        Evaluated input channel.
     kind : str or None
-        One of `KINDS`, where it is known.
+        Kind of `KINDS`, if known.
     period_s, segment_s, dwell_s : float or None
-        Of a periodic signal, of segments or bursts, of each step of a stepped sine.
+        Period of a periodic signal, length of segments or bursts, duration of each step of a stepped sine [s].
+
+    Returns
+    -------
+    Signal
+        Excitation.
 
     Raises
     ------
     BadRecording
-        An unknown kind, or one whose period, block or steps are neither given nor found.
+        The kind is unknown, or its period, block or steps are neither given nor found.
     """
     if kind is not None and kind not in KINDS:
         raise BadRecording(f"unknown signal {kind!r} (accepted: {', '.join(KINDS)})")
@@ -79,7 +95,7 @@ def signal_of(
     said = kind or ("periodic" if period_s is not None else "stepped" if dwell_s is not None else None)
     noted = meta.get("signal", "periodic" if meta.get("period_s") is not None else None)
     said = said or (noted if noted in KINDS else None)
-    if segment_s is not None and kind is None and said not in ("burst", "impact"):  # asks for segments of that length
+    if segment_s is not None and kind is None and said not in ("burst", "impact"):  # implies random data
         found = _recognised(recording, input) if said is None else None
         return found if found is not None and found.kind == "impact" else Signal(kind="random")
     if said == "periodic":
@@ -136,11 +152,14 @@ def _sine(recording: Recording, input: str, kind: str, dwell_s: float | None) ->
 
 
 def _recognised(recording: Recording, input: str) -> Signal:
-    """Return what the samples look like; random noise where they look like nothing else."""
+    """Return the excitation that the samples resemble.
+
+    The default is random noise.
+    """
     x = recording[input] - np.median(recording[input])
     peak = np.abs(x).max()
     if peak == 0:
-        return Signal(kind="random")  # refused later, as constant
+        return Signal(kind="random")  # a later check refuses a constant input
     if np.mean(np.abs(x) < REST_LEVEL * peak) > REST_SHARE:
         return Signal(kind="impact", is_recognised=True)
     stop = _driven_until(x)
@@ -158,11 +177,11 @@ def _recognised(recording: Recording, input: str) -> Signal:
     hz = np.array([s.hz for s in steps])
     within = np.array([s.drift_hz for s in steps])
     if np.median(np.abs(within)) > DRIFT * np.median(np.abs(np.diff(hz))):
-        return Signal(kind="random", is_recognised=True)  # a sweep: its frequency never stands still
+        return Signal(kind="random", is_recognised=True)  # a sweep: the frequency never stands still
     return Signal(kind="stepped", steps=tuple(steps), is_recognised=True)
 
 
 def _driven_until(x: Array) -> int:
-    """Return the number of samples up to the last one that is not nearly zero."""
+    """Return the number of samples up to the end of the drive."""
     loud = np.flatnonzero(np.abs(x) > REST_LEVEL * np.abs(x).max())
     return int(loud[-1]) + 1 if loud.size else len(x)

@@ -1,4 +1,4 @@
-"""Spectra of inputs and outputs, period by period or segment by segment, and H1, H2, Hv from their averages."""
+"""Spectra of inputs and outputs by period or segment; estimators H1, H2, Hv."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,27 +11,29 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, ComplexArray
 
 MIN_SEGMENTS = 4
-"""Fewest segments per input for random data: with as many segments as inputs the coherence is 1 whatever the noise."""
+"""MIN_SEGMENTS [1]: fewest segments per input of random data. With as many segments as inputs the coherence is 1
+whatever the noise."""
 MIN_PERIODS = 2
-"""Fewest periods per input for periodic data, for the same reason."""
+"""MIN_PERIODS [1]: fewest periods per input of periodic data, for the same reason as `MIN_SEGMENTS`."""
 REPEATABILITY = 1e-3
-"""Chance that a line of pure input noise passes for one that the periodic input excites (F test over the periods)."""
+"""REPEATABILITY [1]: probability that a line of input noise passes as excited (F test over the periods)."""
 MAX_CONDITION = 1e10
-"""Largest condition number of the inputs' coherence matrix; beyond it the inputs are one input in several channels."""
+"""MAX_CONDITION [1]: largest condition number of the inputs' coherence matrix. Beyond the limit several channels
+hold one input."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectra:
-    """Spectra of all that is averaged.
+    """Spectra before averaging.
 
     Parameters
     ----------
     X, Y : (n_averages, n_lines, n_channels) complex array
-        Of inputs and outputs.
+        Spectra of inputs and outputs.
     freq : (n_lines,) array
         Lines [Hz].
     n_effective : float
-        Independent averages; overlapping segments count for less than their number.
+        Number of independent averages; overlapping segments count less.
     resolution_hz : float
         Noise bandwidth of the window; 0 without one.
     """
@@ -43,14 +45,29 @@ class Spectra:
     resolution_hz: float
 
     def at(self, keep: Any) -> "Spectra":
-        """Return the lines that are kept."""
+        """Return a selection of lines."""
         return replace(self, X=self.X[:, keep], Y=self.Y[:, keep], freq=self.freq[keep])
 
 
 def period_spectra(x: Array, y: Array, dt: float, period_s: float) -> Spectra:
-    """Transform the last whole periods, each by itself."""
+    """Transform each of the last whole periods.
+
+    Parameters
+    ----------
+    x, y : (n, n_channels) array
+        Inputs and outputs.
+    dt : float
+        Time step [s].
+    period_s : float
+        Period [s].
+
+    Returns
+    -------
+    Spectra
+        Spectra of the periods.
+    """
     length = round(period_s / dt)
-    if length < 2 or abs(period_s / dt - length) > 1e-4:  # 1e-4 of a sample: 80 dB below the signal at Nyquist
+    if length < 2 or abs(period_s / dt - length) > 1e-4:  # 1e-4 of a sample: 80 dB at Nyquist
         raise BadRecording(
             f"period_s = {period_s:g} s is {period_s / dt:.6g} samples of {dt:g} s; averaging without leakage needs a "
             "whole number"
@@ -72,12 +89,36 @@ def period_spectra(x: Array, y: Array, dt: float, period_s: float) -> Spectra:
 
 
 def segment_spectra(x: Array, y: Array, dt: float, segment_s: float, overlap: float, window: str) -> Spectra:
-    """Transform windowed, overlapping segments without their means."""
+    """Transform windowed, overlapping segments without their means.
+
+    Welch's method [1]_; the number of independent averages accounts for the overlap.
+
+    Parameters
+    ----------
+    x, y : (n, n_channels) array
+        Inputs and outputs.
+    dt : float
+        Time step [s].
+    segment_s : float
+        Length of a segment [s].
+    overlap : float
+        Overlap of segments, in [0, 1).
+    window : str
+        Window, a name of `scipy.signal.get_window`.
+
+    Returns
+    -------
+    Spectra
+        Spectra of the segments.
+
+    References
+    ----------
+    .. [1] P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Transactions on
+           Audio and Electroacoustics 15 (1967) 70-73.
+    """
     if not 0 <= overlap < 1:
         raise BadRecording(f"overlap = {overlap:g} is not in [0, 1)")
-    length = round(
-        min(segment_s / dt, len(x) + 1.0)
-    )  # one longer than the record is refused below, whatever its length
+    length = round(min(segment_s / dt, len(x) + 1.0))  # a later check refuses a segment longer than the record
     try:
         taper = signal.get_window(window, max(length, 1))
     except ValueError as error:
@@ -109,7 +150,24 @@ def _lines(length: int, dt: float) -> Array:
 
 
 def excited_lines(X: ComplexArray, floor: float, *, is_periodic: bool) -> NDArray[np.bool_]:
-    """Return the lines above 0 Hz that every input excites."""
+    """Return a mask of lines that every input excites.
+
+    The line at 0 Hz is excluded.
+
+    Parameters
+    ----------
+    X : complex array
+        Spectra of the inputs, (n_averages, n_lines, n_inputs).
+    floor : float
+        Smallest input power relative to the largest line.
+    is_periodic : bool
+        Whether a line must also repeat significantly.
+
+    Returns
+    -------
+    array
+        Mask, (n_lines,).
+    """
     power = np.mean(np.abs(X) ** 2, axis=0)
     keep = np.all(power > floor * power[1:].max(axis=0), axis=1)
     keep[0] = False
@@ -122,7 +180,20 @@ def excited_lines(X: ComplexArray, floor: float, *, is_periodic: bool) -> NDArra
 
 
 def solve(spectra: Spectra, estimator: str) -> tuple[ComplexArray, Array, Array]:
-    """Return H, multiple coherence and variance of H."""
+    """Return H, multiple coherence and variance of H.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        Spectra of inputs and outputs.
+    estimator : str
+        ``"H1"``, ``"H2"`` or ``"Hv"``.
+
+    Returns
+    -------
+    tuple of (complex array, array, array)
+        H, multiple coherence and variance.
+    """
     X, Y = spectra.X, spectra.Y
     if estimator not in ("H1", "H2", "Hv"):
         raise BadRecording(f"unknown estimator {estimator!r} (accepted: H1, H2, Hv)")
@@ -130,7 +201,7 @@ def solve(spectra: Spectra, estimator: str) -> tuple[ComplexArray, Array, Array]
     S_xx = np.einsum("pfi,pfj->fij", X, X.conj()) / len(X)
     S_yx = np.einsum("pfo,pfj->foj", Y, X.conj()) / len(X)
     S_yy = np.mean(np.abs(Y) ** 2, axis=0)
-    scale = np.sqrt(np.einsum("fii->fi", S_xx).real)  # units of the inputs differ; coherence between them does not
+    scale = np.sqrt(np.einsum("fii->fi", S_xx).real)  # inputs have different units; their coherence has none
     normed = S_xx / scale[:, :, None] / scale[:, None, :]
     condition = np.linalg.cond(normed)
     if condition.max() > MAX_CONDITION:
@@ -141,7 +212,7 @@ def solve(spectra: Spectra, estimator: str) -> tuple[ComplexArray, Array, Array]
         )
     inverse = np.linalg.inv(normed) / scale[:, :, None] / scale[:, None, :]
     H = S_yx @ inverse
-    left = np.mean(np.abs(Y - np.einsum("foi,pfi->pfo", H, X)) ** 2, axis=0)  # S_yy - H S_xy would cancel
+    left = np.mean(np.abs(Y - np.einsum("foi,pfi->pfo", H, X)) ** 2, axis=0)  # S_yy - H S_xy would lose digits
     coherence = np.clip(1 - np.divide(left, S_yy, out=np.ones_like(S_yy), where=S_yy > 0), 0.0, 1.0)
     noise = left / max(spectra.n_effective - n_in, 1.0)
     variance = noise[:, :, None] * np.einsum("fii->fi", inverse).real[:, None, :]
@@ -164,7 +235,10 @@ def _h2(X: ComplexArray, Y: ComplexArray, S_yx: ComplexArray, S_yy: Array) -> Co
 
 
 def _hv(S_xx: ComplexArray, S_yx: ComplexArray, S_yy: Array) -> ComplexArray:
-    """Total least squares on channels of unit power: the combination of inputs and output that has least power is 0."""
+    """Return the total-least-squares estimate Hv.
+
+    Channels have unit power; the combination of inputs and output with least power is set to 0.
+    """
     n_in = S_xx.shape[1]
     power = np.sqrt(np.where(S_yy > 0, S_yy, 1.0))
     G = np.empty((len(S_xx), n_in + 1, n_in + 1), complex)

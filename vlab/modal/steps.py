@@ -1,4 +1,4 @@
-"""Sines that stand still: where in a recording, at which frequency, and the responses to them."""
+"""Stepped sines: detection of steps, their frequencies and responses."""
 
 import itertools
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from vlab.modal.spectra import Spectra, solve
 from vlab.signals import Array, ComplexArray, Recording
 
 SLIP = 0.02
-"""Deviation of a zero crossing from where the cycles before predict it, in cycles, that ends a step."""
+"""SLIP [cycles]: deviation of a zero crossing from the prediction of the preceding cycles that ends a step."""
 PATIENCE = 3
-"""Crossings in a row that must deviate: one may be noise."""
+"""PATIENCE [1]: consecutive deviating crossings that end a step; a single one may be noise."""
 SHORTEST = 6
-"""Fewest cycles of a step."""
+"""SHORTEST [cycles]: shortest step."""
 PARTS = 4
-"""Stretches of a step that are averaged; their spread is the noise and gives the coherence."""
+"""PARTS [1]: averaged parts of a step; their spread gives noise and coherence."""
 SETTLING = 0.5
-"""Share of each step that is left out at its start, for the transient to decay."""
+"""SETTLING [1]: share dropped at the start of each step, for decay of the transient."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,9 @@ class Step:
     start, stop : int
         First sample, and the one after the last.
     hz : float or None
-        Its frequency; None where it is still to be read off the input.
+        Frequency [Hz]; None if still to be estimated from the input.
     drift_hz : float
-        By how much the frequency of its second half exceeds that of the first.
+        Frequency of the second half minus frequency of the first half [Hz].
     """
 
     start: int
@@ -45,10 +45,22 @@ class Step:
 
 
 def find_steps(x: Array, rate: float) -> list[Step]:
-    """Return the stretches in which a signal is a sine of constant frequency, from its upward zero crossings.
+    """Return stretches with a sine of constant frequency.
 
-    Crossings of a steady sine lie on a straight line over their number. The line is followed from crossing to crossing
-    until `PATIENCE` of them in a row miss it by more than `SLIP` cycles.
+    The upward zero crossings of a steady sine lie on a straight line over their number. The line is followed until
+    `PATIENCE` consecutive crossings deviate by more than `SLIP` cycles.
+
+    Parameters
+    ----------
+    x : array
+        Signal, (n,).
+    rate : float
+        Sample rate [Hz].
+
+    Returns
+    -------
+    list of Step
+        Steps in order.
     """
     t = _crossings(np.asarray(x, dtype=float))
     steps, first = [], 0
@@ -68,7 +80,10 @@ def find_steps(x: Array, rate: float) -> list[Step]:
 
 
 def _crossings(x: Array) -> Array:
-    """Return where the signal crosses zero upwards, in samples; crossings without a real swing in between are noise."""
+    """Return upward zero crossings [samples].
+
+    Crossings without a real oscillation between are noise.
+    """
     level = 0.3 * np.sqrt(2 * np.mean(x**2))
     state = np.where(x > level, 1, np.where(x < -level, -1, 0))
     known = np.flatnonzero(state)
@@ -76,7 +91,7 @@ def _crossings(x: Array) -> Array:
         return np.zeros(0)
     rises = np.flatnonzero((state[known[:-1]] < 0) & (state[known[1:]] > 0))
     out = np.empty(rises.size)
-    for i, k in enumerate(rises):  # a line through the whole rise is less noisy than through the two samples at zero
+    for i, k in enumerate(rises):  # a line through the whole rise is less noisy than one through the samples at zero
         a, b = known[k], known[k + 1]
         n = np.arange(a, b + 1)
         slope, offset = np.polyfit(n, x[a : b + 1], 1)
@@ -85,7 +100,10 @@ def _crossings(x: Array) -> Array:
 
 
 def _end_of_line(t: Array, first: int) -> int:
-    """Return the last crossing of the straight line that begins at `first`; sums make each step cost the same."""
+    """Return the last crossing on the line that begins at `first`.
+
+    Running sums keep the cost of a crossing constant.
+    """
     n = s_k = s_kk = s_t = s_kt = 0.0
     missed = 0
     origin = t[first]
@@ -113,23 +131,34 @@ def estimate_stepped_frf(
     estimator: Estimator = "H1",
     settling: float = SETTLING,
 ) -> MeasuredFrequencyResponse:
-    """Estimate the frequency response from a sine in steps, one line for each.
+    """Estimate the frequency response from a stepped sine.
 
-    The last part of each step is cut into `PARTS` stretches; a sine, a constant and a drift are fitted to each channel in
-    each by least squares, so that the stretches need not hold whole cycles. Their sines are averaged like the spectra
-    of segments.
+    Each step gives one line. The settled part of a step is divided into `PARTS` stretches. In each, a least-squares fit
+    of a sine, a constant and a drift gives every channel's amplitude. Stretches therefore need not hold whole cycles.
+    The amplitudes are averaged like spectra of segments.
 
     Parameters
     ----------
+    recording : Recording
+        Recording in SI.
     steps : sequence of Step
-        Where the sine stands still; a frequency that is not known is read off the first input.
+        Steps; an unknown frequency is estimated from the first input.
+    inputs, outputs : sequence of str
+        Channel names; one input.
+    estimator : Estimator
+        ``"H1"``, ``"H2"`` or ``"Hv"``.
     settling : float
-        Share of each step that is left out at its start.
+        Share dropped at the start of each step.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse
+        H with coherence and variance.
 
     Raises
     ------
     BadRecording
-        Several inputs, steps too short to be cut, or channels that `checked_data` refuses.
+        Several inputs, too short steps, or an error of `checked_data`.
     """
     inputs, outputs = tuple(inputs), tuple(outputs)
     if len(inputs) != 1:
@@ -171,14 +200,25 @@ def estimate_stepped_frf(
 
 
 def sines(data: Array, start_s: float, dt: float, hz: float) -> ComplexArray:
-    """Return the complex amplitude of a sine in each column, a constant and a drift beside it taken out.
+    """Return the complex amplitude of a sine in each column.
+
+    A constant and a drift are fitted together with the sine.
 
     Parameters
     ----------
     data : (n, n_channels) array
         Samples.
     start_s : float
-        Time of the first [s], on which the phase rests.
+        Time of the first sample [s], the reference of the phase.
+    dt : float
+        Time step [s].
+    hz : float
+        Frequency [Hz].
+
+    Returns
+    -------
+    complex array
+        Amplitudes, (n_channels,).
     """
     t = start_s + dt * np.arange(len(data))
     turn = 2 * np.pi * hz * t
@@ -188,7 +228,22 @@ def sines(data: Array, start_s: float, dt: float, hz: float) -> ComplexArray:
 
 
 def tone(x: Array, dt: float) -> float:
-    """Return the frequency of the strongest sine in a signal [Hz], refined by how its phase moves from half to half."""
+    """Return the frequency of the strongest sine [Hz].
+
+    The phase change between the halves refines the spectral peak.
+
+    Parameters
+    ----------
+    x : array
+        Signal, (n,).
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    float
+        Frequency [Hz].
+    """
     size = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x))))
     hz = float((np.argmax(size[1:]) + 1) / (len(x) * dt))
     half = len(x) // 2
@@ -199,7 +254,20 @@ def tone(x: Array, dt: float) -> float:
 
 
 def merged(responses: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
-    """Return responses of the same channels at different lines as one, a sweep and its zooms; doubled lines once."""
+    """Return responses at different lines as one.
+
+    The function joins a sweep and its zooms; repeated lines are dropped.
+
+    Parameters
+    ----------
+    responses : sequence of MeasuredFrequencyResponse
+        Responses of the same channels.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse
+        Response with ascending lines.
+    """
     freq = np.concatenate([f.freq for f in responses])
     order = np.argsort(freq, kind="stable")
     order = order[np.concatenate([[True], np.diff(freq[order]) > 1e-9 * freq[order][1:]])]

@@ -1,4 +1,4 @@
-"""Products and orthogonalisation of tall matrices, block by block of rows."""
+"""Blockwise products and orthogonalisation of tall matrices."""
 
 from typing import Any
 
@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from vlab.signals import Array
 
 PRODUCT_SIZE = 200_000
-"""Multiplications in one matrix product. From 262 144 OpenBLAS wakes a second thread, which for matrices this small
-costs up to ten times what it saves wherever another program keeps a core busy."""
+"""PRODUCT_SIZE [multiplications]: size of one matrix product. From 262 144 OpenBLAS starts a second thread. On a busy
+machine the thread costs up to ten times its gain for such small matrices."""
 
 
 def in_blocks(A: NDArray[Any], area: int) -> NDArray[Any]:
-    """Cut a tall matrix (padded with zeros) into blocks of rows of which products with `area` results stay small."""
+    """Cut a tall matrix into zero-padded blocks of rows.
+
+    Products with `area` results then stay within `PRODUCT_SIZE`.
+    """
     size = PRODUCT_SIZE // 4 if np.iscomplexobj(A) else PRODUCT_SIZE  # a complex product is four real ones
     rows = min(len(A), max(8, size // area))
     n_blocks = -(-len(A) // rows)
@@ -26,15 +29,33 @@ def product(A: NDArray[Any], B: NDArray[Any]) -> NDArray[Any]:
 
 
 def stacked(a: NDArray[Any]) -> Array:
-    """Return the real rows of complex equations, the imaginary parts below."""
+    """Return complex equations as real rows.
+
+    Imaginary parts follow below the real parts.
+    """
     return np.concatenate([a.real, a.imag], axis=-2)
 
 
 def orthonormal(A: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return Q and R^-1 of A = Q R for a tall matrix in blocks of rows.
+    """Return Q and R^-1 of A = Q R in blocks of rows.
 
-    Cholesky QR twice: as accurate as Householder's for columns that are not nearly dependent, and several times faster
-    for tall matrices; the shift keeps it going where poles coincide.
+    Shifted Cholesky QR, applied twice [1]_. For columns that are not nearly dependent the accuracy is Householder's, at
+    a fraction of the time for tall matrices. The shift handles coincident poles.
+
+    Parameters
+    ----------
+    A : array
+        Matrix in blocks of rows.
+
+    Returns
+    -------
+    tuple of (array, array)
+        Q in blocks of rows, and R^-1.
+
+    References
+    ----------
+    .. [1] T. Fukaya, R. Kannan, Y. Nakatsukasa, Y. Yamamoto and Y. Yanagisawa, Shifted Cholesky QR for computing the QR
+           factorization of ill-conditioned matrices, SIAM Journal on Scientific Computing 42 (2020) A477-A503.
     """
     inverse = np.diag(1 / (np.sqrt(np.sum(np.abs(A) ** 2, axis=(0, 1))) + 1e-300)).astype(A.dtype)
     Q = A @ inverse

@@ -1,1 +1,1 @@
-"""The catalogue of physics that a model can have left out."""
+"""Catalogue of physical effects that a model can lack."""

@@ -1,4 +1,4 @@
-"""Effects between a command and the force: amplifiers, converters, coils."""
+"""Effects between command and force: amplifiers, converters, coils."""
 
 from collections import deque
 from typing import Any, ClassVar
@@ -20,7 +20,24 @@ from vlab.signals import Array
 
 
 def delayed(x: Array, delay: float, h: float) -> Array:
-    """Return signals delayed by a time that need not be whole samples; linear in between, zero before the start."""
+    """Return signals delayed by a time.
+
+    The delay need not be a whole number of samples. The signal is linear between samples and zero before the start.
+
+    Parameters
+    ----------
+    x : array
+        Signals, time along the first axis.
+    delay : float
+        Delay [s].
+    h : float
+        Sample period [s].
+
+    Returns
+    -------
+    array
+        Delayed signals, shape of `x`.
+    """
     index = np.arange(len(x)) - delay / h
     whole = np.floor(index).astype(int)
     part = (index - whole).reshape(-1, *(1,) * (x.ndim - 1))
@@ -30,7 +47,20 @@ def delayed(x: Array, delay: float, h: float) -> Array:
 
 
 def delay_line(delay: float, h: float) -> ActuatorStep:
-    """Return `delayed` for one sample after the other."""
+    """Return a sample-by-sample form of `delayed`.
+
+    Parameters
+    ----------
+    delay : float
+        Delay [s].
+    h : float
+        Sample period [s].
+
+    Returns
+    -------
+    ActuatorStep
+        One input sample to one delayed sample.
+    """
     whole = int(np.floor(delay / h))
     part = delay / h - whole
     past = deque([0.0] * (whole + 2), maxlen=whole + 2)
@@ -43,14 +73,47 @@ def delay_line(delay: float, h: float) -> ActuatorStep:
 
 
 def lag_weights(time_constant: float, h: float) -> tuple[float, float, float]:
-    """Return the weights (new input, old input, old output) of `lagged`."""
+    """Return the weights (new input, old input, old output) of `lagged`.
+
+    With a = exp(-h/tau), the output is y[k] = b0 x[k] + b1 x[k-1] + a y[k-1], b0 = 1 - (1 - a) tau/h, b1 = (1 - a) -
+    b0. This recursion is the ramp-invariant (first-order hold) discretisation of 1/(1 + s tau).
+
+    Parameters
+    ----------
+    time_constant : float
+        Time constant tau [s].
+    h : float
+        Sample period [s].
+
+    Returns
+    -------
+    tuple of (float, float, float)
+        b0, b1 and a.
+    """
     a = float(np.exp(-h / time_constant))
-    new = 1.0 - (1.0 - a) * time_constant / h  # the response to a ramp
+    new = 1.0 - (1.0 - a) * time_constant / h  # response to a ramp
     return new, (1.0 - a) - new, a
 
 
 def recursion(new: float, old: float, kept: float, x: float = 0.0, y: float = 0.0) -> ActuatorStep:
-    """Return the first-order filter y+ = new x+ + old x + kept y, one sample after the other; from rest by default."""
+    """Return the first-order filter y+ = new x+ + old x + kept y.
+
+    Parameters
+    ----------
+    new : float
+        Weight of the present input.
+    old : float
+        Weight of the preceding input.
+    kept : float
+        Weight of the preceding output.
+    x, y : float
+        Input and output before the first sample; zero means a start from rest.
+
+    Returns
+    -------
+    ActuatorStep
+        One input sample to one output sample.
+    """
 
     def step(sample: float) -> float:
         nonlocal x, y
@@ -62,17 +125,24 @@ def recursion(new: float, old: float, kept: float, x: float = 0.0, y: float = 0.
 
 
 def lagged(x: Array, time_constant: float, h: float) -> Array:
-    """Return signals behind a first-order low-pass, exact for inputs that run straight between samples."""
+    """Return signals behind a first-order low-pass.
+
+    The discretisation is exact for inputs that run straight between samples.
+    """
     new, old, a = lag_weights(time_constant, h)
     return np.asarray(signal.lfilter([new, old], [1.0, -a], x, axis=0))
 
 
 CUT_OFF = (0.3, 0.45, 0.6, 0.75, 0.85, 0.92, 0.97)
-"""Shares of the largest command at which a limit is tried: one that is reached in a few samples only leaves its trace there."""
+"""CUT_OFF [1]: trial limits as shares of the largest command. A limit reached in only a few samples leaves its trace
+only in those samples, so the grid is dense near 1."""
 
 
 class ActuatorGain(ActuatorEffect):
-    """A gain that is not what the model says; -2 is a reversed polarity."""
+    """A gain that differs from the model's.
+
+    A gain error of -2 is a reversed polarity.
+    """
 
     name = "actuator-gain"
     family = "gain"
@@ -176,11 +246,21 @@ class SlewLimit(ActuatorEffect):
     )
 
     def acted(self, now: Any, command: Any, most: float) -> tuple[Any, Any]:
-        """Return the mean over an interval and the end of it, from the last end on; `most` is as far as it may go."""
+        """Return the mean over an interval and its end value.
+
+        Parameters
+        ----------
+        now : object
+            Force at the end of the last interval.
+        command : object
+            Command of this interval.
+        most : float
+            Largest change within the interval.
+        """
         return _ramped(now, command, most)
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
-        """See `ActuatorEffect`: the means over the intervals."""
+        """See `ActuatorEffect`: the result is the mean over each interval."""
         out, now = np.array(u, dtype=float), np.array(u[0], dtype=float)
         for k in range(1, len(out)):
             out[k], now = self.acted(now, out[k], p["slope"] * h)
@@ -199,7 +279,10 @@ class SlewLimit(ActuatorEffect):
 
 
 class RateLimit(SlewLimit):
-    """A program or converter that limits how far a command moves from sample to sample: stairs where an amplifier makes ramps."""
+    """A converter that limits the command's change per sample.
+
+    The output is a staircase; an amplifier's slew limit (`SlewLimit`) makes ramps.
+    """
 
     name = "rate-limit"
     form_of = "slew-limit"
@@ -208,16 +291,19 @@ class RateLimit(SlewLimit):
     words = "commands move no further from one sample to the next than a limited slope allows"
 
     def acted(self, now: Any, command: Any, most: float) -> tuple[Any, Any]:
-        """See `SlewLimit`: where it goes it is at once."""
+        """See `SlewLimit`: the output steps at once."""
         end = now + limited(command - now, most)
         return end, end
 
 
 def _ramped(start: Any, target: Any, most: float) -> tuple[Any, Any]:
-    """Return the mean and the end of a ramp that goes at most so far in an interval, and stays where it arrives."""
+    """Return the mean and the end of a limited ramp.
+
+    The ramp moves at most `most` in an interval and holds at its target.
+    """
     way = target - start
     end = start + limited(way, most)
-    share = np.minimum(np.abs(way) / most, 1.0)  # of the interval until it arrives
+    share = np.minimum(np.abs(way) / most, 1.0)  # share of the interval until the ramp arrives
     return end - 0.5 * share * (end - start), end
 
 
@@ -272,7 +358,8 @@ class ActuatorLag(ActuatorEffect):
 
 
 STEPS = tuple(round(0.02 * 1.06**i, 4) for i in range(66))
-"""Steps of a converter that are tried: what is lost to steps somewhat larger looks nothing like it where there are many."""
+"""STEPS [1]: trial converter steps as shares of the largest input. Neighbouring steps differ by 6 % because the
+residual of a wrong step resembles the true one only nearby."""
 
 
 class Quantisation(ActuatorEffect):
@@ -292,12 +379,12 @@ class Quantisation(ActuatorEffect):
 
 
 SAME_CLOCK = 0.02
-"""A period that is this near, relatively, to a whole number of samples is one: slower clocks are divided from faster ones, and which
-samples are held would change with the last digit of the period."""
+"""SAME_CLOCK [1]: relative distance within which a period counts as a whole number of samples. Slower clocks are
+divided from faster ones. Without rounding, the last digit of the period would change which samples are held."""
 
 
 class CoarseHold(ActuatorEffect):
-    """A converter that is updated less often than the model says."""
+    """A converter updated less often than modelled."""
 
     name = "actuator-hold"
     family = "timing"
@@ -334,24 +421,27 @@ class CoarseHold(ActuatorEffect):
         return step
 
     def taken(self, p: Values, h: float) -> Values:
-        """See `Effect`: a whole number of samples."""
+        """See `Effect`: the period is rounded to a whole number of samples."""
         return {**p, "period": self._clock(float(p["period"]), h)}
 
     @staticmethod
     def _clock(period: float, h: float) -> float:
-        """Return a period, or the whole number of samples that it is near."""
+        """Return a period, rounded to whole samples if near."""
         samples = period / h
         return round(samples) * h if abs(samples - round(samples)) < SAME_CLOCK * samples else period
 
     @staticmethod
     def _taken(k: Array, period: float, h: float) -> Array:
-        """Return which sample is held at every sample: the first one of its period."""
+        """Return the index of the sample held at each sample.
+
+        The held sample is the first one of its period.
+        """
         start = np.floor(k * h / period + 1e-9) * period
         return np.minimum(np.ceil(start / h - 1e-9).astype(int), k)
 
 
 class Jitter(ActuatorEffect):
-    """A clock or a computer that is not always on time."""
+    """A clock or computer with irregular delays."""
 
     name = "actuator-jitter"
     is_clocked = True
@@ -365,7 +455,7 @@ class Jitter(ActuatorEffect):
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
-        """See `ActuatorEffect`; the r_k are the same in every run, the parameter says how far they reach."""
+        """See `ActuatorEffect`: the r_k are the same in every run."""
         step, out = self.stepper(p, h), np.zeros(u.shape)
         for k in range(len(u)):
             out[k] = step(u[k])

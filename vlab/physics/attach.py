@@ -1,8 +1,12 @@
-"""Putting physics into a plant: by MuJoCo's own numbers where it has them, else as forces and changes while it runs.
+"""Attachment of physical effects to a plant.
 
-A place is what `vlab.diagnose` and the cases call it: a port of the plant (``20in``, ``joint:hinge``), ``body:arm``,
-``actuator:motor`` or ``coil:base``, ``sensor:enc``, or ``chain`` for all actuators alike. A sensor that picks up a second
-signal says which after a slash: ``sensor:20in/coil:base``; without one it is what stands at the same place.
+An effect becomes numbers of the compiled MuJoCo model where MuJoCo has such numbers. Every other effect runs as forces
+and signal changes beside the plant.
+
+A place has the name that the cases and `vlab.diagnose` use: a port of the plant (``20in``, ``joint:hinge``),
+``body:arm``, ``actuator:motor`` or ``coil:base``, or ``sensor:enc``. The place ``chain`` means all actuators alike. A
+sensor that picks up a second signal names the source after a slash: ``sensor:20in/coil:base``. The default source is
+the actuator or sensor at the same place.
 """
 
 import copy
@@ -24,8 +28,9 @@ from vlab.plants.mjcf import AXES, MjcfPlant
 from vlab.signals import Array
 
 CHAIN = "chain"
+"""Place that means all actuators alike."""
 ALIGNED = 0.9999
-"""Cosine above which an actuator's force counts as acting along a port."""
+"""ALIGNED [1]: smallest cosine at which an actuator's force counts as acting along a port."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +71,26 @@ class Attached:
 
     @property
     def label(self) -> str:
-        """Effect and place in one string."""
+        """Effect and place as ``EFFECT@PLACE``."""
         return f"{self.effect.name}@{self.place}"
 
 
 def attach(plant: Plant, effects: Sequence[Attached], *, channels: Sequence[str] = ()) -> Plant:
-    """Return a plant with physics in it, for open and for closed loop; it runs as the plant does.
+    """Return a plant with effects, for open and closed loop.
 
     Parameters
     ----------
+    plant : Plant
+        Plant without the effects; it stays unchanged.
+    effects : sequence of Attached
+        Effects with their places and values.
     channels : sequence of str
-        Names of a case's channels, which sensor effects may go by as well.
+        Channel names of a case; sensor effects may use a channel name as place.
+
+    Returns
+    -------
+    Plant
+        Plant with the same interface.
 
     Raises
     ------
@@ -116,10 +130,22 @@ def attach(plant: Plant, effects: Sequence[Attached], *, channels: Sequence[str]
 
 
 def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attached]]:
-    """Return a spec with the effects in it that MuJoCo has elements for, and the others.
+    """Return a spec with native effects, and the remaining effects.
 
-    The others are written as ``[[model.effect]]`` tables of a case, see `effect_tables`. Numbers of the compiled model that
-    differ from the plant's file (refitted parameters) are in the spec, too.
+    The remaining effects go into ``[[model.effect]]`` tables of a case, see `effect_tables`. Numbers of the compiled
+    model that differ from the plant's file (calibrated parameters) enter the spec.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    effects : sequence of Attached
+        Effects with places and values.
+
+    Returns
+    -------
+    tuple of (object, list of Attached)
+        The MuJoCo spec, and the effects without MuJoCo elements.
     """
     if not isinstance(plant, MjcfPlant):
         return plant.spec, list(effects)
@@ -144,7 +170,18 @@ def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attach
 
 
 def effect_tables(effects: Sequence[Attached]) -> str:
-    """Return effects as ``[[model.effect]]`` tables of a ``case.toml``."""
+    """Return effects as ``[[model.effect]]`` tables of a ``case.toml``.
+
+    Parameters
+    ----------
+    effects : sequence of Attached
+        Effects with places and values.
+
+    Returns
+    -------
+    str
+        TOML text.
+    """
     out = []
     for one in effects:
         out += [
@@ -161,7 +198,25 @@ def effect_tables(effects: Sequence[Attached]) -> str:
 
 
 def actuators_at(plant: Plant, place: str) -> list[int]:
-    """Return the actuators that a place means: one by name, or all of them for ``chain``."""
+    """Return the actuators at a place.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    place : str
+        Name of one actuator, or ``chain`` for all.
+
+    Returns
+    -------
+    list of int
+        Indices into ``plant.actuators``.
+
+    Raises
+    ------
+    UnknownName
+        No such actuator.
+    """
     if place == CHAIN:
         return list(range(len(plant.actuators)))
     index = tap_index(plant.actuators, place)
@@ -171,8 +226,25 @@ def actuators_at(plant: Plant, place: str) -> list[int]:
 
 
 def port_at(plant: Plant, place: str) -> Port:
-    """Return the port that a place means: by name, ``coil:NAME`` for where a coil stands, ``body:NAME``,
-    ``site:NAME``, or ``floor``."""
+    """Return the port at a place.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    place : str
+        Port name, ``coil:NAME`` (the coil's position), ``body:NAME``, ``site:NAME`` or ``floor``.
+
+    Returns
+    -------
+    Port
+        The port; a body or a site has three coordinates.
+
+    Raises
+    ------
+    UnknownName
+        No such place.
+    """
     if place in plant.ports:
         return plant.ports[place]
     kind, _, name = place.partition(":")
@@ -194,7 +266,13 @@ def port_at(plant: Plant, place: str) -> Port:
 
 
 def _port(plant: Plant, one: Attached) -> Port:
-    """Return the port of a port effect, or say why it cannot act there."""
+    """Return the port of a port effect.
+
+    Raises
+    ------
+    BadExperiment
+        The effect cannot act at the place.
+    """
     port, needs = port_at(plant, one.place), one.effect.needs
     wrong = ""
     if "translation" in needs and port.unit == "rad":
@@ -228,7 +306,22 @@ def _at_port(plant: Plant, one: Attached, port: Port) -> AtPort:
 
 
 def own_stiffness(plant: Plant, place: str) -> float:
-    """Return the stiffness [N/m or N m/rad] of the elastic element at a place, also where another port of the same motion has it."""
+    """Return the stiffness of the elastic element at a place.
+
+    A port without an element of its own takes the stiffness of another port with the same motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    place : str
+        Name of the place.
+
+    Returns
+    -------
+    float
+        Stiffness [N/m or N m/rad], 0 without an element.
+    """
     if place not in plant.ports:
         return 0.0
     own = plant.own_stiffness(place)
@@ -244,7 +337,20 @@ def own_stiffness(plant: Plant, place: str) -> float:
 
 
 def coil_at(plant: Plant, port: Port) -> int | None:
-    """Return the actuator whose force acts along a port."""
+    """Return the actuator that acts along a port.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    port : Port
+        Port of the plant.
+
+    Returns
+    -------
+    int or None
+        Index of the actuator; None without one.
+    """
     data = plant.new_data()
     base, row = data.qfrc_actuator.copy(), port.row(data)
     for i in range(len(plant.actuators)):
@@ -258,7 +364,10 @@ def coil_at(plant: Plant, port: Port) -> int | None:
 
 
 def _point_port(plant: MjcfPlant, kind: str, name: str) -> Port:
-    """Return the three coordinates of a body's centre or a site as one place."""
+    """Return a body's centre or a site as one place.
+
+    The place has three coordinates.
+    """
     model = plant.model
     count = {"body": model.nbody, "site": model.nsite}[kind]
     known = [n for n in (getattr(model, kind)(i).name for i in range(1 if kind == "body" else 0, count)) if n]
@@ -283,9 +392,10 @@ def _point_port(plant: MjcfPlant, kind: str, name: str) -> Port:
 
 
 def _floor_port(plant: Plant, axis: str) -> Port:
-    """Return the place of what shakes the floor: a unit force there is the inertia force of 1 m/s^2 of the floor.
+    """Return the port of floor motion.
 
-    A structure's floor moves across the drawing; of an MJCF model the axis is said, as in ``floor.x``.
+    A unit force at the port is the inertia force of a floor acceleration of 1 m/s^2. A structure's floor moves across
+    the drawing; an MJCF model names the axis, as in ``floor.x``.
     """
     axis = axis if isinstance(plant, MjcfPlant) else "y"
     if axis not in AXES:
@@ -301,7 +411,7 @@ def _floor_port(plant: Plant, axis: str) -> Port:
 def _at_sensor(plant: Plant, one: Attached, effect: SensorEffect, channels: Sequence[str]) -> AtSensor:
     place, other = one.place, ""
     index = tap_index(plant.sensors, place)
-    if index is None:  # the sensor with what it picks up; names of a model may hold the separator, too
+    if index is None:  # split sensor from pick-up source; names of a model may hold the separator as well
         parts = one.place.split("/")
         heads = ["/".join(parts[:k]) for k in range(len(parts) - 1, 0, -1)]
         place = next((head for head in heads if tap_index(plant.sensors, head) is not None), parts[0])
@@ -321,7 +431,7 @@ def _at_sensor(plant: Plant, one: Attached, effect: SensorEffect, channels: Sequ
 
 
 def _other(plant: Plant, one: Attached, sensor: int, given: str) -> str:
-    """Return the name of the actuator or sensor that is picked up."""
+    """Return the name of the picked-up actuator or sensor."""
     is_command = "command" in one.effect.needs
     taps: tuple[Any, ...] = plant.actuators if is_command else plant.sensors
     if given:
@@ -339,7 +449,13 @@ def _other(plant: Plant, one: Attached, sensor: int, given: str) -> str:
 
 
 def _in_actuator(model: Any, plant: Plant, one: Attached) -> bool:
-    """Put a gain or rails of a plain actuator into its own numbers; say whether that was possible."""
+    """Put a gain or a limit into a plain actuator's numbers.
+
+    Returns
+    -------
+    bool
+        Whether the actuator could take the effect.
+    """
     if not isinstance(one.effect, ActuatorEffect) or one.place == CHAIN:
         return False
     for i in actuators_at(plant, one.place):

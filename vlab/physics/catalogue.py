@@ -1,4 +1,4 @@
-"""The catalogue: every effect that vlab knows, by name."""
+"""Catalogue of effects by name."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -68,6 +68,7 @@ EFFECTS: dict[str, Effect] = {
         sensors.MisplacedSensor(),
     )
 }
+"""Effects by name."""
 
 
 ALIASES = {
@@ -92,28 +93,36 @@ ALIASES = {
     "draught": "sinusoidal-force",
     "force-hum": "sinusoidal-force",
 }
-"""Other names of the same law: what differs is the cause or the place, not the equation."""
+"""Alternative names of a law: the cause or the place differs, the equation does not."""
 
 EFFECT_FORM = "path/to/effect.py:ClassName"
+"""Form of a reference to a user's own effect."""
 
 
 def effect_named(name: str, *, code: Collection[str] | None = None) -> Effect:
-    """Return an effect by its name or another name of it, or a user's own as ``path/to/effect.py:ClassName``.
+    """Return an effect by name or alias.
+
+    A user's own effect has the form ``path/to/effect.py:ClassName``.
 
     Parameters
     ----------
     name : str
-        Loading a user's own runs the code of its file.
+        Name; loading a user's own effect runs the code of its file.
     code : collection of str, optional
-        Where the name comes from a file of data: the Python files that the user named, of which it may name one. None: the user
-        gives the name.
+        Python files that the user named, if `name` comes from a data file; `name` may then refer to one of the listed
+        files only. None if the user gave `name`.
+
+    Returns
+    -------
+    Effect
+        The catalogue's object, or a new one of the user's class.
 
     Raises
     ------
     UnknownName
-        There is none of that name.
+        No effect of that name.
     BadExperiment
-        A user's file that is not among those named or fails, or a class that is no effect.
+        A user's file is not listed or fails, or the class is no effect.
     """
     name = ALIASES.get(name, name)
     if name in EFFECTS:

@@ -1,10 +1,12 @@
-"""What an effect of physics is: a law with parameters, and the kind of place on which it acts.
+"""Interface of a physical effect: a law, its parameters, its kind of place.
 
-There are four kinds. A *port effect* is a force along a named scalar coordinate of the structure (a displacement, a
-rotation, a relative motion). A *linear port effect* is one that adds mass, damping or stiffness there, so it can enter the
-matrices instead. An *actuator effect* changes the command on its way to the force; a *sensor effect* changes the motion on
-its way to the recorded sample. Laws are written once, for arrays of any shape, and serve three uses: the reduced model of
-the search (many parameter sets at once), MuJoCo (one value at a time), and the regression columns of the screening.
+A *port effect* is a force along a named scalar coordinate of the structure (a displacement, a rotation, a relative
+motion). A *linear port effect* adds mass, damping or stiffness at a port and can enter the matrices. An *actuator
+effect* changes the command on its way to the force. A *sensor effect* changes the motion on its way to the recorded
+sample.
+
+A law is written once, for arrays of any shape. The reduced model of the search evaluates a law for many parameter sets
+at once, MuJoCo for one value at a time. The screening turns a law into regression columns.
 """
 
 from abc import ABC, abstractmethod
@@ -18,11 +20,11 @@ from vlab.signals import Array
 
 Kind = Literal["port", "actuator", "sensor"]
 Values = Mapping[str, Any]
-"""Parameter values by name: floats, or arrays that broadcast against the signals."""
+"""Parameter values by name: floats or arrays that broadcast against the signals."""
 ActuatorStep = Callable[[float], float]
-"""One sample of a command to one of the force; it keeps what the law remembers."""
+"""One command sample to one force sample; the callable holds the law's memory."""
 SensorStep = Callable[[float, float, float], float]
-"""One true sample, its time and the signal that is picked up besides, to the recorded sample."""
+"""True sample, its time [s] and the picked-up signal to the recorded sample."""
 
 Reference = Literal["", "displacement", "velocity", "input", "input-slope", "output", "duration", "step"]
 
@@ -34,23 +36,24 @@ class Parameter:
     Parameters
     ----------
     unit : str
-        SI unit at a translation; at a rotation N is N m, m is rad. Of an actuator N stands for the unit of its command, of a
-        sensor m for that of its channel.
+        SI unit at a translation. At a rotation N stands for N m, and m for rad. For an actuator N stands for the
+        command's unit; for a sensor m stands for the channel's unit.
     low, high : float
-        Range of the prior, in that unit, or in multiples of the `reference` where one is given.
+        Range of the prior, in `unit`, or in multiples of `reference`.
     role : str
-        ``"amplitude"``: the law is proportional to it, so the screening solves for it. ``"shape"``: the screening tries
-        the values of `grid`.
+        ``"amplitude"``: the law is proportional to the parameter and the screening solves for the value. ``"shape"``:
+        the screening tries the values of `grid`.
     reference : str
-        What the values of `grid`, `low` and `high` are multiples of: the largest displacement or velocity recorded at
-        the place, the largest input, slope of the input or output, the duration, or the sample period; "" for none.
+        Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
+        input, the largest slope of input or output, the duration, or the sample period. "" for no scale.
     grid : tuple of float
-        Values that the screening tries.
+        Trial values of the screening.
     signed : bool
-        Whether the parameter may be negative as well; an unsigned one is fitted in its logarithm.
+        Whether negative values are allowed. An unsigned parameter is fitted in its logarithm.
     grain : float
-        Relative distance of an unsigned one within which the law may be the same for all values: slopes tell nothing there, and
-        this is how well it is known. 0 where the law changes with every change of it.
+        Relative distance within which an unsigned parameter may leave the law unchanged; this distance bounds the
+        parameter's precision, because the Jacobian vanishes within. 0 if the law changes with every change of the
+        parameter.
     """
 
     name: str
@@ -66,22 +69,22 @@ class Parameter:
 
 
 class Step(NamedTuple):
-    """What a law may need of the step that it is evaluated in.
+    """Data of one integration step that a law may use.
 
     Parameters
     ----------
     h : float
         Length of the step [s].
     t : float or array
-        Time at its middle [s].
+        Time at the middle of the step [s].
     mobility : float or array
-        Velocity that a unit force over the step leaves at the port [m/s/N].
+        Velocity at the port after a unit force over the step [m/s/N].
     free_velocity : array or None
-        Velocity at the end of the step without the effect's own force; None where it is not known.
+        Velocity at the end of the step without the effect's own force [m/s]; None if unknown.
     command : float or array
-        Command of the actuator at the port, where there is one.
+        Command of the actuator at the port, if any.
     first_velocity : array or None
-        Velocity at the beginning of the step; None where it is not known.
+        Velocity at the beginning of the step [m/s]; None if unknown.
     """
 
     h: float
@@ -93,20 +96,21 @@ class Step(NamedTuple):
 
 
 IMPULSE = 4096
-"""Samples of the impulse that tells how a sensor's correction stretches noise."""
+"""IMPULSE [samples]: record length for the frequency response of a sensor's correction. Raising it resolves slower
+corrections."""
 SETTLING = 512
-"""Samples after which a sensor has forgotten, unless it says otherwise."""
+"""SETTLING [samples]: default settling time of a sensor effect."""
 
 
 OWN_SHARE = 0.1
-"""Share of an element's stiffness that a law about the element itself is about, at least."""
+"""OWN_SHARE [1]: smallest share of an element's stiffness at which a law describes the element itself."""
 
 
 class Effect(ABC):
-    """One effect of the catalogue; a user's own effect is a subclass in their own file.
+    """One effect of the catalogue.
 
-    The class attributes say what it is in words and which parameters it has; subclasses of `PortEffect`,
-    `LinearPortEffect`, `ActuatorEffect` and `SensorEffect` give its law.
+    Class attributes give the description and the parameters. Subclasses of `PortEffect`, `LinearPortEffect`,
+    `ActuatorEffect` and `SensorEffect` give the law. A user's own effect is a subclass in a user's file.
     """
 
     name: ClassVar[str]
@@ -116,30 +120,39 @@ class Effect(ABC):
     words: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     needs: ClassVar[tuple[str, ...]] = ()
-    """What a place must have: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along it), ``"magnet"`` (that,
-    or no elastic element, to be sought there), ``"translation"``,
-    ``"rotation"``, ``"tension"`` (the rows of a stretched bar); of a sensor ``"command"`` or ``"sensor"``: a second signal
-    that it picks up."""
+    """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the
+    port), ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"``
+    means the rows of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
     form_of: ClassVar[str] = ""
-    """Name of the effect that this is another form of, under which it is reported."""
+    """Name of the effect of which this class is another form; reports use that name."""
 
     @property
     def physics(self) -> str:
-        """The name under which it is reported: another form of an effect is the same physics."""
+        """Name in reports, shared by all forms of an effect."""
         return self.form_of or self.name
 
     @property
     def shapes(self) -> tuple[Parameter, ...]:
-        """The parameters that the screening tries on a grid."""
+        """Parameters that the screening tries on a grid."""
         return tuple(p for p in self.parameters if p.role == "shape")
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
-        """The parameters that the law is linear in."""
+        """Parameters in which the law is linear."""
         return tuple(p for p in self.parameters if p.role == "amplitude")
 
     def taken(self, p: Values, h: float) -> Values:
-        """Return parameter values as the law takes them where samples are `h` seconds apart: the same, but where it takes few."""
+        """Return parameter values as the law uses them.
+
+        Most laws use `p` unchanged; a law with discrete values rounds `p`.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        """
         return p
 
     def parameter(self, name: str) -> Parameter:
@@ -148,46 +161,82 @@ class Effect(ABC):
 
 
 class PortEffect(Effect):
-    """A force along a port's coordinate."""
+    """A force along the coordinate of a port."""
 
     kind: ClassVar[Kind] = "port"
     response: ClassVar[Literal["any", "linear", "none"]] = "any"
-    """How the force depends on the port's motion. ``"linear"``: force and memory are linear in the motion and the memory, the same
-    at all times and under every command; ``"none"``: the force depends on time alone. Such laws are simulated much faster."""
+    """Dependence of the force on the port's motion. ``"linear"``: force and memory are linear in motion and memory, the
+    same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
+    much faster than ``"any"``."""
     lasts: ClassVar[bool] = False
-    """Whether an event leaves something for good: what begins after it, from the motion as it is, need not show it. The law's size is
-    then a stiffness, of the element that the event befalls."""
+    """Whether an event leaves a permanent change. A run that begins after the event, from the motion at that time, need
+    not show the change. The law's amplitude is then a stiffness of the changed element."""
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
-        """Return the law's memory before anything happened, a state of this shape each; None for a law without memory."""
-        return None
-
-    def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
-        """Return values with which a law that takes an elastic element's own stiffness does the same in large motion; None for others.
+        """Return the law's memory at rest.
 
         Parameters
         ----------
+        shape : tuple of int
+            Shape of each state.
+
+        Returns
+        -------
+        list of object or None
+            One array a state; None for a law without memory.
+        """
+        return None
+
+    def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
+        """Return values of a law that takes an element's whole stiffness.
+
+        In large motion the law with these values acts like the law with `p`.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
         stiffness : float
-            Of the element.
+            Stiffness of the elastic element [N/m or N m/rad].
+
+        Returns
+        -------
+        dict of str to float or None
+            Parameter values; None for a law without such a form.
         """
         return None
 
     def is_meant(self, p: Values, stiffness: float) -> bool:
-        """Return whether fitted values are what the effect's words say, at a place whose own element has a stiffness, 0 without one."""
+        """Return whether fitted values agree with the effect's description.
+
+        Parameters
+        ----------
+        p : Values
+            Fitted parameter values.
+        stiffness : float
+            Stiffness of the element at the place, 0 without one [N/m or N m/rad].
+        """
         return True
 
     @abstractmethod
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """Return the force on the structure along the port, and the memory after the step.
+        """Return the force along the port and the new memory.
 
         Parameters
         ----------
         z, v : float or array
-            The port's displacement from rest and velocity at the middle of the step.
+            Displacement of the port from rest, and velocity, at the middle of the step.
         p : mapping
             Parameter values.
+        step : Step
+            Data of the step.
         memory : list or None
-            As returned by `memory` or by the last call.
+            Result of `memory` or of the last call.
+
+        Returns
+        -------
+        tuple of (object, object)
+            Force on the structure [N or N m], and the memory after the step.
         """
 
 
@@ -198,89 +247,167 @@ class LinearPortEffect(Effect):
 
     @abstractmethod
     def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
-        """Return the mass, the damping and the stiffness that it adds.
+        """Return the added mass, damping and stiffness.
 
         Parameters
         ----------
+        p : Values
+            Parameter values.
         own_stiffness : float
-            Stiffness of the elastic element at the port, where there is one.
+            Stiffness of the elastic element at the port, if any [N/m or N m/rad].
+
+        Returns
+        -------
+        tuple of (object, object, object)
+            Mass [kg], damping [N s/m], stiffness [N/m], or their rotational counterparts.
         """
 
 
 class ActuatorEffect(Effect):
-    """A change of a command on its way to the force.
+    """A change of a command before the force.
 
-    The law is given for a whole signal (`actuate`) and sample by sample (`stepper`), which in a law without memory is the
-    same; a law with memory gives both.
+    `actuate` applies the law to a whole signal, `stepper` sample by sample. A law without memory needs `actuate` only;
+    a law with memory gives both.
     """
 
     kind: ClassVar[Kind] = "actuator"
     is_clocked: ClassVar[bool] = False
-    """Whether it happens where commands are computed, once a sample, and not on their way from there."""
+    """Whether the effect acts at the computation of commands, once a sample, and not behind the converter."""
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
-        """Return the law for one sample after the other, every `h` seconds, as `actuate` has it for all of them."""
+        """Return the sample-by-sample form of `actuate`.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        """
         return lambda u: float(self.actuate(np.float64(u), p, h))  # type: ignore[arg-type]
 
     @abstractmethod
     def actuate(self, u: Array, p: Values, h: float) -> Array:
-        """Return the force signals to command signals, time along the first axis, both in the actuator's unit.
+        """Return force signals for command signals.
 
         Parameters
         ----------
+        u : array
+            Commands, time along the first axis, in the actuator's unit.
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
+
+        Returns
+        -------
+        array
+            Forces, shape and unit of `u`.
         """
 
 
 class SensorEffect(Effect):
-    """A change of a motion on its way to the recorded sample; whole signals and sample by sample, as in `ActuatorEffect`."""
+    """A change of a motion before the recorded sample.
+
+    `sense` applies the law to a whole signal, `stepper` sample by sample, as in `ActuatorEffect`.
+    """
 
     kind: ClassVar[Kind] = "sensor"
 
     def stepper(self, p: Values, h: float) -> SensorStep:
-        """Return the law for one sample after the other, every `h` seconds, as `sense` has it for all of them."""
+        """Return the sample-by-sample form of `sense`.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        """
         return lambda y, t, other: float(self.sense(np.float64(y), p, h, np.float64(t)))  # type: ignore[arg-type]
 
     def resumed(self, p: Values, h: float, reading: float) -> SensorStep:
-        """Return the law as `stepper` does, in the middle of a motion: the first sample was recorded as `reading`. What the law remembers
-        of the motion before follows from it where its memory is one number; other laws begin as from rest.
+        """Return `stepper` for a start in the middle of a motion.
+
+        A law with one state takes its memory from the first recorded sample. Any other law starts from rest.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        reading : float
+            Recorded value of the first sample.
         """
         return self.stepper(p, h)
 
     @abstractmethod
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """Return the recorded signals to true ones, time along the first axis.
+        """Return recorded signals for true signals.
 
         Parameters
         ----------
+        y : array
+            True signals, time along the first axis.
+        p : Values
+            Parameter values.
         h : float
             Sample period [s].
         t : (n,) array
             Time stamps from the start of the recording [s].
+
+        Returns
+        -------
+        array
+            Recorded signals, shape of `y`.
         """
 
     @abstractmethod
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """Return the true signals to recorded ones: the inverse of `sense`, as far as there is one."""
+        """Return true signals for recorded signals.
+
+        `correct` inverts `sense` as far as an inverse exists.
+        """
 
     def settling_samples(self, p: Values, h: float) -> int:
-        """Return after how many samples, `h` seconds apart, nothing shows any more of what the true signal was."""
+        """Return the settling time of the sensor [samples].
+
+        After this time the recorded signal no longer depends on the initial state.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        """
         return SETTLING
 
     def stretch(self, p: Values, h: float) -> float:
-        """Return the log of how much `correct` magnifies white noise's volume: what a likelihood of true signals must pay.
+        """Return the log volume change of white noise under `correct`.
 
-        For a linear correction it is the mean over all frequencies of the log of its magnitude (Szego's theorem).
+        A likelihood of true signals contains this Jacobian term. For a linear correction G the term is the mean over
+        frequency of log |G| (Szego's theorem).
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
         """
         return float(np.mean(np.log(self._response(p, h))))
 
     def growth(self, p: Values, h: float) -> float:
-        """Return how much `correct` magnifies the rms of white noise."""
+        """Return the factor on white noise's rms under `correct`."""
         return float(np.sqrt(np.mean(self._response(p, h) ** 2)))
 
     def _response(self, p: Values, h: float) -> Array:
-        """Return the magnitude of `correct` over frequency, as an impulse shows it."""
+        """Return the magnitude of `correct` over frequency.
+
+        The response comes from an impulse.
+        """
         impulse = np.zeros(IMPULSE)
         impulse[IMPULSE // 2] = 1.0
         with np.errstate(all="ignore"):
@@ -289,18 +416,21 @@ class SensorEffect(Effect):
 
 
 class PickUp(SensorEffect):
-    """A sensor that picks up a second signal: the command of a coil, or what another sensor sees (`needs` says which)."""
+    """A sensor that picks up a second signal.
+
+    The second signal is the command of a coil or the output of another sensor, as `needs` states.
+    """
 
     @abstractmethod
     def mix(self, y: Any, other: Any, p: Values) -> Any:
-        """Return the recorded signal to the true one and the one that is picked up."""
+        """Return the recorded signal from true and picked-up signals."""
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: the part that does not come from the other signal."""
+        """See `SensorEffect`: without the picked-up signal."""
         return np.asarray(self.mix(y, 0.0, p))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: without the other signal nothing is taken off."""
+        """See `SensorEffect`: without the picked-up signal."""
         return y
 
     def stepper(self, p: Values, h: float) -> SensorStep:
@@ -309,22 +439,25 @@ class PickUp(SensorEffect):
 
 
 def limited(x: Any, most: Any) -> Any:
-    """Return x limited to +-most; plain floats, as in a step of MuJoCo, go ten times as fast as through numpy."""
+    """Return x limited to +-most.
+
+    Plain floats take a branch that is ten times as fast as numpy; a MuJoCo step uses floats.
+    """
     if isinstance(x, float) and isinstance(most, float):
         return min(max(x, -most), most)
-    return np.minimum(np.maximum(x, -most), most)  # numpy's clip takes longer for the same
+    return np.minimum(np.maximum(x, -most), most)  # faster than numpy's clip
 
 
 def softly_limited(x: Any, most: Any) -> Any:
-    """Return x flattened towards +-most, which it never reaches."""
+    """Return x compressed below a limit: most tanh(x/most)."""
     return most * np.tanh(x / most)
 
 
 def positive(x: Any) -> Any:
-    """Return x where it is above zero, else zero."""
+    """Return the positive part of x."""
     return max(x, 0.0) if isinstance(x, float) else np.maximum(x, 0.0)
 
 
 def smooth_sign(x: Any, width: Any) -> Any:
-    """Return x/width limited to +-1: a sign that is linear within `width` of zero."""
+    """Return x/width limited to +-1."""
     return limited(x / np.maximum(width, 1e-300), 1.0)

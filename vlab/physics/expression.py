@@ -1,8 +1,8 @@
-"""A port's law as a tape of operations on numbers, found by letting the law act on symbols.
+"""Expression graph of a port law, recorded by symbolic evaluation.
 
-A law is written once, with numpy, for arrays of any shape. In a loop over samples most of its time goes into calling numpy, not into
-arithmetic, so the search plays the law's operations from a tape in compiled code instead; see `vlab.diagnose.kernels.expression_graph`. Laws that
-cannot be taken down, for they branch on values or call what is not listed here, are evaluated as they are written.
+A law is written once, with numpy, for arrays of any shape. In a loop over samples numpy's call overhead exceeds the
+arithmetic. The search therefore evaluates the recorded operations in compiled code, see `vlab.diagnose.kernels.expression_graph`. A law
+that branches on values, or calls a function outside `OPERATIONS`, is evaluated as written.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,35 +22,37 @@ OPERATIONS: tuple[Any, ...] = (
     np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal, np.logical_and, np.logical_or, np.logical_not,
     np.where,
 )  # fmt: skip
-"""What a tape may hold; an operation's code is its index."""
+"""Permitted operations; the index is the operation's code."""
 CODE: dict[Any, int] = {operation: code for code, operation in enumerate(OPERATIONS)} | {
     np.bitwise_and: OPERATIONS.index(np.logical_and),
     np.bitwise_or: OPERATIONS.index(np.logical_or),
     np.invert: OPERATIONS.index(np.logical_not),
 }
-"""Codes of all that a law may call, but for squares, which are products."""
+"""Code of every permitted numpy function; squares become products."""
 SIGNALS = ("z", "v", "t", "free_velocity", "first_velocity", "command", "mobility")
-"""What a law sees of its step, in the first registers; parameters and memory come next."""
+"""Signals of a step in the first registers; parameters and memory follow."""
 
 
 class Untraceable(TypeError):
-    """A law does what no tape can hold."""
+    """A law that cannot be recorded."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExpressionGraph:
-    """A law's operations in their order, each from at most three registers into the next free one.
+    """Operations of a law in order of evaluation.
+
+    Each operation reads at most three registers and writes the next free one.
 
     Parameters
     ----------
     operations : (n, 4) array of int
-        Code and operands of each; its result goes to register `first` + its number.
+        Code and operand registers of each operation; operation k writes register `first` + k.
     constants : tuple of (int, float)
-        Registers that hold a number.
+        Registers of constants, with their values.
     parameters, memory : tuple of int
-        Registers of the law's parameters in the order of its class, and of what it remembers.
+        Registers of the law's parameters in class order, and registers of the memory.
     force, remembered : int, tuple of int
-        Registers of the results.
+        Registers of the force and of the new memory.
     first : int
         Register of the first operation's result.
     """
@@ -65,12 +67,15 @@ class ExpressionGraph:
 
     @property
     def registers(self) -> int:
-        """How many registers it takes."""
+        """Number of registers."""
         return self.first + len(self.operations)
 
 
 class _Writer:
-    """Takes operations down; numbers get registers below zero until their count is known."""
+    """Recorder of operations.
+
+    Constants have negative registers until their count is known.
+    """
 
     def __init__(self, inputs: int) -> None:
         self.inputs = inputs
@@ -78,7 +83,7 @@ class _Writer:
         self.lines: list[tuple[int, int, int, int]] = []
 
     def register(self, operand: Any) -> int:
-        """Return the register of a symbol, or of a number."""
+        """Return the register of a symbol or number."""
         if isinstance(operand, _Symbol):
             return operand.at
         if not np.isscalar(operand) and np.ndim(operand) != 0:
@@ -86,7 +91,7 @@ class _Writer:
         return self.numbers.setdefault(float(operand), -1 - len(self.numbers))
 
     def take(self, code: int, operands: Sequence[Any]) -> "_Symbol":
-        """Take an operation down and return the symbol of its result."""
+        """Record an operation and return its symbol."""
         at = [self.register(x) for x in operands]
         self.lines.append((code, *at, *([at[0]] * (3 - len(at)))))  # type: ignore[arg-type]
         return _Symbol(self, self.inputs + len(self.lines) - 1)
@@ -94,11 +99,14 @@ class _Writer:
     def graph(
         self, parameters: Sequence["_Symbol"], memory: Sequence["_Symbol"], force: Any, remembered: Any
     ) -> ExpressionGraph:
-        """Return the tape; results stand in registers of their own, so that what is remembered overwrites nothing still read."""
+        """Return the tape.
+
+        Results have registers of their own, so that new memory overwrites no register still in use.
+        """
         results = [self.take(CODE[np.positive], (x,)).at for x in (force, *remembered)]
         count = len(self.numbers)
 
-        def moved(at: int) -> int:  # inputs, then numbers, then results of operations
+        def moved(at: int) -> int:  # order of registers: inputs, numbers, results of operations
             return self.inputs - 1 - at if at < 0 else at if at < self.inputs else at + count
 
         lines = [(code, *(moved(x) for x in at)) for code, *at in self.lines]
@@ -114,15 +122,15 @@ class _Writer:
 
 
 class _Symbol(NDArrayOperatorsMixin):
-    """A number that is not known yet: operators and numpy's functions on it are taken down."""
+    """A symbolic number that records operators and numpy functions."""
 
     def __init__(self, writer: _Writer, at: int) -> None:
         self.writer, self.at = writer, at
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        """Take a function of numpy down."""
+        """Record a numpy function."""
         is_square = ufunc is np.square or (
-            ufunc is np.power and not isinstance(inputs[1], _Symbol) and inputs[1] == 2  # as numpy does
+            ufunc is np.power and not isinstance(inputs[1], _Symbol) and inputs[1] == 2  # numpy squares likewise
         )
         if is_square:
             ufunc, inputs = np.multiply, (inputs[0], inputs[0])
@@ -131,7 +139,7 @@ class _Symbol(NDArrayOperatorsMixin):
         return self.writer.take(CODE[ufunc], inputs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
-        """Take a choice down."""
+        """Record a choice."""
         if function is not np.where or len(args) != 3 or options:
             raise Untraceable(f"{function.__name__} is on no tape")
         return self.writer.take(CODE[np.where], args)
@@ -142,12 +150,21 @@ class _Symbol(NDArrayOperatorsMixin):
 
 @lru_cache(maxsize=512)
 def trace_expression(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> ExpressionGraph | None:
-    """Return a law's tape for steps of one length; None where it cannot be taken down.
+    """Return a law's tape for one step length.
 
     Parameters
     ----------
+    effect : PortEffect
+        Port law.
+    h : float
+        Step length [s].
     seen : tuple of str
-        What is known of a step, of `SIGNALS`; the rest is as `Step` has it by default.
+        Known signals of a step, of `SIGNALS`; every other signal has the default of `Step`.
+
+    Returns
+    -------
+    Tape or None
+        None if the law cannot be recorded.
     """
     names = [p.name for p in effect.parameters]
     count = len(effect.memory(()) or ())
@@ -164,5 +181,5 @@ def trace_expression(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNA
         )
         after = list(after) if count else []
         return writer.graph(own, memory, result, after) if len(after) == count else None
-    except (TypeError, AttributeError):  # what python and numpy say of a symbol where they want a number
+    except (TypeError, AttributeError):  # errors of Python and numpy for a symbol in place of a number
         return None

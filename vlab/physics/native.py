@@ -1,8 +1,8 @@
-"""Effects as MuJoCo's own elements: numbers of joints, tendons and bodies, and tendons beside them.
+"""Effects as MuJoCo elements: numbers of joints, tendons and bodies.
 
-A polynomial spring or damper, armature and dry friction of a joint or tendon are numbers of the compiled model. What
-needs an element of its own (a slider, a gap, a stop) is a fixed tendon parallel to the joint, which only a new model can
-have: that is the form in which an amended model is written out.
+A polynomial spring or damper, armature and dry friction are numbers of the compiled model. A slider, a gap or a stop
+needs an element of its own: a fixed tendon parallel to the joint. Only a newly compiled model can hold a new tendon, so
+such effects go into the exported model.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
 Numbers = tuple[tuple[str, int, float], ...]
-"""What is added: quantity, power of the displacement or velocity it goes with beyond the first, and how much."""
+"""Additions to a model: quantity, power of displacement or velocity beyond the first, and amount."""
 
 POLYNOMIALS: dict[str, Callable[[Values], Numbers]] = {
     "quadratic-drag": lambda p: (("damping", 1, p["coefficient"]),),
@@ -26,12 +26,15 @@ POLYNOMIALS: dict[str, Callable[[Values], Numbers]] = {
     "quadratic-cubic-stiffness": lambda p: (("stiffness", 1, p["k2"]), ("stiffness", 2, p["k3"])),
     "coulomb-friction": lambda p: (("frictionloss", 0, p["force"]),),
 }
-"""Laws that are numbers of a joint or tendon, besides mass, damping and stiffness."""
+"""Laws expressed by numbers of a joint or tendon, besides mass, damping and stiffness."""
 
 
 @dataclass(frozen=True)
 class Spring:
-    """A spring parallel to a joint: its stiffness, the band in which it is slack, and the deflection at which it yields."""
+    """A spring parallel to a joint.
+
+    Attributes: stiffness, slack band and yield deflection.
+    """
 
     stiffness: float
     low: float = 0.0
@@ -40,7 +43,7 @@ class Spring:
 
 
 FAR = 1e9
-"""A side on which a spring is always slack [m]."""
+"""FAR [m]: bound of a side on which a spring is always slack."""
 
 
 def _one_sided(p: Values) -> tuple[Spring, ...]:
@@ -55,7 +58,7 @@ SPRINGS: dict[str, Callable[[Values], tuple[Spring, ...]]] = {
     "dead-band": lambda p: (Spring(-p["stiffness"]), Spring(p["stiffness"], -p["gap"], p["gap"])),
     "plastic-set": lambda p: (Spring(-p["stiffness"]), Spring(p["stiffness"], springyield=p["yield"])),
 }
-"""Laws that are springs of their own beside a joint."""
+"""Laws expressed by springs beside a joint."""
 
 _JOINT = {
     "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly"),
@@ -72,9 +75,26 @@ _TENDON = {
 
 
 def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Numbers | None:
-    """Return what an effect adds to the numbers of a joint, tendon or body; None where it has no such form there."""
+    """Return an effect's additions to a joint, tendon or body.
+
+    Parameters
+    ----------
+    plant : MjcfPlant
+        Plant with a compiled model.
+    effect : Effect
+        Effect of the catalogue.
+    place : str
+        Place of the effect.
+    values : Values
+        Parameter values in SI.
+
+    Returns
+    -------
+    Numbers or None
+        Additions; None if the effect has no such form at the place.
+    """
     kind, _, name = place.partition(":")
-    if kind in ("body", "site") and place not in plant.ports:  # a point, not one of its coordinates
+    if kind in ("body", "site") and place not in plant.ports:  # a point is a place here, one of its coordinates is not
         return (("mass", 0, values["mass"]),) if effect.name == "added-mass" else None
     if kind not in ("joint", "tendon") or place not in plant.ports:
         return None
@@ -90,8 +110,8 @@ def numbers(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> Num
 
 
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Impedance of dry friction: with MuJoCo's default, which is soft, a stuck joint creeps; the time constant is two steps, so
-that friction stops a joint within one."""
+"""Solver parameters (impedance) of dry friction. MuJoCo's default is soft and lets a stuck joint creep. The time
+constant of two steps makes friction stop a joint within one step."""
 
 
 def _fits(plant: MjcfPlant, kind: str, name: str, what: str) -> bool:
@@ -100,9 +120,9 @@ def _fits(plant: MjcfPlant, kind: str, name: str, what: str) -> bool:
         off = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
         return not model.opt.disableflags & off
     i = getattr(model, kind)(name).id
-    if what == "armature" and kind == "tendon":  # across trees its off-diagonal terms would be lost
+    if what == "armature" and kind == "tendon":  # a tendon across trees would lose its off-diagonal terms
         return int(model.tendon_treenum[i]) <= 1
-    if what == "stiffness":  # the law counts from rest, MuJoCo from where the spring is slack
+    if what == "stiffness":  # the law's zero is rest, MuJoCo's is the slack length
         if kind == "joint":
             slack = [model.qpos_spring[model.jnt_qposadr[i]]]
             rest = plant.rest[model.jnt_qposadr[i]]
@@ -113,7 +133,7 @@ def _fits(plant: MjcfPlant, kind: str, name: str, what: str) -> bool:
 
 
 def add_numbers(model: Any, place: str, what: Numbers) -> None:
-    """Add to the numbers of a compiled model, in place."""
+    """Add numbers to a compiled model in place."""
     kind, _, name = place.partition(":")
     i = getattr(model, kind)(name).id
     if kind in ("body", "site"):
@@ -140,7 +160,10 @@ def add_numbers(model: Any, place: str, what: Numbers) -> None:
 
 
 def _add_point_mass(model: Any, body: int, at: Array, mass: float) -> None:
-    """Add a point mass to a body, at a place in its frame: its centre and its moments of inertia move with it."""
+    """Add a point mass to a body at a place.
+
+    The body's centre and moments of inertia change by the parallel-axis theorem. `at` is in the body's frame.
+    """
     own, centre, axes = float(model.body_mass[body]), model.body_ipos[body].copy(), np.zeros(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[body])
     turned = axes.reshape(3, 3)
@@ -149,7 +172,7 @@ def _add_point_mass(model: Any, body: int, at: Array, mass: float) -> None:
     for m, arm in ((own, centre - together), (mass, at - together)):
         inertia += m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     moments, vectors = np.linalg.eigh(inertia)
-    vectors[:, 2] = np.cross(vectors[:, 0], vectors[:, 1])  # right-handed
+    vectors[:, 2] = np.cross(vectors[:, 0], vectors[:, 1])  # principal axes must be right-handed
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, vectors.ravel())
     model.body_mass[body], model.body_ipos[body] = own + mass, together
@@ -157,7 +180,24 @@ def _add_point_mass(model: Any, body: int, at: Array, mass: float) -> None:
 
 
 def springs(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> tuple[Spring, ...] | None:
-    """Return the springs of their own that an effect is, beside a joint or a fixed tendon; None where it has no such form."""
+    """Return the parallel springs that represent an effect.
+
+    Parameters
+    ----------
+    plant : MjcfPlant
+        Plant of an MJCF model.
+    effect : Effect
+        Effect of the catalogue.
+    place : str
+        Name of the place.
+    values : Values
+        Parameter values.
+
+    Returns
+    -------
+    tuple of Spring or None
+        Springs; None if the effect has no such form at the place.
+    """
     kind, _, name = place.partition(":")
     if effect.name not in SPRINGS or kind not in ("joint", "tendon") or place not in plant.ports:
         return None
@@ -167,13 +207,16 @@ def springs(plant: MjcfPlant, effect: Effect, place: str, values: Values) -> tup
 
 
 def add_springs(spec: Any, plant: MjcfPlant, place: str, label: str, what: tuple[Spring, ...]) -> None:
-    """Add springs to a spec as fixed tendons parallel to a joint or a fixed tendon; displacements count from rest."""
+    """Add springs to a spec as fixed tendons.
+
+    The tendons run parallel to a joint or a fixed tendon; displacements count from rest.
+    """
     kind, _, name = place.partition(":")
     joints = [(name, 1.0)] if kind == "joint" else _joints(plant.model, name)
     rest = plant.port(place).position(plant.new_data())
     for k, spring in enumerate(what):
         tendon = spec.add_tendon(name=f"{label}:{k + 1}")
-        tendon.damping[:], tendon.stiffness[:] = 0.0, 0.0  # not the model's defaults for its own tendons
+        tendon.damping[:], tendon.stiffness[:] = 0.0, 0.0  # overrides the model's defaults for tendons
         tendon.frictionloss = tendon.armature = 0.0
         tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         tendon.stiffness[0] = spring.stiffness
@@ -184,7 +227,13 @@ def add_springs(spec: Any, plant: MjcfPlant, place: str, label: str, what: tuple
 
 
 def _joints(model: Any, tendon: str) -> list[tuple[str, float]] | None:
-    """Return the joints of a fixed tendon with their coefficients; None for a spatial one."""
+    """Return the joints and coefficients of a fixed tendon.
+
+    Returns
+    -------
+    list of tuple of (str, float) or None
+        None for a spatial tendon.
+    """
     i = model.tendon(tendon).id
     first = int(model.tendon_adr[i])
     wraps = range(first, first + int(model.tendon_num[i]))

@@ -1,4 +1,4 @@
-"""Linear effects at a port: mass, stiffness and damping that the model does not have."""
+"""Linear effects at a port: missing mass, stiffness and damping."""
 
 from typing import Any, ClassVar
 
@@ -6,7 +6,7 @@ from vlab.physics.effect import LinearPortEffect, Parameter, Values
 
 
 class AddedMass(LinearPortEffect):
-    """Wires, targets, fittings, air that moves along."""
+    """Mass of wires, targets, fittings or entrained air."""
 
     name = "added-mass"
     family = "mass"
@@ -21,7 +21,7 @@ class AddedMass(LinearPortEffect):
 
 
 class RotaryInertia(LinearPortEffect):
-    """A coil or a sensor's arm that turns with the structure."""
+    """Rotary inertia of a coil or a sensor's arm."""
 
     name = "rotary-inertia"
     family = "mass"
@@ -36,7 +36,7 @@ class RotaryInertia(LinearPortEffect):
 
 
 class TensionError(LinearPortEffect):
-    """A cable pulled more or less than the drawing says."""
+    """Cable tension that differs from the drawing."""
 
     name = "tension-error"
     family = "stiffness"
@@ -53,7 +53,7 @@ class TensionError(LinearPortEffect):
 
 
 class LostStiffness(LinearPortEffect):
-    """A crack, a loose splice, a softer clamp than drawn."""
+    """Softening by a crack, a splice or a clamp."""
 
     name = "lost-stiffness"
     family = "stiffness"
@@ -70,7 +70,7 @@ class LostStiffness(LinearPortEffect):
 
 
 class StiffnessToGround(LinearPortEffect):
-    """A lead or wire that holds the structure, a pendulum stiffness that was left out."""
+    """Stiffness of a lead, wire or omitted pendulum."""
 
     name = "stiffness-to-ground"
     family = "stiffness"
@@ -84,7 +84,7 @@ class StiffnessToGround(LinearPortEffect):
 
 
 class NegativeStiffness(LinearPortEffect):
-    """A magnet that pulls the coil or target out of its centre."""
+    """Magnetic attraction away from the centre position."""
 
     name = "magnetic-negative-stiffness"
     family = "stiffness"
@@ -99,7 +99,7 @@ class NegativeStiffness(LinearPortEffect):
 
 
 class ViscousDamping(LinearPortEffect):
-    """A dashpot: eddy currents, back-EMF, a lubricated guide."""
+    """Viscous damping by eddy currents, back-EMF or lubrication."""
 
     name = "viscous-damping"
     family = "damping"

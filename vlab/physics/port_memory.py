@@ -1,4 +1,4 @@
-"""Forces with memory at a port: micro-slip and hysteresis, and stiffness that changes with time."""
+"""Port forces with memory: micro-slip, hysteresis, friction states, drifting stiffness."""
 
 from typing import Any, ClassVar
 
@@ -7,20 +7,42 @@ import numpy as np
 from vlab.physics.effect import OWN_SHARE, Parameter, PortEffect, Step, Values, limited
 
 RATES = (0.1, 1.0, 10.0)
-"""Relaxation rates of the Maxwell elements of `StructuralDamping`, in units of its centre frequency."""
+"""RATES [1]: relaxation rates of the Maxwell elements of `StructuralDamping`, relative to the centre frequency."""
 LOSS_AT_CENTRE = sum(r / (1 + r * r) for r in RATES)
-"""Loss stiffness of equal elements of stiffness 1 there: 0.698; between 0.607 and 0.698 over the two decades."""
+"""Loss stiffness of the Maxwell elements at the centre frequency, for unit stiffness each: 0.698. Over the two
+decades the loss stiffness stays between 0.607 and 0.698."""
 STORED_AT_CENTRE = sum(1 / (1 + r * r) for r in RATES)
-"""Their storage stiffness there, which is taken off again."""
+"""Storage stiffness of the Maxwell elements at the centre frequency; the law subtracts this stiffness."""
 
 
 def zeros(states: int, shape: tuple[int, ...]) -> list[Any]:
-    """Return a law's states before anything happened: arrays, or plain floats for a single run."""
+    """Return a law's states at rest.
+
+    Parameters
+    ----------
+    states : int
+        Number of states.
+    shape : tuple of int
+        Shape of each state.
+
+    Returns
+    -------
+    list of object
+        Arrays, or plain floats for a single run.
+    """
     return [np.zeros(shape) if shape else 0.0 for _ in range(states)]
 
 
 class JenkinsSlip(PortEffect):
-    """A spring in series with a slider: a bolted joint that slips a little."""
+    """A spring in series with a Coulomb slider.
+
+    The Jenkins element models micro-slip of a bolted joint and is the building block of Iwan's model [1]_.
+
+    References
+    ----------
+    .. [1] W. D. Iwan, A distributed-element model for hysteresis and its steady-state dynamic response, Journal of
+           Applied Mechanics 33 (1966) 893-900.
+    """
 
     name = "jenkins-slip"
     family = "hysteresis"
@@ -44,7 +66,17 @@ class JenkinsSlip(PortEffect):
 
 
 class BoucWen(PortEffect):
-    """Smooth hysteresis: wire rope, foams, joints."""
+    """Smooth hysteresis of wire rope, foams and joints.
+
+    The hysteretic variable s follows Bouc [1]_ and Wen [2]_ with exponent 2, beta = gamma = 1/2 and unit limit.
+
+    References
+    ----------
+    .. [1] R. Bouc, Forced vibration of mechanical systems with hysteresis, Proc. 4th Conference on Nonlinear
+           Oscillation, Prague, 1967.
+    .. [2] Y.-K. Wen, Method for random vibration of hysteretic systems, Journal of the Engineering Mechanics Division
+           102 (1976) 249-263.
+    """
 
     name = "bouc-wen"
     family = "hysteresis"
@@ -62,7 +94,7 @@ class BoucWen(PortEffect):
         return zeros(1, shape)
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`; by the rule of the midpoint."""
+        """See `PortEffect`: integrated by the midpoint rule."""
 
         def rate(s: Any) -> Any:
             return v - 0.5 * abs(v) * abs(s) * s - 0.5 * v * s * s
@@ -73,7 +105,7 @@ class BoucWen(PortEffect):
 
 
 class LooseningStiffness(PortEffect):
-    """A joint that loosens, a cable that warms."""
+    """Stiffness drift of a loosening joint or warming cable."""
 
     name = "drifting-stiffness"
     family = "time-variation"
@@ -91,7 +123,13 @@ class LooseningStiffness(PortEffect):
 
 
 class LuGreFriction(PortEffect):
-    """Dry friction with bristles that bend before they slip."""
+    """Dry friction with elastic bristles [1]_.
+
+    References
+    ----------
+    .. [1] C. Canudas de Wit, H. Olsson, K. J. Astrom and P. Lischinsky, A new model for control of systems with
+           friction, IEEE Transactions on Automatic Control 40 (1995) 419-425.
+    """
 
     name = "lugre-friction"
     family = "friction"
@@ -112,7 +150,7 @@ class LuGreFriction(PortEffect):
         return zeros(1, shape)
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`; exact for a velocity that is constant over the step."""
+        """See `PortEffect`: exact for constant velocity over the step."""
         top = 1.0 + p["excess"] * np.exp(-limited((v / p["speed"]) ** 2, 700.0))
         slide = abs(v) * step.h / (p["bristle"] * top)
         kept = np.exp(-slide)
@@ -135,11 +173,11 @@ class PlasticSet(PortEffect):
     lasts = True
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
-        """See `PortEffect`: the set."""
+        """See `PortEffect`: the plastic set."""
         return zeros(1, shape)
 
     def is_meant(self, p: Values, stiffness: float) -> bool:
-        """See `PortEffect`: a small part of the element that slips while the rest holds is micro-slip, the same but for stiffness."""
+        """See `PortEffect`: a small yielding share is micro-slip."""
         return p["stiffness"] >= OWN_SHARE * stiffness
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
@@ -149,7 +187,10 @@ class PlasticSet(PortEffect):
 
 
 class AttachedOscillator(PortEffect):
-    """Something that swings along on a spring: a cable's own mode, a lead, a loose part, a tuned mass."""
+    """A mass that swings on a spring.
+
+    Examples: a cable's own mode, a lead, a loose part, a tuned mass.
+    """
 
     name = "attached-oscillator"
     family = "substructure"
@@ -167,7 +208,7 @@ class AttachedOscillator(PortEffect):
         return zeros(2, shape)
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`: semi-implicit steps of the oscillator, its damper in the middle of the step."""
+        """See `PortEffect`: semi-implicit steps with the damper at mid-step."""
         w, h = 2 * np.pi * p["frequency"], step.h
         relative, speed = memory[0] + 0.5 * h * (v - memory[1]), memory[1]
         c = p["damping_ratio"] * w * h
@@ -177,7 +218,10 @@ class AttachedOscillator(PortEffect):
 
 
 class StructuralDamping(PortEffect):
-    """Loss in the material and in joints that does not depend on frequency."""
+    """Frequency-independent loss in material and joints.
+
+    Three Maxwell elements, one decade apart, approximate a constant loss factor over two decades.
+    """
 
     name = "structural-damping"
     family = "damping"
@@ -194,7 +238,10 @@ class StructuralDamping(PortEffect):
         return zeros(len(RATES), shape)
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`; exact for a deflection that is constant over the step. At the centre no stiffness is added."""
+        """See `PortEffect`: exact for constant deflection over the step.
+
+        The added stiffness is zero at the centre frequency.
+        """
         w = 2 * np.pi * p["centre"] * step.h
         after, total = [], -STORED_AT_CENTRE * z
         for rate, s in zip(RATES, memory, strict=True):

@@ -1,4 +1,4 @@
-"""Nonlinear forces without memory at a port: polynomials, dry friction, gaps, stops, bias."""
+"""Memoryless nonlinear port forces: polynomials, dry friction, gaps, stops, bias."""
 
 from typing import Any, ClassVar
 
@@ -7,7 +7,7 @@ import numpy as np
 from vlab.physics.effect import OWN_SHARE, Parameter, PortEffect, Step, Values, limited, positive, smooth_sign
 
 REST_SPEED = 1e-3
-"""Where the step's mobility is not known, friction reverses over this share of the largest velocity seen."""
+"""REST_SPEED [1]: share of the largest velocity over which friction reverses if the mobility is unknown."""
 
 
 class QuadraticDrag(PortEffect):
@@ -70,7 +70,7 @@ class PolynomialStiffness(PortEffect):
 
 
 class QuinticStiffness(PortEffect):
-    """Hardening that comes on more steeply than by stretching, or a cubic spring with its next term."""
+    """A cubic spring with a quintic term."""
 
     name = "cubic-quintic-stiffness"
     form_of = "cubic-stiffness"
@@ -88,7 +88,10 @@ class QuinticStiffness(PortEffect):
 
 
 class StringStiffness(PortEffect):
-    """A wire, a cable or a sheet across the motion: it hardens by stretching, and pulls straight back in large motion."""
+    """A wire, cable or sheet across the motion.
+
+    Stretching hardens the spring in small motion; in large motion the force is about linear.
+    """
 
     name = "string-stiffness"
     form_of = "cubic-stiffness"
@@ -106,18 +109,44 @@ class StringStiffness(PortEffect):
 
 
 def _any(flags: Any) -> bool:
-    """Return whether any of some flags may be set; a single one is no array, as in a step of MuJoCo, a symbol's value is not known."""
+    """Return whether any flag may be set.
+
+    A MuJoCo step has a single flag, which is no array. The value of a symbol is unknown and counts as set.
+    """
     if isinstance(flags, np.ndarray):
-        return bool(np.count_nonzero(flags))  # `any` takes ten times as long
+        return bool(np.count_nonzero(flags))  # ten times as fast as `any`
     return bool(flags) if isinstance(flags, (bool, np.bool_)) else True
 
 
 def dry_friction(limit: Any, v: Any, step: Step) -> Any:
-    """Return the force of dry friction with a limit: what stops the port in this step, or the limit.
+    """Return the force of dry friction with a limit.
 
-    With the velocity that the port would have at the end of the step without friction, sticking is exact; without it the
-    present velocity serves, which lets a stuck port creep by the mobility times the force that pushes it. With the velocity at
-    its beginning a port that is pushed too hard to stick turns round within the step, and friction with it.
+    The force is the one that stops the port within the step, at most the limit. With `free_velocity` sticking is exact.
+    Without `free_velocity` the present velocity serves, and a stuck port creeps by mobility times the pushing force.
+    With `first_velocity` a port pushed beyond the limit reverses within the step, and friction with the port.
+
+    See [1]_ for friction laws of machines and [2]_ for sticking in simulation.
+
+    Parameters
+    ----------
+    limit : object
+        Friction limit [N].
+    v : object
+        Velocity at the middle of the step [m/s].
+    step : Step
+        Data of the step.
+
+    Returns
+    -------
+    object
+        Force on the structure [N], shape of `v`.
+
+    References
+    ----------
+    .. [1] B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey of models, analysis tools and compensation
+           methods for the control of machines with friction, Automatica 30 (1994) 1083-1138.
+    .. [2] D. Karnopp, Computer simulation of stick-slip friction in mechanical dynamic systems, Journal of Dynamic
+           Systems, Measurement and Control 107 (1985) 100-103.
     """
     if step.free_velocity is not None:
         mobility = step.mobility + 1e-300
@@ -130,7 +159,7 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
         turns = sticks & (abs(push) > limit)
         if not _any(turns):
             return -force
-        before = (push - stop) / (abs(push) + limit)  # share of the step before it turns, with the sign of the push
+        before = (push - stop) / (abs(push) + limit)  # share of the step before reversal, with the sign of the push
         turning = limit * (2.0 * before - np.sign(push))
         return turning if isinstance(turning, float) else np.where(turns, turning, -force)
     if np.any(np.asarray(step.mobility) > 0):
@@ -139,7 +168,7 @@ def dry_friction(limit: Any, v: Any, step: Step) -> Any:
 
 
 class CoulombFriction(PortEffect):
-    """A rubbing guide, a dry bearing, a wire that drags."""
+    """Dry friction of a guide, bearing or dragging wire."""
 
     name = "coulomb-friction"
     family = "friction"
@@ -153,7 +182,10 @@ class CoulombFriction(PortEffect):
 
 
 class SmoothFriction(PortEffect):
-    """Dry friction with a film between, of many small contacts, or as simulations have it: it creeps instead of sticking."""
+    """Dry friction that creeps instead of sticking.
+
+    Causes: a lubricating film or many small contacts. Simulations regularise friction in the same way.
+    """
 
     name = "smooth-friction"
     form_of = "coulomb-friction"
@@ -165,7 +197,7 @@ class SmoothFriction(PortEffect):
         Parameter(
             name="rise",
             unit="m/s",
-            low=0.02,  # at a hundredth of the largest velocity it is the other form
+            low=0.02,  # below a hundredth of the largest velocity the law equals Coulomb friction
             high=0.5,
             role="shape",
             reference="velocity",
@@ -175,12 +207,18 @@ class SmoothFriction(PortEffect):
     )
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`; however steeply it comes in, it does not turn the port round within a step."""
+        """See `PortEffect`: a steep law does not reverse the port in a step."""
         return dry_friction(p["force"] * np.tanh(abs(v) / p["rise"]), v, step), memory
 
 
 class StribeckFriction(PortEffect):
-    """Dry friction that is larger at rest than in motion."""
+    """Dry friction larger at rest than in motion [1]_.
+
+    References
+    ----------
+    .. [1] B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit, A survey of models, analysis tools and compensation
+           methods for the control of machines with friction, Automatica 30 (1994) 1083-1138.
+    """
 
     name = "stribeck-friction"
     family = "friction"
@@ -201,11 +239,12 @@ class StribeckFriction(PortEffect):
 
 
 FINE_GAPS = (0.003, 0.012, 0.05, 0.15, 0.4)
-"""Shares of the largest displacement at which a clearance is tried: a fine one acts like friction without loss."""
+"""FINE_GAPS [1]: trial clearances as shares of the largest displacement. A fine clearance acts like lossless
+friction."""
 
 
 class DeadBand(PortEffect):
-    """Clearance within which an elastic element does not act."""
+    """Clearance that disengages an elastic element."""
 
     name = "dead-band"
     family = "clearance"
@@ -223,11 +262,11 @@ class DeadBand(PortEffect):
         return p["stiffness"] * limited(z, p["gap"]), memory
 
     def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
-        """See `PortEffect`: all of the stiffness is missing, and as much force beyond the gap."""
+        """See `PortEffect`: the gap scales so that the force beyond it holds."""
         return {"stiffness": stiffness, "gap": p["stiffness"] * p["gap"] / stiffness} if stiffness > 0 else None
 
     def is_meant(self, p: Values, stiffness: float) -> bool:
-        """See `PortEffect`: a small part of the element that does not act within a gap is a stop beside it."""
+        """See `PortEffect`: a small disengaged share is a parallel stop."""
         return p["stiffness"] >= OWN_SHARE * stiffness
 
 
@@ -251,7 +290,7 @@ class Stop(PortEffect):
 
 
 class OneSidedStiffness(PortEffect):
-    """A cable that goes slack, a support that lifts off, a rattle on one side."""
+    """A slack cable, a lifting support or a one-sided rattle."""
 
     name = "one-sided-stiffness"
     family = "contact"
@@ -272,7 +311,7 @@ class OneSidedStiffness(PortEffect):
     )
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`; a negative gap means that it acts below -|gap|, on the other side."""
+        """See `PortEffect`: a negative gap acts below -|gap|."""
         gap = p["gap"]
         side = (-1.0 if gap < 0 else 1.0) if isinstance(gap, float) else np.where(gap < 0, -1.0, 1.0)
         return -side * p["stiffness"] * positive(side * z - abs(gap)), memory
@@ -294,7 +333,7 @@ class ForceOffset(PortEffect):
 
 
 class SinusoidalForce(PortEffect):
-    """A machine nearby, hum of an amplifier, the floor, a draught that sheds vortices."""
+    """Force of a machine, hum, floor motion or vortices."""
 
     name = "sinusoidal-force"
     family = "disturbance"

@@ -1,9 +1,10 @@
-"""Physics at work while a plant runs: forces at ports, changes of forces and of samples, step by step.
+"""Effects in a running plant: port forces, command changes, sample changes.
 
-A force at a port is added to MuJoCo's applied forces once an integration step. All forces of a step are found together:
-mass and damping at ports are implicit, as if they were in the matrices, and the other laws see what the ports would do
-under them. With the ports' rows R, the compliance is G = R M^-1 R^T; mass m and damping c at a port make D = m + c h/2, and
-the ports accelerate by (I + G D)^-1 (R M^-1 f + G g) under the explicit forces g.
+A port force joins MuJoCo's applied forces once an integration step. All forces of a step come from one solution. Mass
+and damping at ports are implicit, as in the matrices; every other law uses the port motion under them.
+
+With the ports' rows R, the compliance is G = R M^-1 R^T. Mass m and damping c at a port give D = m + c h/2. The port
+acceleration is (I + G D)^-1 (R M^-1 f + G g), with the explicit forces g.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +33,8 @@ STAGGERED = (
     mujoco.mjtIntegrator.mjINT_IMPLICIT,
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 )
-"""Integrators whose position is half a step ahead of the velocity: it stands in the middle of the step that begins."""
+"""Integrators with the position half a step ahead of the velocity. The position then belongs to the middle of the
+beginning step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +44,9 @@ class AtPort:
     Parameters
     ----------
     stiffness : float
-        Of the port's own elastic element.
+        Stiffness of the port's own elastic element [N/m or N m/rad].
     coil : int or None
-        The actuator that acts along the port.
+        Index of the actuator along the port.
     """
 
     effect: PortEffect | LinearPortEffect
@@ -56,7 +58,7 @@ class AtPort:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AtActuator:
-    """An effect on an actuator, by its index."""
+    """An effect on an actuator."""
 
     effect: ActuatorEffect
     index: int
@@ -65,14 +67,14 @@ class AtActuator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AtSensor:
-    """An effect on a sensor or on a channel that is compared.
+    """An effect on a sensor or a compared channel.
 
     Parameters
     ----------
     name : str
-        Of the sensor or the channel.
+        Name of the sensor or channel.
     other : str
-        Of the actuator or sensor whose signal it picks up.
+        Name of the actuator or sensor that supplies the picked-up signal.
     """
 
     effect: SensorEffect
@@ -82,12 +84,14 @@ class AtSensor:
 
 
 class PortForces:
-    """The forces at the ports of one run, with their memory.
+    """Port forces of one run, with their memory.
 
     Parameters
     ----------
+    plant : Plant
+        Plant of the run.
     attached : sequence of AtPort
-        In any order; dry friction comes last, because sticking answers all other forces.
+        Effects in any order. Dry friction is evaluated last, because sticking balances all remaining forces.
     """
 
     def __init__(self, plant: Plant, attached: Sequence[AtPort]) -> None:
@@ -102,7 +106,7 @@ class PortForces:
         self._solved = np.zeros_like(self._rows)
         self._is_fixed = not isinstance(
             plant, MjcfPlant
-        )  # a structure's inertia changes with the square of its rotations
+        )  # a structure's inertia varies only with the square of its rotations
         model = plant.model
         is_implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
             model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
@@ -121,22 +125,26 @@ class PortForces:
                 self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, a.coil))
                 self._memory.append(a.effect.memory(()))
         self._last = np.zeros(n)
-        """The laws' forces of the last step: they change by little in a step, and stand for what is not known of this one."""
+        """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an
+        unknown present one."""
         self._is_linear, self._has_inertia = len(self._laws) < n, bool(np.any(self._added))
 
     def push(self, data: Any, commands: Array) -> None:
-        """Add the forces of the step that begins to the applied forces, and remember.
+        """Add the port forces of a step and update the memory.
 
-        Kinematics and controls must be up to date, as they are in MuJoCo's control callback.
+        Kinematics and controls must be up to date, as in MuJoCo's control callback.
         """
         self._memory, self._last = self._add(data, commands)
 
     def look(self, data: Any, commands: Array) -> None:
-        """Add the forces of the present state to the applied forces; nothing is remembered."""
+        """Add the port forces and leave the memory unchanged."""
         self._add(data, commands)
 
     def _solve(self, data: Any) -> None:
-        """Find the motion per force of every row: M^-1 r, or (M + h D)^-1 r to first order where joint dampers are implicit."""
+        """Solve for the motion per force of every row.
+
+        The result is M^-1 r. With implicit joint dampers the result is (M + h D)^-1 r to first order.
+        """
         mujoco.mj_solveM(self._model, data, self._solved, self._rows)
         if self._damping is not None:
             correction = np.zeros_like(self._solved)
@@ -148,13 +156,16 @@ class PortForces:
         for i in self._moving:
             self._rows[i] = self._ports[i].row(data)
         mujoco.mj_fwdActuation(model, data)
-        mujoco.mj_fwdAcceleration(model, data)  # under all forces but these and the constraints'
+        mujoco.mj_fwdAcceleration(model, data)  # without port forces and constraint forces
         if not self._is_fixed:
             self._solve(data)
         return self._add_one(data, commands) if len(self._rows) == 1 else self._add_all(data, commands)
 
     def _add_one(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
-        """Find the force of a single port in plain numbers, several times as fast as `_add_all`."""
+        """Add the force of a single port.
+
+        Plain numbers make this path several times as fast as `_add_all`.
+        """
         row, solved, h = self._rows[0], self._solved[0], self._h
         v, a = float(row.dot(data.qvel)), float(solved.dot(data.qfrc_smooth))
         z = self._ports[0].position(data) - self._rest[0]
@@ -208,7 +219,20 @@ class PortForces:
 
 
 def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array, Array] | None:
-    """Return the mass, damping and stiffness that linear effects add at rest, (nv, nv) each; None without any."""
+    """Return the added matrices of linear effects at rest.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    attached : sequence of AtPort
+        Effects at ports.
+
+    Returns
+    -------
+    tuple of (array, array, array) or None
+        Mass, damping and stiffness, (nv, nv) each; None without linear effects.
+    """
     linear = [a for a in attached if isinstance(a.effect, LinearPortEffect)]
     if not linear:
         return None
@@ -224,7 +248,7 @@ def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array
 
 
 def _stepper(a: AtActuator, timestep: float, sample: float) -> ActuatorStep:
-    """Return what an effect makes of a command from integration step to integration step."""
+    """Return an actuator effect as a step of integration."""
     if not a.effect.is_clocked:
         return a.effect.stepper(a.values, timestep)
     once, every = a.effect.stepper(a.values, sample), max(1, round(sample / timestep))
@@ -241,16 +265,18 @@ def _stepper(a: AtActuator, timestep: float, sample: float) -> ActuatorStep:
 
 
 class Running:
-    """All physics of one run of a plant that MuJoCo has no element for.
+    """Effects of one run without a MuJoCo element.
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its effects.
     sample : float
-        Time between two samples of the sensors [s].
+        Sample period of the sensors [s].
     channels : mapping of str to str
-        Other names of sensors: of channels, what they read (the plant's sensor, or a port).
+        Plant sensor or port of each channel name.
     readings : mapping of str to float, optional
-        What was recorded of these channels at the first sample of a run that begins in the middle of a motion.
+        First recorded value of each channel, for a run that starts in the middle of a motion.
     """
 
     def __init__(
@@ -264,12 +290,12 @@ class Running:
         ports = [a for a in plant.physics if isinstance(a, AtPort)]
         self.ports = PortForces(plant, ports) if ports else None
         self.force = np.zeros(len(plant.actuators))
-        """Forces of the actuators in the present step, as they act."""
+        """Actuator forces of the present step."""
         self._actuators: list[tuple[int, ActuatorStep]] = [
             (a.index, _stepper(a, plant.timestep, sample)) for a in plant.physics if isinstance(a, AtActuator)
         ]
         self.is_due = False
-        """Whether a step begins whose forces at ports are still to be found, see `callback`."""
+        """Whether a new step awaits its port forces, see `callback`."""
         self._change = np.zeros(len(plant.actuators))
         self._sensors: list[tuple[int, SensorStep, Callable[[Array], float]]] = []
         self._readings: dict[str, list[SensorStep]] = {}
@@ -285,18 +311,24 @@ class Running:
                 self._readings.setdefault(a.name, []).append(step)
 
     def callback(self, model: Any, data: Any) -> None:
-        """Add the forces at ports once a step, however often MuJoCo asks in it; for its control callback."""
+        """Add the port forces once a step.
+
+        MuJoCo's control callback may run several times in a step.
+        """
         if self.is_due and self.ports is not None:
             self.is_due = False
             self.ports.push(data, self.force)
 
     @property
     def has_sensors(self) -> bool:
-        """Whether samples are changed."""
+        """Whether sensor effects act."""
         return bool(self._sensors)
 
     def actuate(self, force: Array) -> None:
-        """Change the actuators' forces of one integration step in place, behind everything that the model knows."""
+        """Change the actuator forces of a step in place.
+
+        The change comes after every actuator element of the model.
+        """
         self._change[:] = -force
         for i, step in self._actuators:
             force[i] = step(float(force[i]))
@@ -304,21 +336,21 @@ class Running:
 
     @property
     def is_read(self) -> bool:
-        """Whether samples of sensors or other channels are changed."""
+        """Whether sensor or channel effects act."""
         return bool(self._sensors or self._readings)
 
     @property
     def last_change(self) -> Array:
-        """What `actuate` added to the forces in the last step."""
+        """Change of the forces by the last `actuate`."""
         return self._change
 
     def sense(self, values: Array, t: float) -> None:
-        """Change the sensors' true values of one sample in place."""
+        """Change the sensor values of a sample in place."""
         for i, step, other in self._sensors:
             values[i] = step(float(values[i]), t, other(values))
 
     def read(self, channel: str, value: float, t: float) -> float:
-        """Return the changed value of a channel that reads a port."""
+        """Return the changed value of a port channel."""
         for step in self._readings.get(channel, ()):
             value = step(value, t, 0.0)
         return value
@@ -334,6 +366,19 @@ class Running:
 
 
 def tap_index(taps: Sequence[Any], name: str) -> int | None:
-    """Return which tap has this name or stands at this place; None for none."""
+    """Return the index of a tap by name or place.
+
+    Parameters
+    ----------
+    taps : sequence of object
+        Taps in channel order.
+    name : str
+        Name of a tap or place, with or without its kind.
+
+    Returns
+    -------
+    int or None
+        None without such a tap.
+    """
     bare = name.partition(":")[2] if name.startswith(("sensor:", "actuator:", "coil:", "amplifier:")) else name
     return next((i for i, tap in enumerate(taps) if name in (tap.name, tap.at) or bare in (tap.name, tap.at)), None)

@@ -1,4 +1,4 @@
-"""Effects between a motion and the recorded sample: sensors, leads, converters."""
+"""Effects between motion and recorded sample: sensors, leads, converters."""
 
 from collections import deque
 from collections.abc import Callable
@@ -22,21 +22,22 @@ from vlab.physics.effect import (
 from vlab.signals import Array
 
 NEAR_LIMIT = 0.98
-"""Share of a soft limit beyond which a reading tells no more than that: noise on it is magnified 25 times there."""
+"""NEAR_LIMIT [1]: share of a soft limit beyond which the correction is cut. At this share the correction magnifies
+noise 25 times."""
 MOST_MAGNIFIED = 3.0
-"""What a correction of a resonance magnifies at most: at twice the frequency."""
+"""MOST_MAGNIFIED [1]: largest gain of a resonance's correction, reached at twice the resonance frequency."""
 
 
 def _alone(step: ActuatorStep) -> SensorStep:
-    """Return a filter of samples as the step of a sensor that looks at nothing else."""
+    """Return a filter as a step without a second signal."""
     return lambda y, t, other: step(y)
 
 
 def _delay_taps(samples: float) -> tuple[int, list[float]]:
-    """Return the first of four neighbouring samples and the weights that give a smooth signal that many samples ago.
+    """Return the first sample and weights of a delay.
 
-    Lagrange's cubic: between samples a straight line would lower a signal of 20 samples a cycle by up to a hundredth, as
-    much as a short delay changes it. It is zero before the start.
+    Lagrange's cubic weights four neighbouring samples. Linear interpolation would lower a signal of 20 samples a cycle
+    by up to 1 %, as much as a short delay changes the signal. The signal is zero before the start.
     """
     first = max(int(np.floor(samples)) - 1, 0)
     nodes = first + np.arange(4)
@@ -46,10 +47,11 @@ def _delay_taps(samples: float) -> tuple[int, list[float]]:
 
 @lru_cache(maxsize=256)
 def _resonance(frequency: float, damping_ratio: float, h: float) -> tuple[Array, Array]:
-    """Return the coefficients of a resonance, exact for straight lines between samples.
+    """Return the filter coefficients of a resonance.
 
-    A bilinear transform keeps the resonance in place at the cost of its delay below, which is what most recordings show. A fit asks for
-    the same ones for every window.
+    The first-order hold is exact for straight lines between samples. A bilinear transform keeps the resonance in place
+    but distorts the delay below, where most recordings lie. The cache serves a fit, which repeats the same coefficients
+    for every window.
     """
     w = 2 * np.pi * frequency
     b, a, _ = signal.cont2discrete(([1.0], [1.0 / w**2, 2 * damping_ratio / w, 1.0]), h, method="foh")
@@ -57,23 +59,22 @@ def _resonance(frequency: float, damping_ratio: float, h: float) -> tuple[Array,
 
 
 def _over(t: Any, y: Array) -> Any:
-    """Return times beside signals with time along the first axis."""
+    """Return times that broadcast against signals."""
     return t.reshape(-1, *(1,) * (np.ndim(y) - 1)) if np.ndim(y) > np.ndim(t) else t
 
 
 def _times(y: Array, h: float, factor: Callable[[Array], Array]) -> Array:
-    """Return signals times a function of s = i omega.
+    """Return signals filtered by a function of s = i omega.
 
-    Differences of samples would be several per cent off where a cycle has few samples, and what is wrong in a correction
-    looks like an effect. The signals are continued by turning them about their ends, so that neither they nor their slopes
-    jump there.
+    Finite differences would be wrong by several per cent at few samples a cycle, and a wrong correction resembles an
+    effect. The signals continue by point reflection about their ends, so that value and slope stay continuous.
     """
     n = len(y)
-    longer = np.concatenate([y, 2 * y[-1] - y[-2::-1]]) - y[0]  # from y0 to 2 yn - y0 ...
+    longer = np.concatenate([y, 2 * y[-1] - y[-2::-1]]) - y[0]  # from y0 to 2 yn - y0 by point reflection
     ramp = np.linspace(0.0, 1.0, len(longer)).reshape(-1, *(1,) * (y.ndim - 1)) * longer[-1]
     s = 2j * np.pi * np.fft.rfftfreq(len(longer) - 1, h).reshape(-1, *(1,) * (y.ndim - 1))
     turned = np.fft.irfft(np.fft.rfft((longer - ramp)[:-1], axis=0) * factor(s), len(longer) - 1, axis=0)
-    # of the straight line that was taken off, and of the first value: the factor's value and slope at s = 0
+    # the subtracted line and first value pass through the factor's value and slope at s = 0
     small = np.array([1e-6 / (h * n)]).reshape(-1, *(1,) * (y.ndim - 1)).astype(complex)
     zero = complex(np.ravel(factor(0 * small))[0]).real
     slope = (complex(np.ravel(factor(small))[0]).real - zero) / float(np.ravel(small)[0].real)
@@ -82,7 +83,7 @@ def _times(y: Array, h: float, factor: Callable[[Array], Array]) -> Array:
 
 
 class SensorGain(SensorEffect):
-    """A calibration that is off; -2 is a reversed polarity."""
+    """A calibration error; -2 is a reversed polarity."""
 
     name = "sensor-gain"
     family = "gain"
@@ -110,7 +111,7 @@ class SensorGain(SensorEffect):
 
 
 class SensorOffset(SensorEffect):
-    """A zero that is off."""
+    """A sensor offset (bias)."""
 
     name = "sensor-offset"
     family = "bias"
@@ -128,7 +129,7 @@ class SensorOffset(SensorEffect):
 
 
 class SensorDrift(SensorEffect):
-    """A zero that wanders with time or temperature."""
+    """An offset that drifts with time or temperature."""
 
     name = "sensor-drift"
     family = "bias"
@@ -146,7 +147,7 @@ class SensorDrift(SensorEffect):
 
 
 class SensorClipping(SensorEffect):
-    """A sensor or converter at the end of its range."""
+    """A sensor or converter at its range limit."""
 
     name = "sensor-clipping"
     family = "saturation"
@@ -161,12 +162,12 @@ class SensorClipping(SensorEffect):
         return np.asarray(limited(y, p["limit"]))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: nothing brings back what was cut off."""
+        """See `SensorEffect`: clipped values are lost."""
         return y
 
 
 class SensorSoftSaturation(SensorEffect):
-    """A sensor whose output flattens as it nears the end of its range."""
+    """A sensor that saturates gradually."""
 
     name = "sensor-soft-saturation"
     form_of = "sensor-clipping"
@@ -190,7 +191,7 @@ class SensorSoftSaturation(SensorEffect):
         return np.asarray(softly_limited(y, p["limit"]))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`; near the limit, where noise would be magnified without end, as much as is known."""
+        """See `SensorEffect`: cut near the limit, where noise diverges."""
         return np.asarray(p["limit"] * np.arctanh(limited(y / p["limit"], NEAR_LIMIT)))
 
 
@@ -216,7 +217,7 @@ class SensorDelay(SensorEffect):
     def stepper(self, p: Values, h: float) -> SensorStep:
         """See `SensorEffect`."""
         first, weights = _delay_taps(float(p["delay"]) / h)
-        past = deque([0.0] * (first + 4), maxlen=first + 4)  # the newest first
+        past = deque([0.0] * (first + 4), maxlen=first + 4)  # newest sample first
 
         def step(y: float) -> float:
             past.appendleft(y)
@@ -225,7 +226,7 @@ class SensorDelay(SensorEffect):
         return _alone(step)
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: shifted in the frequency domain, where noise keeps its size (interpolation would lower it)."""
+        """See `SensorEffect`: a shift in frequency, which preserves noise."""
         return _times(y, h, lambda s: np.exp(s * float(p["delay"])))
 
 
@@ -275,7 +276,7 @@ class SensorLag(SensorEffect):
 
 
 class SensorHighPass(SensorEffect):
-    """Alternating-current coupling, a charge amplifier."""
+    """AC coupling or a charge amplifier."""
 
     name = "sensor-high-pass"
     family = "sensor-dynamics"
@@ -304,11 +305,14 @@ class SensorHighPass(SensorEffect):
         return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
 
     def settling_samples(self, p: Values, h: float) -> int:
-        """See `SensorEffect`: to e^-8, a thirtieth of a percent."""
+        """See `SensorEffect`: to exp(-8), or 0.03 %."""
         return int(np.ceil(8.0 * float(p["time_constant"]) / h))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`; what was lost is the integral of what was seen, that of a wrong zero aside, which grows steadily."""
+        """See `SensorEffect`: the lost part is the integral of the output.
+
+        A wrong offset would make the integral grow steadily, so its trend is removed.
+        """
         return np.asarray(y + signal.detrend(np.cumsum(y, axis=0), axis=0) * (h / float(p["time_constant"])))
 
 
@@ -328,7 +332,7 @@ class SensorQuantisation(SensorEffect):
         return np.asarray(p["step"] * np.round(y / p["step"]))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: nothing brings back what was rounded off."""
+        """See `SensorEffect`: rounded digits are lost."""
         return y
 
 
@@ -357,7 +361,7 @@ class MainsHum(SensorEffect):
 
 
 class SensorResonance(SensorEffect):
-    """A sensor on a mount that gives, or its own seismic mass."""
+    """Resonance of a sensor's mount or seismic mass."""
 
     name = "sensor-resonance"
     family = "sensor-dynamics"
@@ -375,7 +379,10 @@ class SensorResonance(SensorEffect):
         return np.asarray(signal.lfilter(*_resonance(float(p["frequency"]), float(p["damping_ratio"]), h), y, axis=0))
 
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
-        """See `SensorEffect`: below the resonance; what lies far above it is noise, and is not magnified without end."""
+        """See `SensorEffect`: the gain far above the resonance is limited.
+
+        Recorded content far above the resonance is noise.
+        """
         w, damping = 2 * np.pi * float(p["frequency"]), float(p["damping_ratio"])
 
         def factor(s: Array) -> Array:
@@ -400,7 +407,7 @@ class SensorResonance(SensorEffect):
 
 
 class Crosstalk(PickUp):
-    """The field or the leads of a coil beside a sensor."""
+    """Pick-up of a coil's field or leads."""
 
     name = "crosstalk"
     family = "pick-up"
@@ -415,7 +422,7 @@ class Crosstalk(PickUp):
 
 
 class CrossAxis(PickUp):
-    """A sensor that is not square to its axis."""
+    """A sensor misaligned with its axis."""
 
     name = "cross-axis"
     family = "pick-up"
@@ -430,7 +437,7 @@ class CrossAxis(PickUp):
 
 
 class MisplacedSensor(PickUp):
-    """A sensor millimetres away from where the drawing has it."""
+    """A sensor displaced by millimetres from the drawing."""
 
     name = "misplaced-sensor"
     family = "gain"

@@ -1,8 +1,8 @@
-"""Effects in frequency: what a linear law does to small motion, taken from the law itself as it runs in time.
+"""Linear effects in the frequency domain, derived from their time-domain laws.
 
-A law is written once, as something that happens from step to step. Whether it is linear is found by trying; a linear force
-with memory is measured state by state and put into continuous time, and a linear change of a command or a sample is given
-by its response to an impulse. So a user's own effect has a frequency response without saying one.
+A law is written once, as a step in time. A trial motion decides whether the law is linear. A linear force with memory
+is identified state by state and converted to continuous time. A linear change of a command or a sample is identified by
+its impulse response. A user's own effect therefore needs no separate frequency response.
 """
 
 from dataclasses import dataclass
@@ -25,23 +25,28 @@ from vlab.physics.effect import (
 from vlab.signals import Array, ComplexArray
 
 TRIED = 48
-"""Steps of the motion that a law is tried on."""
+"""TRIED [steps]: length of the trial motion of the linearity test."""
 SCALES = (1e-3, 1.0, 1e3)
+"""SCALES [1]: amplitudes of the trial motion in the linearity test."""
 SAME = 1e-9
+"""SAME [1]: relative tolerance of the linearity test."""
 FINE = 1e-4
-"""Step in which a law with memory is measured, in radians of the fastest motion of interest."""
+"""FINE [rad]: step for identifying a law with memory, in phase of the fastest motion of interest."""
 PER_CYCLE, IMPULSE = 64, 1 << 15
-"""Samples per cycle of the highest frequency in which a filter is measured, and length of its response to an impulse."""
+"""PER_CYCLE [samples]: samples per cycle of the highest frequency in a filter's identification.
+IMPULSE [samples]: length of the impulse response."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmallSignal:
-    """A linear force at a port: F = -(mass z'' + damping z' + stiffness z) - C x, x' = A x + B [z, z'].
+    """A linear force at a port in state-space form.
+
+    F = -(mass z'' + damping z' + stiffness z) - C x, with x' = A x + B [z, z'].
 
     Parameters
     ----------
     A, B, C : (n, n), (n, 2), (n,) array
-        Of the law's own states; empty without memory.
+        State matrices of the law's memory; empty without memory.
     """
 
     mass: float
@@ -52,7 +57,18 @@ class SmallSignal:
     C: Array
 
     def impedance(self, s: ComplexArray) -> ComplexArray:
-        """Return the force that it resists with per unit displacement, at complex frequencies s [rad/s], any shape."""
+        """Return the dynamic stiffness of the effect.
+
+        Parameters
+        ----------
+        s : complex array
+            Complex frequencies [rad/s], any shape.
+
+        Returns
+        -------
+        complex array
+            Resisting force per unit displacement [N/m], shape of `s`.
+        """
         s = np.asarray(s, dtype=complex)
         out = (self.mass * s + self.damping) * s + self.stiffness
         if len(self.A):
@@ -69,10 +85,19 @@ def small_signal(
 
     Parameters
     ----------
+    effect : PortEffect or LinearPortEffect
+        Linear port effect.
+    values : Values
+        Parameter values.
     own_stiffness : float
-        Stiffness of the elastic element at the port, where there is one.
+        Stiffness of the elastic element at the port, if any [N/m or N m/rad].
     fastest : float
         Circular frequency of the fastest motion of interest [rad/s].
+
+    Returns
+    -------
+    SmallSignal
+        Mass, damping, stiffness and the states of the memory.
     """
     none = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros(0)
     if isinstance(effect, LinearPortEffect):
@@ -94,16 +119,19 @@ def small_signal(
     stepped, read = np.array([after for _, after in units]).T, np.array([force for force, _ in units])
     A = _logarithm(stepped) / h
     B = np.array([at_z[1], at_v[1]]).T / h
-    # the force belongs to the middle of the step, the states to its start: half a step back, and half a step of the input
+    # the force belongs to mid-step, the states to its start: shift by half a step, and by half a step of the input
     C = read @ linalg.expm(-A * h)
     D = D - 0.5 * h * read @ B
     return SmallSignal(mass=0.0, damping=-float(D[1]), stiffness=-float(D[0]), A=A, B=B, C=-C)
 
 
 def _logarithm(stepped: Array) -> Array:
-    """Return the logarithm of a matrix that is close to the identity, as of a short step."""
+    """Return the logarithm of a matrix near the identity.
+
+    A short step gives such a matrix.
+    """
     x = stepped - np.eye(len(stepped))
-    if np.abs(x).sum(axis=0).max() > 0.02:  # a law much faster than the motion of interest
+    if np.abs(x).sum(axis=0).max() > 0.02:  # the law is much faster than the motion of interest
         return np.real(linalg.logm(stepped))
     out, power = x.copy(), x
     for k in range(2, 8):
@@ -113,9 +141,23 @@ def _logarithm(stepped: Array) -> Array:
 
 
 def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq: Array) -> ComplexArray:
-    """Return what a linear actuator or sensor effect does to a command or a motion, (n,), at frequencies [Hz].
+    """Return the frequency response of a linear actuator or sensor effect.
 
-    Of a `PickUp` it is the part that does not come from the other signal.
+    For a `PickUp` the response excludes the picked-up signal.
+
+    Parameters
+    ----------
+    effect : ActuatorEffect or SensorEffect
+        Linear effect.
+    values : Values
+        Parameter values.
+    freq : (n,) array
+        Frequencies [Hz].
+
+    Returns
+    -------
+    complex array
+        Response, (n,).
     """
     p = {k: float(v) for k, v in values.items()}
     if isinstance(effect, PickUp):
@@ -133,7 +175,10 @@ def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq
 
 
 def is_linear(effect: Effect) -> bool:
-    """Say whether an effect's law is linear, does not change with time and does anything at all to small motion."""
+    """Return whether a law is linear, time-invariant and nonzero.
+
+    The test concerns small motion.
+    """
     if isinstance(effect, (LinearPortEffect, PickUp)):
         return True
     return _tried(effect)

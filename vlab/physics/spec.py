@@ -1,4 +1,7 @@
-"""Effects as people write them: ``NAME@PLACE:param=value,param=value``, values in SI or with a unit of their own."""
+"""Text form of effects: ``NAME@PLACE:param=value,param=value``.
+
+Values are in SI or carry a unit.
+"""
 
 import re
 from collections.abc import Collection
@@ -11,27 +14,33 @@ from vlab.physics.effect import Parameter
 from vlab.recordings.assemble import own_si
 
 FORM = "NAME@PLACE:param=value,param=value, for example coulomb-friction@20in:force=0.05lbf"
+"""Form of an effect's text, for messages."""
 _VALUE = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)$")
 
 
 def parse_effect(text: str, *, code: Collection[str] | None = None) -> Attached:
-    """Read one effect.
+    """Parse one effect.
 
     Parameters
     ----------
     text : str
-        In the form `FORM`.
+        Text in the form `FORM`.
     code : collection of str, optional
-        Where the text comes from a file of data: see `effect_named`.
+        Permitted Python files, if the text comes from a data file; see `effect_named`.
+
+    Returns
+    -------
+    Attached
+        Effect, place and values in SI.
 
     Raises
     ------
     BadExperiment
-        The text has not the form, or a value is no number.
+        The text does not have the form, or a value is no number.
     UnknownName
         No such effect or parameter.
     BadUnit
-        A unit that does not fit the parameter.
+        A unit does not fit the parameter.
     """
     name, at, rest = text.partition("@")
     place, colon, first = rest.partition("=")[0].rpartition(":")
@@ -52,7 +61,10 @@ def parse_effect(text: str, *, code: Collection[str] | None = None) -> Attached:
 
 
 def _factor(unit: str, parameter: Parameter) -> float:
-    """Return the SI value of a unit for a parameter, whose own unit depends on the place: rotations, kinds of sensor."""
+    """Return the SI value of a unit for a parameter.
+
+    The parameter's own unit depends on the place: rotations and kinds of sensor differ.
+    """
     if not unit:
         return 1.0
     try:

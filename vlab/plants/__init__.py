@@ -1,4 +1,4 @@
-"""Structures in MuJoCo, behind one interface: composite (the physical one), modal, and any user's MJCF."""
+"""Plants in MuJoCo behind one interface: composite, modal, MJCF."""
 
 from vlab.plants.base import Plant
 from vlab.plants.build import PLANTS, build_plant

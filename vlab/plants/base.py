@@ -1,12 +1,11 @@
-"""What every plant offers: a MuJoCo model, named actuators and sensors, and ports.
+"""Interface of a plant: a MuJoCo model with actuators, sensors and ports.
 
-A port is a named scalar coordinate of the structure, such as the deflection along y at a place. It has a position and a
-row of the Jacobian, so physics can be measured at it and act on it, whatever the generalised coordinates are.
+A port is a named scalar coordinate of the structure, such as the deflection along y at a place. A port has a position
+and a Jacobian row. Physics can be measured at a port and act on it, whatever the generalised coordinates.
 
-Time. MuJoCo's semi-implicit Euler step staggers the two halves of the state: the velocity at index n belongs to the time
-t_n when a force held from t_n to t_(n+1) acts in between, and the position then belongs to t_n + h/2. Displacement
-sensors of the structure plants undo this half step with the velocity at hand, so that all channels of a recording share
-their time stamps to second order.
+Time stamps: MuJoCo's semi-implicit Euler step staggers the state. The velocity at index n belongs to t_n if a force is
+held from t_n to t_(n+1). The position at index n belongs to t_n + h/2. Displacement sensors of the structure plants
+undo the half step with the present velocity. All channels then share their time stamps to second order.
 """
 
 import copy
@@ -27,12 +26,12 @@ from vlab.structure.model import Sensor, Structure
 
 @dataclass(frozen=True, kw_only=True)
 class ActuatorTap:
-    """An actuator: its channel name, where it acts, and the SI unit of its command.
+    """An actuator with channel name, place and SI unit.
 
     Parameters
     ----------
     controls : tuple of int
-        The MuJoCo controls that take this command, all alike.
+        MuJoCo controls that take the command, all alike.
     """
 
     name: str
@@ -44,14 +43,14 @@ class ActuatorTap:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorTap:
-    """A sensor: which of MuJoCo's sensor values add up to it.
+    """A sensor as a sum of MuJoCo sensor values.
 
     Parameters
     ----------
     addresses : tuple of int
-        Indices of the values in ``sensordata`` whose sum it is.
+        Indices in ``sensordata`` of the summed values.
     rates : tuple of int
-        Indices of the velocities of the same coordinate, where the half-step stagger of a position is undone.
+        Indices of the velocities of the same coordinate, for undoing the half-step stagger of a position.
     """
 
     name: str
@@ -73,14 +72,13 @@ class Port:
     position : callable
         MjData -> value [m or rad].
     stiffness : float
-        Of the elastic element that the coordinate is the deflection of [N/m or N m/rad]; 0 without one.
+        Stiffness of the elastic element with the coordinate as deflection [N/m or N m/rad]; 0 without an element.
     is_constant : bool
-        Whether the row is the same in every configuration.
+        Whether the row is independent of the configuration.
     more : sequence of Port
-        Other coordinates on which an effect at this place acts in the same way: three directions of a body, the elements
-        of a stretched bar.
+        Further coordinates with the same effect: three directions of a body, the elements of a stretched bar.
     tag : str
-        What the place is besides a coordinate: ``"tension"`` for the rows of a stretched bar, ``"floor"``, ``"body"``.
+        Additional meaning of the place: ``"tension"`` for the rows of a stretched bar, ``"floor"``, ``"body"``.
     """
 
     name: str
@@ -102,25 +100,25 @@ class Plant:
     name : str
         ``"composite"``, ``"modal"`` or ``"mjcf"``.
     model : mujoco.MjModel
-        Compiled; its initial configuration is the equilibrium.
+        Compiled model; its initial configuration is the equilibrium.
+    spec : mujoco.MjSpec
+        Complete plant for export, with its dissipation as native tendons.
     actuators, sensors : sequence
         In channel order.
     ports : mapping of str to Port
         Named coordinates; a structure plant has one at every point of the drawing.
-    spec : mujoco.MjSpec
-        The whole plant as it is written out, its dissipation as native tendons.
     dissipation, restoring : (nv, nv) array or None
-        Damping and stiffness matrix that act as -C qvel - K (qpos - qpos0) while the plant runs; see
+        Damping and stiffness matrix of the running plant, acting as -C qvel - K (qpos - qpos0); see
         `vlab.plants.mode_by_mode`.
     travel : slice
-        Where the displacements of the velocity sensors' coils stand in ``sensordata``, in the order of those sensors;
-        empty where a plant does not know them.
+        Indices in ``sensordata`` of the displacements of the velocity sensors' coils, in sensor order; empty if
+        unknown.
     left_out : sequence of str
-        What this plant does not carry of the structure, in words.
+        Properties of the structure that the plant lacks.
     physics : sequence
-        Effects that MuJoCo has no element for and that act while the plant runs; see `vlab.physics.attach`.
+        Effects without a MuJoCo element, active while the plant runs; see `vlab.physics.attach`.
     impedance : tuple of (nv, nv) array, or None
-        Mass, damping and stiffness that those effects add for small motion.
+        Mass, damping and stiffness of `physics` for small motion.
     """
 
     name: str
@@ -142,11 +140,14 @@ class Plant:
         return float(self.model.opt.timestep)
 
     def linearise(self) -> SecondOrderModel:
-        """Return M, C and K about the equilibrium, what is prescribed mode by mode included."""
+        """Return M, C and K about the equilibrium.
+
+        The matrices include the prescribed modal damping and tuning.
+        """
         return self._with_added(linearise(self.model))
 
     def _with_added(self, linear: SecondOrderModel) -> SecondOrderModel:
-        """Return a linearisation of the bare model with what acts on it as generalised forces."""
+        """Return a linearisation with the added generalised forces."""
         if self.dissipation is not None:
             linear = replace(linear, C=linear.C + self.dissipation)
         if self.restoring is not None:
@@ -158,7 +159,10 @@ class Plant:
 
     @cached_property
     def prescribed(self) -> Callable[[Array, Array, Array], Any] | None:
-        """What writes the generalised force of dissipation and restoring, given qpos, qvel and where to; None without any."""
+        """Writer of the prescribed dissipation and restoring force.
+
+        The arguments are qpos, qvel and the output array. None without such forces.
+        """
         if self.restoring is None:
             if self.dissipation is None:
                 return None
@@ -174,21 +178,38 @@ class Plant:
         return write
 
     def own_stiffness(self, name: str) -> float:
-        """Return the stiffness of the elastic element whose deflection a port is; 0 without one."""
+        """Return the stiffness of a port's elastic element.
+
+        The result is 0 without an element.
+        """
         return self.port(name).stiffness
 
     def with_physics_of(self, other: "Plant") -> Self:
-        """Return this plant with the physics that is attached to another one of the same make."""
+        """Return the plant with the effects of a similar plant."""
         return replace(self, physics=other.physics, impedance=other.impedance)
 
     def port_rows(self, names: Sequence[str] | None = None) -> Array:
-        """Return the Jacobian rows of ports at equilibrium, (n_ports, nv); all of them by default."""
+        """Return the Jacobian rows of ports, (n_ports, nv).
+
+        The rows belong to equilibrium; the default is all ports.
+        """
         data = self.new_data()
         rows = [self.port(name).row(data) for name in (self.ports if names is None else names)]
         return np.array(rows).reshape(-1, self.model.nv)
 
     def port(self, name: str) -> Port:
-        """Return a port, or raise `UnknownName` with the ones there are."""
+        """Return a port by name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the port.
+
+        Raises
+        ------
+        UnknownName
+            No such port.
+        """
         if name not in self.ports:
             raise unknown_name("port", name, self.ports, where=f"plant {self.name!r}")
         return self.ports[name]
@@ -200,7 +221,17 @@ class Plant:
         return data
 
     def substeps(self, rate_hz: float) -> int:
-        """Return the integration steps per sample, or refuse a rate that is not a whole multiple of the step.
+        """Return the number of integration steps per sample.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Sample rate [Hz].
+
+        Returns
+        -------
+        int
+            Steps per sample.
 
         Raises
         ------
@@ -220,11 +251,11 @@ class Plant:
         return count
 
     def actuator_index(self, name: str) -> int:
-        """Return the index of an actuator by channel name or place."""
+        """Return an actuator's index by channel name or place."""
         return self._index("actuator", name, self.actuators)
 
     def sensor_index(self, name: str) -> int:
-        """Return the index of a sensor by channel name or place."""
+        """Return a sensor's index by channel name or place."""
         return self._index("sensor", name, self.sensors)
 
     def _index(self, kind: str, name: str, taps: tuple[Any, ...]) -> int:
@@ -235,7 +266,7 @@ class Plant:
 
     @cached_property
     def sensor_matrix(self) -> Array:
-        """What gives the sensor values from MuJoCo's ``sensordata``, (n_sensors, n_sensordata)."""
+        """Matrix from ``sensordata`` to sensor values, (n_sensors, n_sensordata)."""
         matrix = np.zeros((len(self.sensors), self.model.nsensordata))
         for i, tap in enumerate(self.sensors):
             matrix[i, list(tap.addresses)] = 1.0
@@ -244,7 +275,7 @@ class Plant:
 
     @cached_property
     def control_matrix(self) -> Array:
-        """What gives MuJoCo's controls from the actuators' commands, (nu, n_actuators)."""
+        """Matrix from actuator commands to controls, (nu, n_actuators)."""
         matrix = np.zeros((self.model.nu, len(self.actuators)))
         for i, tap in enumerate(self.actuators):
             matrix[list(tap.controls), i] = 1.0
@@ -255,31 +286,44 @@ class Plant:
         return np.asarray(self.sensor_matrix @ data.sensordata)
 
     def deflections(self, data: Any) -> Array:
-        """Return the positions of all ports at the present state."""
+        """Return the present positions of all ports."""
         return np.array([port.position(data) for port in self.ports.values()])
 
 
 SENSOR_UNITS = {"velocity": "m/s", "displacement": "m"}
-"""SI unit of what a structure's sensors measure."""
+"""SI unit by kind of structure sensor."""
 
 
 def named_sensors(structure: Structure) -> list[tuple[str, Sensor]]:
-    """Return a structure's coil sensors and probes with their channel names, in channel order."""
+    """Return a structure's sensors and probes in channel order.
+
+    Each comes with its channel name.
+    """
     return [(f"sensor:{s.name}", s) for s in structure.sensor] + [(f"probe:{s.name}", s) for s in structure.probe]
 
 
 def travel_name(sensor: Sensor) -> str:
-    """Return the name of the value that says how far a coil sensor is from its centre."""
+    """Return the name of a coil sensor's travel value.
+
+    The travel is the distance from the coil's centre.
+    """
     return f"sensor:{sensor.name}:travel"
 
 
 def sensor_taps(structure: Structure, addresses: Callable[[str], tuple[int, ...]]) -> tuple[SensorTap, ...]:
-    """Return the taps of a structure's sensors and probes, in channel order.
+    """Return a structure's sensor taps in channel order.
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     addresses : callable
-        Name of a sensor, or of the velocity beside a displacement (``NAME:rate``) -> where its values stand.
+        Name of a sensor, or of the velocity beside a displacement (``NAME:rate``), to its indices in ``sensordata``.
+
+    Returns
+    -------
+    tuple of SensorTap
+        One tap a sensor or probe.
     """
     return tuple(
         SensorTap(
@@ -295,7 +339,10 @@ def sensor_taps(structure: Structure, addresses: Callable[[str], tuple[int, ...]
 
 
 def set_options(spec: Any, title: str, *, gravity: float = 0.0) -> None:
-    """Name a spec and set what all structure plants share: semi-implicit Euler, gravity along -z, no contacts."""
+    """Set a spec's name and the options common to structure plants.
+
+    The options are semi-implicit Euler, gravity along -z, no contacts.
+    """
     spec.modelname = title
     spec.option.gravity = [0.0, 0.0, -gravity]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -303,7 +350,20 @@ def set_options(spec: Any, title: str, *, gravity: float = 0.0) -> None:
 
 
 def without_limits(plant: Plant) -> Plant:
-    """Return a plant whose actuators have no limits: a unit command may be far outside of them."""
+    """Return a plant without actuator limits.
+
+    A unit command may exceed the limits.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+
+    Returns
+    -------
+    Plant
+        Copy with unlimited actuators.
+    """
     model = copy.copy(plant.model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     model.actuator_forcelimited[:] = 0
@@ -316,17 +376,30 @@ _DIVERGED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC", "mjWARN_BADCT
 
 
 def has_diverged(data: Any) -> list[str]:
-    """Return the names of MuJoCo's warnings of states or controls beyond what it takes for sane, with which it begins anew."""
+    """Return the names of MuJoCo's divergence warnings.
+
+    MuJoCo resets a state or control beyond its limits and counts a warning.
+    """
     return [name for name in _DIVERGED if data.warning[getattr(mujoco.mjtWarning, name)].number]
 
 
 def check_run(model: Any, data: Any, expected_time: float) -> None:
-    """Refuse the state of a run that diverged or that MuJoCo reset on its own.
+    """Refuse the state of a diverged or reset run.
+
+    Parameters
+    ----------
+    model : object
+        Compiled MuJoCo model.
+    data : object
+        State of the run.
+    expected_time : float
+        Simulated time that the clock must have [s].
 
     Raises
     ------
     Diverged
-        A BADQPOS, BADQVEL or BADQACC warning was counted, the clock is not where it must be, or a number is not finite.
+        A BADQPOS, BADQVEL or BADQACC warning was counted, the clock differs from the expected time, or a number is not
+        finite.
     """
     bad = has_diverged(data)
     if bad or abs(data.time - expected_time) > 0.5 * model.opt.timestep or not np.all(np.isfinite(data.qpos)):

@@ -1,4 +1,4 @@
-"""Building plants by name."""
+"""Construction of plants by name."""
 
 from collections.abc import Callable
 
@@ -16,18 +16,36 @@ PLANTS: dict[str, Callable[[Structure, str], Plant]] = {
     "fe": lambda structure, variant: build_fe_plant(build_fe_model(structure, variant)),
     "modal": lambda structure, variant: build_modal(build_fe_model(structure, variant)),
 }
-"""The plants of a structure, by name."""
+"""Builders of a structure's plants by name."""
 
 
 def _build_native(structure: Structure, variant: str) -> Plant:
-    """Build the physical plant: bars that hang from a carrying bar, or a bar between cables."""
+    """Build the physical plant.
+
+    The structure is a grid under a carrying bar, or a bar between cables.
+    """
     if any(bar.carries for bar in structure.bar):
         return build_grillage(structure, variant)
     return build_composite(structure, variant)
 
 
 def build_plant(structure: Structure, plant: str = "composite", variant: str = "published") -> Plant:
-    """Build a plant of a structure by name, or raise `UnknownName` with the ones there are."""
+    """Build a plant of a structure by name.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    plant : str
+        Name in `PLANTS`.
+    variant : str
+        Name of the structure's variant.
+
+    Raises
+    ------
+    UnknownName
+        No such plant.
+    """
     if plant not in PLANTS:
         raise unknown_name("plant", plant, PLANTS)
     return PLANTS[plant](structure, variant)

@@ -1,20 +1,21 @@
-"""Bars as chains of rigid links with elastic hinges: where the hinges sit and how stiff they are.
+"""Bars as chains of rigid links: positions and stiffness of the elastic hinges.
 
-A bar of bending stiffness EI becomes rigid links of length h joined by hinges of stiffness EI/h, each with the mass and
-inertia of its piece of bar. Inside a uniform bar this is fourth-order accurate as it stands: with c = cos(kh) the hinges
-give the factor (2 - 2c)^2/(kh)^4 = 1 - (kh)^2/6 + ..., the links' linear deflection gives (2 + c)/3 = 1 - (kh)^2/6 + ...
-to the mass, and the two cancel. Three places break the balance at second order; a perturbation of Rayleigh's quotient
-gives what removes that order (third order is left, as the convergence test asserts):
+A bar of bending stiffness EI becomes rigid links of length h. Each link has the mass and inertia of its piece of bar,
+and hinges of stiffness EI/h join the links. Inside a uniform bar the chain is fourth-order accurate. With c = cos(kh)
+the hinges give the factor (2 - 2c)^2/(kh)^4 = 1 - (kh)^2/6 + ... The links' linear deflection multiplies the mass by (2
++ c)/3 = 1 - (kh)^2/6 + ..., and the two errors cancel. Three places break the balance at second order. A perturbation
+of Rayleigh's quotient gives the corrections; the remaining error is of third order, as the convergence test asserts:
 
-- at a clamp the curvature does not vanish: the first hinge stands at 11/24 h instead of h/2;
-- under a point mass or a point force the curvature has a kink: a hinge stands there (links of unequal length on its two
-  sides leave a small term of second order);
-- a tension T is carried by links that cannot curve, which overstates its effect by T (kh)^2/12: the hinge gets
-  (EI - T h^2/12)/h. The tension itself stays native.
+- At a clamp the curvature does not vanish: the first hinge is at 11/24 h instead of h/2.
+- Under a point mass or a point force the curvature has a kink: a hinge is placed there. Links of unequal length on its
+  two sides leave a small term of second order.
+- A tension T acts on straight links, which overstates its effect by T (kh)^2/12: the hinge gets (EI - T h^2/12)/h. The
+  tension itself stays native.
 
-The links are a polygon beside the smooth curve. With the curvature k = angle/h of the hinges the curve is read off it to
-fourth order, too: w = W + k h^2/12 at a hinge (Numerov's weights), less k d1 d2/2 between two hinges at distances d1 and
-d2, and less 25/1152 k h^2 at a clamp between two chains, k their mean. Sensors and coils act through these readings.
+The links form a polygon beside the smooth curve. With the curvature k = angle/h of the hinges, the smooth deflection w
+follows from the polygon W to fourth order. At a hinge w = W + k h^2/12 (Numerov's weights). Between two hinges at
+distances d1 and d2, w is lower by k d1 d2/2. At a clamp between two chains w is lower by 25/1152 k h^2, with k their
+mean. Sensors and coils act through the corrected deflection.
 """
 
 import itertools
@@ -29,7 +30,7 @@ from vlab.signals import Array
 
 @dataclass(frozen=True)
 class Chain:
-    """Hinges along a flexible length that starts at a clamp and ends free.
+    """Hinges along a flexible length from clamp to free end.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ class Chain:
     length : float
         Flexible length [m].
     pieces : (n,) array
-        Length of bar that bends in each hinge [m].
+        Length of bar that each hinge represents [m].
     """
 
     hinges: Array
@@ -49,13 +50,23 @@ class Chain:
     pieces: Array
 
     def reading(self, distance: float) -> Array:
-        """Return what must be added to the polygon's deflection at a distance from the clamp's edge, (n,) per bend.
+        """Return the correction from polygon to smooth deflection.
 
-        A bend is the change of slope along the chain that a hinge makes [rad]; the coefficients are lengths [m].
+        The correction is per bend, the change of slope along the chain at a hinge [rad].
+
+        Parameters
+        ----------
+        distance : float
+            Distance from the clamp's edge [m].
+
+        Returns
+        -------
+        array
+            Coefficients [m], (n,).
         """
         h, out = self.pieces, np.zeros(len(self.hinges))
         if distance < self.hinges[0]:
-            # at the clamp s1 = 11/24 h gives s1^2/2 - h^2/12 = 25/1152 h^2; up to the first hinge it goes over to +h^2/12
+            # at the clamp s1 = 11/24 h gives s1^2/2 - h^2/12 = 25/1152 h^2, at the first hinge +h^2/12
             share = max(distance, 0.0) / self.hinges[0]
             out[0] = h[0] * (share / 12 - (1 - share) * 25 / 1152)
             return out
@@ -70,7 +81,10 @@ class Chain:
         return out
 
     def turned(self, distance: float) -> Array:
-        """Return the share of every bend that lies before a distance from the clamp's edge: spread over its piece of bar."""
+        """Return the share of every bend before a distance.
+
+        Each bend is spread over its piece of bar.
+        """
         return np.clip((distance - self.hinges) / self.pieces + 0.5, 0.0, 1.0)
 
 
@@ -87,15 +101,20 @@ def build_chain(
     Parameters
     ----------
     length : float
-        From the clamp's edge to the free end [m].
+        Distance from the clamp's edge to the free end [m].
     EI : float
         Bending stiffness [N m^2].
     links : int
         Wanted number of hinges; kinks may add or drop one.
     kinks : sequence of float
-        Distances of point masses and point forces short of the free end [m]; a hinge stands at each.
+        Distances of point masses and point forces before the free end [m]; each gets a hinge.
     tension : callable
         Tension [N] at a distance from the clamp's edge.
+
+    Returns
+    -------
+    Chain
+        Hinges and their stiffness.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""The physical plant: a hanging structure as nested rigid links in MuJoCo, gravity and cable tension native.
+"""Physical plant of a hanging structure: nested rigid links in MuJoCo.
 
-The vertical bar is a tree of links rooted at its clamp (x right, y out of the plane, z up); every link has its piece of
-the bar and the point masses on it as inertia. Cables are spatial tendons with the stiffness of their wire, stretched so
-that the drawing is the equilibrium: the tension in the bar, its growth with the weight below and its effect on the
-motion are then MuJoCo's own. The inherent damping is prescribed mode by mode, see `vlab.plants.mode_by_mode`.
+The vertical bar is a tree of links rooted at its clamp (x right, y out of the plane, z up). Every link has the inertia
+of its piece of bar and of the point masses. Cables are spatial tendons with the stiffness of their wire, prestretched
+so that the drawing is the equilibrium. The tension in the bar, its growth with the weight below and its effect on the
+motion are native in MuJoCo. The damping is prescribed mode by mode, see `vlab.plants.mode_by_mode`.
 """
 
 from collections.abc import Callable
@@ -24,20 +24,22 @@ from vlab.signals import Array
 from vlab.structure.model import Bar, Clamp, Section, Structure
 
 UP, ALONG = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+"""UP,
+ALONG: unit vectors of z (upwards) and x (to the right)."""
 OUT = 1
 """Index of the out-of-plane axis y."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompositeOptions:
-    """How fine the composite is.
+    """Resolution of the composite plant.
 
     Parameters
     ----------
     links : int
-        Hinges on the whole vertical bar.
+        Number of hinges on the whole vertical bar.
     arm_links : int
-        Hinges on each arm of a crosspiece.
+        Number of hinges on each arm of a crosspiece.
     timestep : float
         Integration step [s].
     """
@@ -49,6 +51,8 @@ class CompositeOptions:
 
 @dataclass(eq=False)
 class _Builder:
+    """Builder of the composite plant's spec."""
+
     structure: Structure
     variant: str
     options: CompositeOptions
@@ -116,15 +120,15 @@ class _Builder:
             prefix = "beam+" if sign > 0 else "beam-"
             self._add_chain(prefix, sign * UP, ALONG, chain, edge, section, points)
             bend = float(np.cross(ALONG, sign * UP)[OUT])
-            self.root_curve[f"{prefix}1"] = bend * chain.reading(0.0)[0] / 2  # the mean of what lies above and below
+            self.root_curve[f"{prefix}1"] = bend * chain.reading(0.0)[0] / 2  # mean of the chains above and below
 
     def _tension_along(self, root: float, sign: float) -> Callable[[float], float]:
-        """Return the tension at a distance from the clamp's edge, upwards or downwards."""
+        """Return the tension against distance from the clamp's edge."""
         edge = self.clamp.half_length
         return lambda s: self.line.tension(root + sign * (edge + s))
 
     def _loads(self, point: str) -> bool:
-        """Whether a point mass or a point force acts at a point of the bar."""
+        """Return whether a point mass or force acts at a point."""
         return self.structure.point_mass(point) > 0 or any(c.at == point for c in self.structure.coil)
 
     def _crosspiece(self) -> None:
@@ -142,7 +146,7 @@ class _Builder:
             self._weight_to_clamp()
 
     def _spring_mass(self, bar: Bar) -> None:
-        """Carry a bar as the oscillator of its first symmetric mode."""
+        """Model a bar by its first symmetric mode."""
         mode = one_mode_bar(self.structure, bar.name)
         body = self.root.add_body(name=bar.name)
         body.add_joint(name=f"{bar.name}:mode", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0]).stiffness[0] = (
@@ -162,10 +166,9 @@ class _Builder:
             self._add_chain(f"{bar.name}-{side}:", sign * ALONG, UP, chain, edge, section, points)
 
     def _weight_to_clamp(self) -> None:
-        """Let the clamp carry the weight of what hangs on it sideways, so that it acts on no deflection.
+        """Transfer the weight of laterally clamped bodies to the clamp.
 
-        The weight of those bodies is lifted from them and laid on the clamp: the tension stays, the in-plane moment
-        goes, as in a model in one plane.
+        The weight then acts on no deflection: the tension stays and the in-plane moment vanishes, as in a plane model.
         """
         moved = 0.0
         for body in self.spec.bodies:
@@ -213,7 +216,10 @@ class _Builder:
                 self._set_inertia(body, parts)
 
     def _set_inertia(self, body: Any, parts: list[tuple[float, Array, Array]]) -> None:
-        """Set mass, centre and principal inertia of a body from pieces (mass, position, own inertia) on its axes."""
+        """Set a body's inertia from its pieces.
+
+        Each piece has mass, position and own inertia about the axes.
+        """
         if body is self.root:
             parts = [*parts, (self.structure.point_mass(self.clamp.at), np.zeros(3), np.zeros(3))]
         masses = np.array([m for m, _, _ in parts])
@@ -224,16 +230,19 @@ class _Builder:
         inertia = sum(own for _, _, own in parts) + masses @ (np.sum(arms**2, axis=1)[:, None] - arms**2)
         floor = (
             1e-3 * inertia.max() if inertia.max() > 0 else 1e-9 * total
-        )  # MuJoCo asks for a positive inertia about every axis
+        )  # MuJoCo requires a positive inertia about every axis
         inertia = np.maximum(inertia, floor)
-        inertia[OUT] = min(inertia[OUT], inertia[0] + inertia[2])  # a flat body to rounding
+        inertia[OUT] = min(inertia[OUT], inertia[0] + inertia[2])  # a flat body within rounding
         body.explicitinertial = True
         body.mass, body.ipos, body.inertia = total, centre, inertia
         if body is self.root and self.hung_mass:
             body.gravcomp = -self.hung_mass / total
 
     def _site(self, body: Any, name: str, pos: Array, curve: dict[str, float]) -> None:
-        """Add a site, and remember how the smooth curve is read off the links there: length per hinge angle."""
+        """Add a site with its correction to the smooth curve.
+
+        The correction is a length per hinge angle.
+        """
         body.add_site(name=name, pos=pos)
         self.curves[name] = {joint: length for joint, length in curve.items() if length != 0.0}
 
@@ -258,7 +267,7 @@ class _Builder:
             tendon = self.spec.add_tendon(name=_curve(place))
             for joint, length in self.curves[place].items():
                 tendon.wrap_joint(joint, length)
-        for coil in self.structure.coil:  # all sites first, then all curves: the forces stand twice in the controls
+        for coil in self.structure.coil:  # all sites before all curves: each force appears twice in the controls
             at_site = self.spec.add_actuator(
                 name=f"coil:{coil.name}", target=coil.at, refsite="world", trntype=mujoco.mjtTrn.mjTRN_SITE
             )
@@ -276,7 +285,7 @@ class _Builder:
             if sensor.kind == "displacement":
                 self._sensor(f"{name}:rate", "FRAMELINVEL", "TENDONVEL", sensor.at)
 
-        for sensor in self.structure.sensor:  # last, so that their values stand together
+        for sensor in self.structure.sensor:  # last, so that their values are contiguous
             self.spec.add_sensor(
                 name=travel_name(sensor),
                 type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
@@ -297,7 +306,7 @@ class _Builder:
 
 
 def _curve(name: str) -> str:
-    """Name of the part that reads the smooth curve off the links at a place."""
+    """Return the name of a place's curve correction."""
     return f"{name}:curve"
 
 
@@ -308,11 +317,20 @@ def build_composite(
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     variant : str
-        ``"published"`` carries the crosspiece by its one mode and its weight on the clamp; ``"physical"`` has flexible
-        arms whose weight acts on their deflection.
+        ``"published"``: the crosspiece has one mode and its weight on the clamp. ``"physical"``: flexible arms with
+        weight acting on their deflection.
+    options : CompositeOptions or None
+        Resolution.
     damped : bool
         Whether to prescribe the structure's modal damping.
+
+    Returns
+    -------
+    Plant
+        Plant at equilibrium.
 
     Raises
     ------
@@ -347,7 +365,7 @@ def build_composite(
 
 
 def _addresses(model: Any, name: str) -> tuple[int, ...]:
-    """Return where the out-of-plane value of a site sensor and its curve reading stand."""
+    """Return the indices of a site's deflection and curve correction."""
     return int(model.sensor(name).adr[0]) + OUT, int(model.sensor(_curve(name)).adr[0])
 
 
@@ -399,7 +417,7 @@ def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
     site = model.site(name).id
     dofs = np.array(
         [int(model.joint(joint).dofadr[0]) for joint in curve], dtype=int
-    )  # hinges: one position a velocity
+    )  # hinge joints: as many positions as velocities
     entries = np.array([int(model.joint(joint).qposadr[0]) for joint in curve], dtype=int)
     lengths = np.array(list(curve.values()))
 
@@ -414,5 +432,5 @@ def _port(model: Any, name: str, curve: dict[str, float]) -> Port:
         unit="m",
         row=row,
         position=lambda data: float(data.site_xpos[site, OUT] + lengths @ data.qpos[entries]),
-        is_constant=True,  # to the square of the rotations, 1e-5 at a deflection of an inch
+        is_constant=True,  # up to the square of the rotations, 1e-5 at one inch
     )

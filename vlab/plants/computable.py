@@ -1,4 +1,4 @@
-"""Whether MuJoCo and linear algebra can compute a model: its numbers, its memory."""
+"""Numerical limits of a model: finite numbers and memory."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,12 +14,17 @@ from vlab.signals import LARGEST
 
 @contextmanager
 def computable(what: str) -> Iterator[None]:
-    """Turn what MuJoCo and linear algebra cannot do with a model into one line.
+    """Turn numerical failures on a model into a one-line error.
 
     Parameters
     ----------
     what : str
-        What is computed.
+        Computed object, for the message.
+
+    Returns
+    -------
+    context manager
+        Context.
 
     Raises
     ------
@@ -37,13 +42,13 @@ def computable(what: str) -> Iterator[None]:
 
 
 def check_numbers(numbers: Any, what: str) -> None:
-    """Refuse numbers that are not finite, or too large to be computed with.
+    """Refuse nonfinite or excessive numbers.
 
     Parameters
     ----------
     numbers : array or float
     what : str
-        What they are.
+        Name of the numbers in the message.
 
     Raises
     ------
@@ -51,7 +56,7 @@ def check_numbers(numbers: Any, what: str) -> None:
         A number is not finite or larger than `vlab.signals.LARGEST`.
     """
     size = np.abs(np.asarray(numbers, dtype=float))
-    if not np.all(size <= LARGEST):  # nor where it is no number
+    if not np.all(size <= LARGEST):  # a comparison with NaN is false
         worst = float(size[~(size <= LARGEST)].ravel()[0])
         raise BadStructure(
             f"{what} is {worst:.3g}"

@@ -1,8 +1,8 @@
-"""Elastic elements of a structure as ports: how much a span of a bar bends, a cable's end, a plate's swing, the tension.
+"""Elastic elements of a structure as ports: bending of spans, cables, plates, tension.
 
-A span between two neighbouring points bends by the difference of the slopes at its ends; in even bending that takes EI/L.
-What an element loses is lost in that motion. Tension acts on every span's change of direction, w' taken as constant
-between neighbouring points, and on the cables' ends.
+The bend of a span between neighbouring points is the difference of the slopes at its ends. In uniform bending the
+span's stiffness is EI/L. A loss of an element's stiffness acts on that motion. Tension acts on every span's change of
+direction, with w' constant between neighbouring points, and on the cables' ends.
 """
 
 import re
@@ -18,18 +18,28 @@ from vlab.signals import Array
 from vlab.structure.model import Bar, Structure
 
 Slope = Callable[[str, tuple[float, float]], Array | None]
-"""Point and direction (x, z) of a bar -> row of the deflection's slope along it, (nv,); None where the plant has none."""
+"""Point and direction (x, z) of a bar to the row of the deflection's slope, (nv,); None if the plant has no such
+slope."""
 
 
 def element_ports(structure: Structure, variant: str, points: Mapping[str, Array], slope: Slope) -> dict[str, Port]:
-    """Return the ports of a structure's elastic elements, by the names that cases and diagnoses use.
+    """Return the ports of a structure's elastic elements.
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    variant : str
+        Name of the structure's variant.
     points : mapping of str to (nv,) array
         Deflection of every point per joint coordinate, at rest.
     slope : callable
         See `Slope`.
+
+    Returns
+    -------
+    dict of str to Port
+        Ports by name, as used in cases and diagnoses.
     """
     ports: dict[str, Port] = {}
     one_mode = structure.variant_named(variant).one_mode_bar
@@ -58,7 +68,28 @@ def element_ports(structure: Structure, variant: str, points: Mapping[str, Array
 
 
 def constant_port(name: str, row: Array, unit: str = "m", stiffness: float = 0.0, tag: str = "") -> Port:
-    """Return the port of a linear combination of the joint coordinates, which are zero at rest."""
+    """Return the port of a linear combination of coordinates.
+
+    The coordinates are zero at rest.
+
+    Parameters
+    ----------
+    name : str
+        Name of the port.
+    row : (nv,) array
+        Coefficients.
+    unit : str
+        Unit of the coordinate, m or rad.
+    stiffness : float
+        Stiffness of the port's element [N/m or N m/rad]; 0 without an element.
+    tag : str
+        Additional meaning of the place, see `Port`.
+
+    Returns
+    -------
+    Port
+        Port with a constant row.
+    """
     return Port(
         name=name,
         unit=unit,
@@ -101,7 +132,11 @@ def _spans(structure: Structure, bar: Bar, slope: Slope) -> dict[str, Port]:
 
 
 def _span_name(structure: Structure, bar: Bar, a: str, b: str) -> str:
-    """Return ``bar:5-9`` between numbered points, ``crosspiece-left`` for an arm from a clamp, else ``beam:30in-40in``."""
+    """Return the name of a span.
+
+    The form is ``bar:5-9`` between numbered points, ``crosspiece-left`` for an arm from a clamp, else
+    ``beam:30in-40in``.
+    """
     numbers = [re.fullmatch(r"[a-z]+(\d+)", point) for point in (a, b)]
     if all(numbers):
         low, high = sorted(int(match[1]) for match in numbers if match)
@@ -114,7 +149,10 @@ def _span_name(structure: Structure, bar: Bar, a: str, b: str) -> str:
 
 
 def _one_mode(structure: Structure, bar: Bar, points: Mapping[str, Array]) -> dict[str, Port]:
-    """Return the ports of a bar that is carried by one mode: both arms bend alike."""
+    """Return the ports of a bar with one mode.
+
+    Both arms bend alike.
+    """
     mode = one_mode_bar(structure, bar.name)
     row = points[bar.points[-1]] - points[mode.root]
     stiffness = float(mode.stiffness_matrix[1, 1])
@@ -124,7 +162,7 @@ def _one_mode(structure: Structure, bar: Bar, points: Mapping[str, Array]) -> di
 
 
 def _clamps(structure: Structure, spans: Mapping[str, Port]) -> dict[str, Port]:
-    """Return how much the bar through a clamp bends over the spans on its two sides."""
+    """Return the bend through each clamp over both adjacent spans."""
     out = {}
     for clamp in structure.clamp:
         for bar in structure.bar:
@@ -140,7 +178,10 @@ def _clamps(structure: Structure, spans: Mapping[str, Port]) -> dict[str, Port]:
 
 
 def _tension(structure: Structure, points: Mapping[str, Array]) -> dict[str, Port]:
-    """Return the place ``tension``: the rows whose squares, times a change of tension, are the change of stiffness."""
+    """Return the place ``tension``.
+
+    A change of tension dT adds dT times the sum of r^T r over its rows r to the stiffness matrix.
+    """
     if not structure.cable:
         return {}
     rows = []

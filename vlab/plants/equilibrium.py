@@ -1,4 +1,4 @@
-"""Where a model rests: the configuration in which its forces balance."""
+"""Equilibrium of a MuJoCo model."""
 
 from typing import Any
 
@@ -11,20 +11,37 @@ from vlab.plants.computable import check_numbers, computable
 from vlab.signals import Array
 
 RELAXING_STEPS, SMALL = 60_000, 300
-"""Integration steps after which the search for an equilibrium by motion gives up, of a model of so many degrees of freedom and
-constraints at most; of a larger one a step counts as several, as it takes so much longer."""
+"""RELAXING_STEPS [1]: largest number of integration steps of dynamic relaxation.
+SMALL [1]: degrees of freedom and constraints up to which a step counts once. A step of a larger model counts more,
+in proportion to its cost."""
 
 
 def settle(model: Any) -> tuple[Array, list[str]]:
-    """Return the configuration at rest and what was found on the way.
+    """Return the equilibrium configuration and notes.
 
-    The keyframe ``rest``, or else the first one, or else ``qpos0``, where the forces balance; otherwise what it moves to
-    when its kinetic energy is taken out at every peak (dynamic relaxation), polished by Newton's method.
+    The search starts at the keyframe ``rest``, or else the first keyframe, or else ``qpos0``. If the forces do not
+    balance there, dynamic relaxation removes the kinetic energy at every peak [1]_. Newton's method then refines the
+    result.
+
+    Parameters
+    ----------
+    model : object
+        Compiled MuJoCo model.
+
+    Returns
+    -------
+    tuple of (nq,) array and list of str
+        Configuration and notes.
 
     Raises
     ------
     BadStructure
-        MuJoCo cannot compute the forces there: they are no numbers whose squares are finite, or its memory does not do.
+        The forces at the start are not finite, or MuJoCo lacks memory.
+
+    References
+    ----------
+    .. [1] P. Underwood, Dynamic relaxation, in T. Belytschko and T. J. R. Hughes (eds.), Computational Methods for
+           Transient Analysis, North-Holland, 1983, ch. 5.
     """
     with computable("the model where it starts"):
         return _settled(Forces(model), model)
@@ -53,14 +70,27 @@ def _settled(forces: "Forces", model: Any) -> tuple[Array, list[str]]:
 
 
 class Forces:
-    """The forces that are left over on a model at rest."""
+    """Residual forces of a model at rest."""
 
     def __init__(self, model: Any) -> None:
         self.model = model
         self._data = mujoco.MjData(model)
 
     def left(self, qpos: Array) -> tuple[Array, float]:
-        """Return the forces left over at rest in a configuration, (nv,), and how small they must be, as `linearise` has it."""
+        """Return the residual forces and their tolerance.
+
+        The tolerance is the one of `linearise`.
+
+        Parameters
+        ----------
+        qpos : array
+            Configuration, (nq,).
+
+        Returns
+        -------
+        tuple of (array, float)
+            Forces (nv,) and tolerance.
+        """
         data = self._data
         mujoco.mj_resetData(self.model, data)
         data.qpos[:] = qpos
@@ -69,12 +99,14 @@ class Forces:
         return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
 
     def check_memory(self) -> None:
-        """Refuse a model whose contacts or constraints were left out for want of memory where the forces were last taken.
+        """Refuse a model with omitted contacts or constraints.
+
+        MuJoCo omits contacts and constraints that exceed its memory.
 
         Raises
         ------
         BadStructure
-            MuJoCo only warns of it, and goes on without them.
+            The last evaluation ran out of memory; MuJoCo itself only warns.
         """
         full = (mujoco.mjtWarning.mjWARN_CONTACTFULL, mujoco.mjtWarning.mjWARN_CNSTRFULL)
         if any(self._data.warning[kind].number for kind in full):
@@ -92,7 +124,7 @@ def _relax(forces: Forces, start: Array) -> Array:
     while steps < RELAXING_STEPS:
         mujoco.mj_step(model, data)
         steps += max(1.0, (model.nv + data.nefc) / SMALL)
-        if has_diverged(data):  # MuJoCo begins anew, and would again
+        if has_diverged(data):  # MuJoCo reset the state and would again
             return start
         mujoco.mj_energyVel(model, data)
         if data.energy[1] < kinetic:
@@ -116,7 +148,7 @@ def _stiffness(forces: Forces, qpos: Array) -> Array:
             unit[i] = 1.0
             mujoco.mj_integratePos(model, moved, unit, sign * step)
             sides.append(forces.left(moved)[0])
-        with np.errstate(over="ignore", invalid="ignore"):  # checked below
+        with np.errstate(over="ignore", invalid="ignore"):  # a check follows
             K[:, i] = (sides[1] - sides[0]) / (2 * step)
     check_numbers(K, "a stiffness of the model where it starts")
     return K
@@ -141,7 +173,7 @@ def _newton(forces: Forces, qpos: Array) -> Array:
 
 
 def _free_motion(forces: Forces, rest: Array) -> list[str]:
-    """Say what the springs do not hold at the configuration at rest."""
+    """Return notes on motions without restoring force."""
     K = _stiffness(forces, rest)
     stiffness = np.linalg.eigvalsh((K + K.T) / 2)
     largest = np.abs(stiffness).max()

@@ -1,10 +1,10 @@
-"""The FE plant: the matrices of an FE model inside MuJoCo, element by element.
+"""FE plant: matrices of an FE model in MuJoCo, element by element.
 
 The coordinates are slide joints on bodies of negligible mass, nested as the elimination tree of the FE matrices. Each
-element becomes fixed tendons: with the eigenvectors of K_e x = lambda M_e x, scaled to x^T M_e x = 1, the rows c = M_e x
-give M_e = sum c c^T and K_e = sum lambda c c^T, so one tendon with coefficients c, armature 1 and stiffness lambda carries
-both. Gravity's geometric stiffness is in K_e; a negative lambda is accepted. MuJoCo drops off-diagonal inertia between
-branches; in the elimination tree the coordinates of an element lie on one branch.
+element becomes fixed tendons. The eigenvectors of K_e x = lambda M_e x, scaled to x^T M_e x = 1, give rows c = M_e x.
+Then M_e = sum c c^T and K_e = sum lambda c c^T. One tendon with coefficients c, armature 1 and stiffness lambda
+therefore carries both. K_e includes the geometric stiffness of gravity; a negative lambda is allowed. MuJoCo drops
+off-diagonal inertia between branches. In the elimination tree the coordinates of an element lie on one branch.
 """
 
 from collections.abc import Sequence
@@ -21,15 +21,27 @@ from vlab.plants.mode_by_mode import modal_dampers, rank_one, tuning_springs, wi
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 
 ROOM = 1.8
-"""Highest circular frequency times the step that is let into MuJoCo; the explicit limit is 2."""
+"""ROOM [1]: largest product of highest circular frequency and time step. The explicit stability limit is 2."""
 
 
 def elimination_tree(cliques: Sequence[Sequence[int]], n: int) -> list[int]:
-    """Return a parent for every coordinate, -1 for roots, so that coordinates of one clique are ancestors of each other.
+    """Return the parent of every coordinate, -1 for roots.
 
-    It is the elimination tree of the matrix with these cliques under a minimum-degree order [1]_. A kinematic tree of
-    this shape has room for every off-diagonal term of the mass and as few others as the order allows, so MuJoCo's
-    factorisation fills in little.
+    The tree is the elimination tree of the matrix with the given cliques, in minimum-degree order [1]_. The coordinates
+    of a clique lie on one path to the root. A kinematic tree of the same shape has room for every off-diagonal mass
+    term, and the order keeps further terms few. MuJoCo's factorisation then fills in little.
+
+    Parameters
+    ----------
+    cliques : sequence of sequence of int
+        Coordinates of each element.
+    n : int
+        Number of coordinates.
+
+    Returns
+    -------
+    list of int
+        Parents, length n.
 
     References
     ----------
@@ -60,14 +72,22 @@ def _depth(parents: Sequence[int], column: int) -> int:
 def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     """Build the FE plant of an FE model.
 
-    Modes too fast for the step are slowed by selective mass scaling: M + e K in place of M turns omega^2 into
-    omega^2/(1 + e omega^2), which bounds the highest frequency and leaves the low ones alone. At 0.5 ms e is below 8e-8,
-    1.5e-4 of the frequency at 10 Hz. It costs nothing: the armature of an element's tendons becomes 1 + e lambda.
+    Selective mass scaling slows modes too fast for the step. M + e K in place of M turns omega^2 into omega^2/(1 + e
+    omega^2). The highest frequency is then bounded, and low frequencies stay. At a step of 0.5 ms e is below 8e-8, a
+    change of 1.5e-4 of the frequency at 10 Hz. The scaling costs nothing: the armature of an element's tendons becomes
+    1 + e lambda.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     timestep : float
         Integration step [s].
+
+    Returns
+    -------
+    Plant
+        Plant at equilibrium.
     """
     highest = float(fe.linear.eigen[0][-1])
     scaling = max(0.0, (timestep / ROOM) ** 2 - 1.0 / highest**2)
@@ -88,7 +108,7 @@ def build_fe_plant(fe: FeModel, *, timestep: float = 5e-4) -> Plant:
     model = spec.compile()
     order = [
         fe.linear.coordinates.index(model.joint(k).name) for k in range(model.njnt)
-    ]  # MuJoCo counts branch by branch
+    ]  # MuJoCo numbers coordinates branch by branch
     listed = [fe.linear.coordinates.index(joint.name) for joint in spec.joints]
     tendons = modal_dampers(fe.linear, fe.linear.zeta)
     if tuning is not None:
@@ -116,7 +136,7 @@ def _add_piece(spec: Any, piece: Piece, names: tuple[str, ...], scaling: float) 
         values, vectors = linalg.eigh(piece.K, piece.M)
         rows = (piece.M @ vectors).T
         parts = [(value, 1.0 + scaling * max(value, 0.0), row) for value, row in zip(values, rows, strict=True)]
-    else:  # no mass in some coordinate: stiffness and mass by themselves
+    else:  # a coordinate without mass: stiffness and mass separately
         parts = [(value, scaling * max(value, 0.0), row) for value, row in rank_one(piece.K)] + [
             (0.0, value, row) for value, row in rank_one(piece.M)
         ]

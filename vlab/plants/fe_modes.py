@@ -1,8 +1,8 @@
-"""The FE model's first modes in a plant with a coarser mesh: their frequencies as stiffness, their shapes where they are seen.
+"""FE modes in a plant with a coarser mesh: frequencies and shapes at transducers.
 
-A coarse mesh has nearly the same modes. It turns those that lie close together into each other, misses frequencies by a part in a
-thousand, and deflections at the places of coils and sensors by some per cent. The first two are mended by a stiffness, the last by
-what a place reads: its deflection is that of the FE model in those modes, and the mesh's own in all others.
+A coarse mesh has nearly the same modes. Close modes rotate into each other, frequencies are off by one part in a
+thousand, and deflections at coils and sensors by some per cent. An added stiffness corrects rotation and frequencies. A
+corrected reading of each place gives the FE model's deflection in its modes, and the mesh's own in every further mode.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,30 +25,31 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 CLOSE = 1.15
-"""Modes whose frequencies differ by less than this factor may be turned into each other by a coarse mesh."""
+"""CLOSE [1]: frequency ratio below which a coarse mesh may rotate two modes into each other."""
 JOINED = 8
-"""A combination of joint coordinates is a sum of tendons of so many joints each: MuJoCo merges a tendon's joints one by one, in a time
-that grows with the square of their number (of a grid's 118 to 158, five sixths of a step went there)."""
+"""JOINED [1]: joints per tendon in a linear combination of coordinates. MuJoCo merges a tendon's joints one by one,
+in a time quadratic in their number. For a grid with 118 to 158 joints, single tendons took five sixths of a step."""
 RATE = ":rate"
-"""What the name of a sensor of a rate ends with."""
+"""Suffix of a rate sensor's name."""
 P = TypeVar("P", bound=Plant)
+"""Type of a plant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeModes:
-    """The FE model's first modes that the coils drive, in a plant's coordinates.
+    """First coil-driven FE modes in a plant's coordinates.
 
     Parameters
     ----------
     structure : Structure
     fe : FeModel
-        Of the structure untuned.
+        FE model of the untuned structure.
     fe_shapes : (n, count) array
-        Mass-normalised, per FE coordinate.
+        Mass-normalised shapes per FE coordinate.
     shapes, momenta : (nv, count) array
-        The same per coordinate of the plant, and the plant's mass matrix times them.
+        Shapes per coordinate of the plant, and the plant's mass matrix times the shapes.
     stiffness : (nv, nv) array
-        What the plant's own lacks of the FE model's frequencies and of the rotation of its modes.
+        Added stiffness for the FE model's frequencies and mode rotation.
     """
 
     structure: Structure
@@ -60,16 +61,37 @@ class FeModes:
 
     @classmethod
     def of(cls, plant: Plant, linear: SecondOrderModel, structure: Structure, variant: str) -> "FeModes":
-        """Return the modes that a structure's tuning takes from the FE model.
+        """Return the FE modes of a structure's tuning.
 
-        Among modes that lie close together the rotation Q that takes the plant's shapes at points and plates nearest to the FE
-        model's (the orthogonal Procrustes problem, Schoenemann, Psychometrika 31, 1966) gives the stiffness Q diag(omega_fe^2)
-        Q^T among the plant's own modes; its own is taken off.
+        Among close modes a rotation Q takes the plant's shapes at points and plates nearest to the FE model's. Q solves
+        the orthogonal Procrustes problem [1]_. Among the plant's own modes the stiffness becomes Q diag(omega_fe^2) Q^T
+        in place of its own.
+
+        Parameters
+        ----------
+        plant : Plant
+            Plant with its ports and transducers.
+        linear : SecondOrderModel
+            Linear model.
+        structure : Structure
+            Structure with its points, bars and transducers.
+        variant : str
+            Name of the structure's variant.
+
+        Returns
+        -------
+        FeModes
+            Modes and added stiffness.
 
         Raises
         ------
         BadStructure
-            There are not so many modes that the coils drive, or none of that frequency in steps of that length.
+            Too few coil-driven modes, or a frequency too high for the step.
+
+        References
+        ----------
+        .. [1] P. H. Schoenemann, A generalized solution of the orthogonal Procrustes problem, Psychometrika 31 (1966)
+               1-10.
         """
         assert structure.tuning is not None
         fe = build_fe_model(replace(structure, tuning=None), variant)
@@ -87,7 +109,7 @@ class FeModes:
                 raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
             sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
         (own, shapes, here), (omega, fe_shapes, there) = sets
-        alike = there / np.sum(there**2, axis=1, keepdims=True)  # every place counts the same, however little it moves
+        alike = there / np.sum(there**2, axis=1, keepdims=True)  # equal weight for every place, whatever its deflection
         turned = np.zeros((count, count))
         for group in _close(omega):
             left, _, right = np.linalg.svd(here[:, group].T @ alike[:, group])
@@ -104,11 +126,24 @@ class FeModes:
         )
 
     def lacking(self, row: Array, fe_row: Array) -> Array:
-        """Return what a row per coordinate of the plant lacks of the FE model's deflections in these modes, (nv,)."""
+        """Return the correction of a row to FE deflections, (nv,)."""
         return np.asarray(self.momenta @ (fe_row @ self.fe_shapes - row @ self.shapes))
 
     def seen_at_places(self, plant: P) -> P:
-        """Return a plant whose ports, coils and sensors see these modes as the FE model does."""
+        """Return a plant with FE deflections at its transducers.
+
+        Ports, coils and sensors then have the FE model's mode shapes.
+
+        Parameters
+        ----------
+        plant : P
+            Plant with its ports and transducers.
+
+        Returns
+        -------
+        P
+            Corrected plant.
+        """
         structure = self.structure
         places = [p.name for p in structure.point if p.name in plant.ports]
         at_points = {name: self.fe.deflection(name) for name in places}
@@ -137,7 +172,7 @@ class FeModes:
 
 
 def _beside(structure: Structure) -> tuple[float, ...]:
-    """Return how far the sensors stand beside their points, in channel order [m]."""
+    """Return the sensors' offsets from their points [m]."""
     stated = () if structure.tuning is None else structure.tuning.beside
     count = len(structure.sensor) + len(structure.probe)
     if len(stated) > count:
@@ -146,7 +181,10 @@ def _beside(structure: Structure) -> tuple[float, ...]:
 
 
 def _with(port: Port, more: Array, rest: Array) -> Port:
-    """Return a port that reads something more, linear in the coordinates and zero at rest."""
+    """Return a port with an additional linear reading.
+
+    The addition is zero at rest.
+    """
     row, position, rest = port.row, port.position, rest.copy()
     return replace(
         port,
@@ -156,12 +194,14 @@ def _with(port: Port, more: Array, rest: Array) -> Port:
 
 
 def _with_transducers(plant: P, of_coils: Mapping[str, Array], of_sensors: Mapping[str, Array]) -> P:
-    """Return a plant whose coils push and whose sensors read something more, each on fixed tendons of its own.
+    """Return a plant with additional rows of coils and sensors.
+
+    Each addition acts through fixed tendons of its own.
 
     Parameters
     ----------
     of_coils, of_sensors : mapping of str to (nv,) array
-        By channel, per joint coordinate.
+        Additional row per joint coordinate, by channel.
     """
     spec = plant.spec.copy()
     joints = [plant.model.joint(k).name for k in range(plant.model.njnt)]
@@ -190,7 +230,10 @@ def _with_transducers(plant: P, of_coils: Mapping[str, Array], of_sensors: Mappi
 
 
 def _tendons(spec: Any, name: str, joints: Sequence[str], row: Array) -> list[str]:
-    """Add the tendons that have what the mesh lacks of the FE model's modes at a coil or sensor; return their names."""
+    """Add the correction tendons of a coil or sensor.
+
+    Return their names.
+    """
     telling = np.flatnonzero(np.abs(row) > 1e-12 * np.abs(row).max())
     names = []
     for first in range(0, len(telling), JOINED):
@@ -214,14 +257,31 @@ def _reading(tap: SensorTap, model: Any, tendons: Sequence[str]) -> SensorTap:
 
 
 def _shown_in_steps(omega: Array, step: float) -> Array:
-    """Return the frequencies of modes [rad/s] that semi-implicit steps of a length show as these; at 0 they are the same.
+    """Return the frequencies of modes that appear as given in discrete time.
 
-    Such a step turns x'' = -a^2 x by the angle 2 arcsin(a h/2) (Hairer, Lubich and Wanner, Acta Numerica 12, 2003).
+    A semi-implicit step turns x'' = -a^2 x by the angle 2 arcsin(a h/2) [1]_. At step 0 the frequencies are equal.
+
+    Parameters
+    ----------
+    omega : (n,) array
+        Apparent frequencies [rad/s].
+    step : float
+        Step [s].
+
+    Returns
+    -------
+    array
+        Frequencies a = (2/h) sin(omega h/2) [rad/s].
 
     Raises
     ------
     BadStructure
-        No step of that length shows a frequency so high.
+        No step of that length shows so high a frequency.
+
+    References
+    ----------
+    .. [1] E. Hairer, C. Lubich and G. Wanner, Geometric numerical integration illustrated by the Stormer-Verlet method,
+           Acta Numerica 12 (2003) 399-450.
     """
     if step == 0.0:
         return omega
@@ -233,6 +293,6 @@ def _shown_in_steps(omega: Array, step: float) -> Array:
 
 
 def _close(omega: Array) -> list[slice]:
-    """Return the groups of ascending frequencies whose neighbours are close."""
+    """Return groups of close ascending frequencies."""
     edges = [0, *(i for i in range(1, len(omega)) if omega[i] > CLOSE * omega[i - 1]), len(omega)]
     return [slice(a, b) for a, b in pairwise(edges)]

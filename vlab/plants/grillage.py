@@ -1,7 +1,7 @@
-"""The hanging grid in MuJoCo: small rigid bodies in three dimensions, joined by struts, under native gravity.
+"""Physical plant of a hanging grid: small rigid bodies joined by struts.
 
-How the bodies and struts are laid out stands in `vlab.plants.grillage_spec`. The struts are stretched so that the drawing
-is the equilibrium. What weight does to the motion is then MuJoCo's own: no geometric stiffness, no boundary factor.
+`vlab.plants.grillage_spec` describes bodies and struts. The struts are prestretched so that the drawing is the
+equilibrium. The influence of weight on the motion is native in MuJoCo: no geometric stiffness, no boundary factor.
 """
 
 from dataclasses import dataclass, replace
@@ -20,18 +20,18 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 SAMPLE = 5e-4
-"""Sample period of the laboratory [s], which the step divides."""
+"""SAMPLE [s]: sample period of the laboratory, a multiple of the step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grillage(Plant):
-    """The plant of a grid."""
+    """Plant of a hanging grid."""
 
     def linearise(self) -> SecondOrderModel:
         """Return M, C and K about the equilibrium.
 
-        The drawing is a plane of symmetry, so motion in it and across it are coupled by rounding only. That is taken out:
-        it would mix modes that are close.
+        The drawing is a plane of symmetry, so only rounding couples motion in the plane and across. The coupling is
+        removed, because close modes would mix.
         """
         return _uncoupled(super().linearise())
 
@@ -39,19 +39,28 @@ class Grillage(Plant):
 def build_grillage(
     structure: Structure, variant: str = "physical", *, options: GrillageOptions | None = None, damped: bool = True
 ) -> Plant:
-    """Build the three-dimensional plant of a grid that hangs from a beam.
+    """Build the three-dimensional plant of a hanging grid.
 
     Parameters
     ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
     variant : str
-        Checked against the structure's; the plant is the physical one whatever the variant calibrates.
+        Name checked against the structure's variants. The plant is always the physical one.
+    options : GrillageOptions or None
+        Resolution and in-plane stiffness.
     damped : bool
         Whether to prescribe the structure's modal damping.
+
+    Returns
+    -------
+    Plant
+        Plant at equilibrium.
 
     Raises
     ------
     BadStructure
-        The structure is not a grid of bars under one level bar that carries them.
+        The structure is no grid of bars under one level carrying bar.
     """
     choice = structure.variant_named(variant)
     builder = GrillageBuilder(structure, options or GrillageOptions())
@@ -95,7 +104,10 @@ def _uncoupled(linear: SecondOrderModel) -> SecondOrderModel:
 
 
 def _port(model: Any, name: str, reading: dict[str, float]) -> Port:
-    """Return the deflection at a point; every joint has one coordinate that is zero in the drawing."""
+    """Return the deflection at a point as a port.
+
+    Every joint has one coordinate, zero in the drawing.
+    """
     fixed = np.zeros(model.nv)
     for joint, factor in reading.items():
         fixed[model.joint(joint).dofadr[0]] = factor
@@ -119,7 +131,7 @@ def _element_ports(
 
 
 def _timestep(options: GrillageOptions, limit: float) -> float:
-    """Return the integration step [s], given the longest stable one."""
+    """Return the integration step [s]."""
     if options.timestep is None:
         return SAMPLE / int(np.ceil(SAMPLE / (0.8 * limit)))
     if not 0 < options.timestep < limit:

@@ -1,11 +1,11 @@
-"""The grillage as a MuJoCo spec: bodies at nodes, struts, fixed tendons, preload.
+"""MuJoCo spec of a grillage: bodies at nodes, struts, fixed tendons, preload.
 
-Every node of a hanging bar is a body with three slides and three hinges; half of each neighbouring element's mass sits
-on it. An element has four struts (spatial tendons) between sites on its two bodies. Two along the bar stretch and bend
-in the plane, one in the plane and one across it shear; they turn with the bodies, so the weight that they carry stiffens
-the motion out of the plane as in the real bar. Bending out of the plane and twist carry no weight and are springs between
-the hinges (fixed tendons). The top beam, held in the plane, slides along y and turns about x and z at its nodes; fixed
-tendons are its shear-flexible elements. Plates hang from it as bodies.
+Every node of a hanging bar is a body with three slides and three hinges. Half of each neighbouring element's mass
+belongs to the node. An element has four struts (spatial tendons) between sites on its two bodies. Two struts along the
+bar carry stretch and in-plane bending; one in the plane and one across carry shear. The struts turn with the bodies, so
+their weight load stiffens out-of-plane motion as in the real bar. Out-of-plane bending and twist carry no weight and
+are springs between the hinges (fixed tendons). The nodes of the top beam slide along y and turn about x and z; fixed
+tendons are its shear-flexible elements. Plates hang from the top beam as bodies.
 """
 
 from collections import defaultdict
@@ -24,40 +24,46 @@ from vlab.signals import Array
 from vlab.structure.model import Bar, Section, Structure
 
 IN_PLANE = ("x", "z", "ry")
+"""Coordinates of motion in the plane."""
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+"""Unit vector by axis."""
 ACROSS = np.array(AXES["y"])
+"""Unit vector across the plane."""
 
 ARM = 0.254
-"""Length of the struts across a bar [m]: long beside any motion, so that they keep their direction."""
+"""ARM [m]: length of the struts across a bar. The length exceeds any motion, so the struts keep their direction."""
 
 STRUT_INSET = 1 / 6
-"""Where the struts along a bar begin and end, as a share of the element's length: a bar bent evenly then feels its tension
-exactly."""
+"""STRUT_INSET [1]: distance of a strut's end from the element's end, as a share of its length. The value makes tension
+exact for a uniformly bent bar."""
 
 LUMP_SHARE = 0.4
-"""Share of the real second moment about its node that the lump of half an element keeps. It is rotary inertia that no
-slender beam has, but without it the step would vanish; softer shear in the beam and stiffer shear in the bars make up."""
+"""LUMP_SHARE [1]: share of the real second moment about its node that the lump of half an element keeps. Slender beams
+have no such rotary inertia, but without it the time step would vanish. Softer shear in the beam and stiffer shear in
+the bars compensate."""
 
 SHEAR_FACTOR = 13.75
-"""Shear stiffness of a bar's element across the plane over EI/L^3. 12 is the massless beam's; chosen once, with LUMP_SHARE,
-on the grid with two elements a span against the refined FE model. The tests hold it against other grids."""
+"""SHEAR_FACTOR [EI/L^3]: out-of-plane shear stiffness of a bar's element; 12 for a massless beam. Chosen with
+LUMP_SHARE on the grid with two elements a span against the refined FE model. Tests validate the value on further
+grids."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GrillageOptions:
-    """How fine the grillage is, and how stiff in its own plane.
+    """Resolution and in-plane stiffness of the grillage.
 
     Parameters
     ----------
     elements_per_span : int
-        Elements of a hanging bar between neighbouring points; one is too few.
+        Elements of a hanging bar between neighbouring points; at least two are needed.
     beam_element : float
-        Points of the top beam where nothing acts are passed over as long as its elements stay below this length [m].
+        Longest element of the top beam [m]. Points without load are skipped up to this length.
     axial_share, in_plane_share : float
-        Shares of EA and of the in-plane EI that the struts have. The real ones only set the step: small motions out of
-        the plane do not feel them. Large ones do: use `stiff` for motion beyond a few millimetres.
+        Shares of EA and of the in-plane EI in the struts. The real values reduce the step and do not affect small
+        out-of-plane motion. For motion beyond a few millimetres use `stiff`.
     timestep : float or None
-        Integration step [s]; by default the longest that divides 0.5 ms and keeps a fifth away from the stability limit.
+        Integration step [s]. The default is the longest divisor of 0.5 ms with a margin of one fifth to the stability
+        limit.
     """
 
     elements_per_span: int = 2
@@ -75,13 +81,16 @@ class GrillageOptions:
 
     @classmethod
     def stiff(cls) -> "GrillageOptions":
-        """Return the options with the real stiffness in the plane; they need nine times as many steps."""
+        """Return options with the real in-plane stiffness.
+
+        Such a plant needs nine times as many steps.
+        """
         return cls(axial_share=1.0, in_plane_share=1.0)
 
 
 @dataclass(frozen=True)
 class _Strut:
-    """The struts of one element, by name, and the stiffness that the real section has in them."""
+    """Struts of one element with the stiffness of the real section."""
 
     names: tuple[str, ...]
     real: Array
@@ -89,7 +98,10 @@ class _Strut:
 
 @dataclass(eq=False)
 class GrillageBuilder:
-    """Lays out the bodies, struts, springs, lumps and transducers of one structure; `build` gives the spec."""
+    """Builder of a grillage spec.
+
+    The builder places bodies, struts, springs, lumps and transducers; `build` returns the spec.
+    """
 
     structure: Structure
     options: GrillageOptions
@@ -102,7 +114,7 @@ class GrillageBuilder:
     struts: list[_Strut] = field(default_factory=list)
 
     def build(self) -> Any:
-        """Return the spec of the undamped structure, in equilibrium."""
+        """Return the spec of the undamped structure at equilibrium."""
         self.carrier = self._carrier()
         set_options(self.spec, f"{self.structure.name} grillage", gravity=self.structure.gravity)
         self._beam()
@@ -150,7 +162,10 @@ class GrillageBuilder:
                 self.readings[point] = self._between(a, b, section, length, (x[point] - x[a]) / length)
 
     def _beam_nodes(self) -> list[str]:
-        """Return the points of the top beam that become bodies: those where something acts, and enough between them."""
+        """Return the points of the top beam that become bodies.
+
+        Loaded points become bodies, with enough points between.
+        """
         s, points = self.structure, self.carrier.points
         kinds = (s.mass, s.support, s.plate, s.coil, s.sensor, s.probe)
         needed = {part.at for kind in kinds for part in kind} | {points[0], points[-1]}
@@ -163,10 +178,11 @@ class GrillageBuilder:
         return [points[i] for i in nodes]
 
     def _beam_springs(self, a: str, b: str, section: Section, length: float) -> None:
-        """Add a shear-flexible element: torsion, bending and shear.
+        """Add a shear-flexible beam element.
 
-        For long waves the lumps' rotary inertia lowers omega^2 by LUMP_SHARE (k L)^2/12; as much is taken from the shear
-        flexibility L^3/(12 EI) + L/GA of the exact element.
+        The element has torsion, bending and shear. For long waves the lumps' rotary inertia lowers omega^2 by
+        LUMP_SHARE (k L)^2/12. The shear flexibility L^3/(12 EI) + L/GA of the exact element is reduced by the same
+        amount.
         """
         EI, reach = section.bending_stiffness, abs(length)
         self._spring(f"{a}-{b}:twist", section.torsion_stiffness / reach, {f"{b}:rx": 1.0, f"{a}:rx": -1.0})
@@ -185,7 +201,10 @@ class GrillageBuilder:
             tendon.wrap_joint(joint, coefficient)
 
     def _between(self, a: str, b: str, section: Section, length: float, xi: float) -> dict[str, float]:
-        """Return the deflection at a share of a beam element per joint of its ends: the static shape, shear included."""
+        """Return the deflection inside a beam element per end joint.
+
+        The static shape includes shear; `xi` is the share of the length.
+        """
         phi = _shear_ratio(section, length)
         rise = (3 * xi**2 - 2 * xi**3 + phi * xi) / (1 + phi)
         shear = phi / 2 * (xi - xi**2)
@@ -205,7 +224,7 @@ class GrillageBuilder:
         mesh = build_mesh(hanging, replace(choice, one_mode_bar=""))
         names = []
         for node in mesh.nodes:
-            if node.name in self.bodies:  # pinned to the top beam: turns in the plane, else with the beam
+            if node.name in self.bodies:  # pinned to the top beam: free rotation in the plane, else the beam's
                 name = f"{node.name}:pin"
                 self.bodies[name] = self.bodies[node.name].add_body(name=name)
                 self.places[name] = self.places[node.name]
@@ -226,7 +245,10 @@ class GrillageBuilder:
             self._struts(f"{element.bar}/{i}", a, b, element, along, 1 if i % 2 else -1)
 
     def _struts(self, name: str, a: str, b: str, element: Element, along: Array, turn: int) -> None:
-        """Join two bodies; which of them owns the in-plane strut's arm (turn 1 or -1) alternates along a bar."""
+        """Join two bodies by an element's struts.
+
+        The owner of the in-plane strut's arm (turn 1 or -1) alternates along a bar.
+        """
         section, L = element.section, element.length
         normal = np.cross(ACROSS, along)
         EI, EA, EIz = (
@@ -245,7 +267,7 @@ class GrillageBuilder:
         self._strut(f"{name}:across", SHEAR_FACTOR * EI / L**3, (a, ends[0]), (b, ends[1]))
         for kind, stiffness, axis in (("bend", EI, normal), ("twist", section.torsion_stiffness, along)):
             self._spring(f"{name}:{kind}", stiffness / L, _turn(b, axis) | _turn(a, -axis))
-        to_strain = np.linalg.inv(np.column_stack([np.ones(2), apart]))  # stretch of the two = strain + y bend
+        to_strain = np.linalg.inv(np.column_stack([np.ones(2), apart]))  # stretch of both = strain + y bend
         real = np.zeros((3, 3))
         real[:2, :2] = to_strain.T @ np.diag([EA, EIz]) @ to_strain / L
         real[2, 2] = 12 * EIz / L**3
@@ -273,7 +295,10 @@ class GrillageBuilder:
         self.joints.add(f"{name}:{motion}")
 
     def _half_element(self, node: str, section: Section, length: float, towards: Array) -> None:
-        """Put half an element's mass on the body at one of its ends, as a lump with the roll inertia of the bar."""
+        """Add half an element's mass to an end body.
+
+        The lump has the roll inertia of the bar.
+        """
         normal = np.cross(ACROSS, towards)
         lump = np.sqrt(LUMP_SHARE / 12) * length * towards
         roll = section.polar_inertia_per_length * length / 2
@@ -281,7 +306,7 @@ class GrillageBuilder:
         self.parts[node].append((section.mass_per_length * length / 2, lump, np.asarray(own)))
 
     def _lumps(self) -> None:
-        """Put masses, coils and plates on the bodies at their points."""
+        """Add masses, coils and plates to their bodies."""
         s = self.structure
         for point in s.point:
             if mass := s.point_mass(point.name):
@@ -301,7 +326,10 @@ class GrillageBuilder:
     # -- equilibrium -------------------------------------------------------------------------------------------------
 
     def _preload(self) -> None:
-        """Stretch the struts so that they carry the weight in the drawing, shared as the real stiffness shares it."""
+        """Prestretch the struts to carry the weight in the drawing.
+
+        The real stiffness determines the share of each strut.
+        """
         model = self.spec.compile()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -339,7 +367,7 @@ class GrillageBuilder:
             self._sensor(name, "TENDONVEL" if sensor.kind == "velocity" else "TENDONPOS", sensor.at)
             if sensor.kind == "displacement":
                 self._sensor(f"{name}:rate", "TENDONVEL", sensor.at)
-        for sensor in self.structure.sensor:  # last, so that their values stand together
+        for sensor in self.structure.sensor:  # last, so that their values are contiguous
             self._sensor(travel_name(sensor), "TENDONPOS", sensor.at)
 
     def _sensor(self, name: str, kind: str, place: str) -> None:
@@ -353,13 +381,19 @@ def _shear_ratio(section: Section, length: float) -> float:
 
 
 def _turn(body: str, axis: Array) -> dict[str, float]:
-    """Return how a body turns about an axis out of the plane's normal, per joint; a pin turns with the top beam there."""
+    """Return a body's rotation about an in-plane axis, per joint.
+
+    A pin turns with the top beam.
+    """
     node = body.removesuffix(":pin")
     return {f"{node}:rx": axis[0], f"{node}:rz": axis[2]}
 
 
 def _set_inertia(body: Any, parts: list[tuple[float, Array, Array]]) -> None:
-    """Set mass, centre and inertia of a body from pieces (mass, position, own inertia)."""
+    """Set a body's inertia from its pieces.
+
+    Each piece has mass, position and own inertia.
+    """
     total = sum(m for m, _, _ in parts)
     centre = sum(m * p for m, p, _ in parts) / total
     inertia = sum(own + m * (np.dot(r, r) * np.eye(3) - np.outer(r, r)) for m, p, own in parts for r in (p - centre,))
@@ -369,7 +403,7 @@ def _set_inertia(body: Any, parts: list[tuple[float, Array, Array]]) -> None:
 
 
 def _tendon_jacobian(model: Any, data: Any) -> Array:
-    """Return how all tendons lengthen with the velocities, (n_tendons, nv), at the present configuration."""
+    """Return the Jacobian of all tendon lengths, (n_tendons, nv)."""
     jacobian = np.zeros((model.ntendon, model.nv))
     for row, first, count in zip(jacobian, model.ten_J_rowadr, model.ten_J_rownnz, strict=True):
         entries = slice(first, first + count)
@@ -378,5 +412,5 @@ def _tendon_jacobian(model: Any, data: Any) -> Array:
 
 
 def in_plane_mask(joints: Sequence[str]) -> Array:
-    """Return which joints move in the plane."""
+    """Return a mask of the joints that move in the plane."""
     return np.array([joint.rsplit(":", 1)[1] in IN_PLANE for joint in joints], dtype=bool)

@@ -1,4 +1,4 @@
-"""Linearising a MuJoCo model about its equilibrium."""
+"""Linearisation of a MuJoCo model about its equilibrium."""
 
 from typing import Any
 
@@ -10,24 +10,32 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
 
 POSITION_STEP = 1e-5
-"""Step of the central differences [m or rad]: truncation 1e-10, rounding 1e-11 of the forces' scale."""
+"""POSITION_STEP [m or rad]: step of the central differences. Truncation is 1e-10, rounding 1e-11 of the forces'
+scale."""
 
 
 def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
-    """Return M, C and K of a MuJoCo model about a configuration at rest.
+    """Return M, C and K of a MuJoCo model at rest.
 
-    M is MuJoCo's own inertia matrix; K and C are central differences of all smooth forces: gravity, springs, tendons,
+    M is MuJoCo's inertia matrix. K and C are central differences of all smooth forces: gravity, springs, tendons,
     dampers, and servos at zero command. Joints with quaternions are perturbed in their tangent space.
 
     Parameters
     ----------
+    model : object
+        Compiled model.
     qpos : (nq,) array or None
-        The configuration; the model's initial one by default. It must be an equilibrium.
+        Equilibrium configuration; the model's initial one by default.
+
+    Returns
+    -------
+    SecondOrderModel
+        M, symmetric C and symmetric K, (nv, nv) each.
 
     Raises
     ------
     BadStructure
-        The configuration is not at rest: forces are left over. Or equality constraints tie coordinates together.
+        Residual forces act at the configuration, or equality constraints couple coordinates.
     """
     check_free(model)
     data = mujoco.MjData(model)
@@ -69,12 +77,19 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
 
 
 def check_free(model: Any) -> None:
-    """Refuse equality constraints: their forces are no function of position and velocity alone.
+    """Refuse equality constraints.
+
+    Their forces are no function of position and velocity alone.
+
+    Parameters
+    ----------
+    model : object
+        Compiled MuJoCo model.
 
     Raises
     ------
     BadStructure
-        The model has active ones.
+        The model has active equality constraints.
     """
     active = np.flatnonzero(model.eq_active0)
     if active.size:
@@ -86,7 +101,7 @@ def check_free(model: Any) -> None:
 
 
 def _force(model: Any, data: Any) -> Array:
-    return np.array(data.qfrc_smooth)  # passive, bias and actuator forces; controls are at rest
+    return np.array(data.qfrc_smooth)  # passive, bias and actuator forces with zero controls
 
 
 def _dof_name(model: Any, dof: int) -> str:

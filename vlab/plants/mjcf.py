@@ -1,7 +1,8 @@
-"""Any user's MJCF as a plant: guarded loading, named actuators and sensors as taps, joints, tendons and sites as ports.
+"""Plant from a user's MJCF: guarded loading, taps and ports.
 
-The file is untrusted: `vlab.plants.mjcf_guard` looks at it first, and what MuJoCo has to say about it comes out as one line.
-MuJoCo itself compiles NaN with a warning only.
+Named actuators and sensors become taps; joints, tendons and sites become ports. The file is untrusted.
+`vlab.plants.mjcf_guard` checks the file first, and an error of MuJoCo becomes one line. MuJoCo itself compiles NaN with
+a warning only.
 """
 
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from vlab.plants.mjcf_guard import check_file, check_text
 from vlab.signals import Array
 
 AXES = ("x", "y", "z")
+"""Names of the axes."""
 _POSITION, _RATE, _FORCE = 0, 1, 2
 _LINEAR = (("displacement", "m"), ("velocity", "m/s"), ("force", "N"))
 _ANGULAR = (("angle", "rad"), ("angular-velocity", "rad/s"), ("moment", "N m"))
@@ -50,15 +52,15 @@ _BY_OBJECT = {"POS": _POSITION, "VEL": _RATE, "FRC": _FORCE, "ACTFRC": _FORCE}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MjcfPlant(Plant):
-    """A user's MJCF model.
+    """Plant of a user's MJCF model.
 
     Parameters
     ----------
     rest : (nq,) array
-        The configuration of `new_data` and of the linearisation: an equilibrium unless `notes` says otherwise. It need
-        not be ``qpos0``, which the joints' angles are counted from.
+        Configuration of `new_data` and of the linearisation; an equilibrium unless `notes` states an exception. The
+        joints' angles count from ``qpos0``, which may differ.
     notes : sequence of str
-        What was done and found while loading: settling, free motion, parts without a name.
+        Remarks on loading: settling, free motion, unnamed parts.
     """
 
     rest: Array
@@ -72,11 +74,11 @@ class MjcfPlant(Plant):
         return data
 
     def linearise(self) -> SecondOrderModel:
-        """Return M, C and K about the rest configuration; see `vlab.plants.linearise`."""
+        """Return M, C and K at rest, see `vlab.plants.linearise`."""
         return self._with_added(linearise(self.model, self.rest))
 
     def own_stiffness(self, name: str) -> float:
-        """See `Plant`: the spring of a joint or a tendon, as the model has it now."""
+        """See `Plant`: the present spring of a joint or tendon."""
         kind, _, element = name.partition(":")
         if kind not in ("joint", "tendon") or name not in self.ports:
             return 0.0
@@ -90,15 +92,19 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
     Parameters
     ----------
     source : str or path
-        The file, or the XML text itself (it starts with ``<`` and may refer to no files).
+        The file, or XML text that starts with ``<`` and refers to no files.
     folder : path, optional
-        The file must lie in this folder; `source` is then relative to it.
+        Folder that must contain the file; `source` is then relative.
+
+    Returns
+    -------
+    MjcfPlant
+        Plant at rest, with notes.
 
     Raises
     ------
     BadStructure
-        The file is missing, not MJCF, refers to files outside its folder, holds numbers that are not finite, or does
-        not compile.
+        The file is missing, not MJCF, refers outside its folder, has nonfinite numbers, or does not compile.
     """
     if isinstance(source, str) and source.lstrip().startswith("<"):
         label = "MJCF text"
@@ -151,7 +157,7 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
 def _compiled(make: Callable[[], Any], label: str) -> Any:
     try:
         return make()
-    except Exception as error:  # MuJoCo raises ValueError, its FatalError and a few others; all mean the same here
+    except Exception as error:  # MuJoCo raises ValueError, FatalError and a few more with one meaning
         raise BadStructure(f"{label}: MuJoCo refuses the model: {one_line(error)}") from error
 
 
@@ -184,14 +190,17 @@ def _tendon_is_angular(model: Any, tendon: int) -> bool | None:
 
 
 def _transmission(model: Any, actuator: int) -> tuple[bool | None, bool]:
-    """Return whether an actuator turns (None: unknown), and whether its transmission has a gear of one."""
+    """Return the type of an actuator's transmission.
+
+    The first value is whether the actuator turns (None: unknown), the second whether the gear is one.
+    """
     gear = model.actuator_gear[actuator]
     used = np.flatnonzero(gear)
     is_unit = used.size == 1 and abs(gear[used[0]]) == 1.0
     kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
     if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         angular = _joint_is_angular(model, target)
-        if angular is None and used.size:  # a ball turns; a free joint moves along its first three axes
+        if angular is None and used.size:  # a ball joint turns; a free joint moves along its first three axes
             is_ball = model.jnt_type[target] == mujoco.mjtJoint.mjJNT_BALL
             angular = bool(is_ball or used[0] >= 3)
         return angular, is_unit
@@ -238,7 +247,7 @@ def _sensor_kind(model: Any, i: int) -> tuple[str, str]:
 
 
 def _sensor_taps(model: Any) -> tuple[list[SensorTap], list[str]]:
-    """Return the taps of scalar and three-vector sensors, and what could not become one."""
+    """Return taps of scalar and vector sensors, and notes."""
     taps, notes = [], []
     for i in range(model.nsensor):
         name, size, address = model.sensor(i).name, int(model.sensor_dim[i]), int(model.sensor_adr[i])

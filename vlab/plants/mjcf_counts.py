@@ -1,8 +1,8 @@
-"""How much the counts in an MJCF ask for, found before anything is built: copies of copies, points of grids, fields, samples.
+"""Size of an MJCF model from its counts, computed before compilation.
 
-The principle of the limit is memory. Numbers are counted as they stand; elements that a count makes are taken as a dense matrix
-over them, which the laboratory forms, and as which MuJoCo's own time for copies grows. What memory is only reserved for (the
-arena of ``size``) is left to MuJoCo, which says so where there is none.
+The counts concern copies of copies, points of grids, fields and samples. The limit is memory. Elements made by a count
+are charged as a dense matrix, which the laboratory forms; MuJoCo's own time for copies grows likewise. Reserved memory
+(the arena of ``size``) is left to MuJoCo, which reports a shortage.
 """
 
 import math
@@ -13,44 +13,45 @@ from vlab.errors import BadStructure
 from vlab.files.text import one_line
 
 MOST_NUMBERS = 10_000**2
-"""Numbers of 8 bytes that the counts of a model may ask for, 800 MB; so up to 10 000 elements may be copies."""
+"""MOST_NUMBERS [1]: largest total of 8-byte numbers from a model's counts, 800 MB. The limit allows 10 000 copied
+elements."""
 
 Parts = Callable[[Any], Iterable[Any]]
-"""Returns the root elements of the files that stand in the place of an element: of what it includes or attaches."""
+"""Element to the root elements of the files that it includes or attaches."""
 
 _MOST = math.isqrt(MOST_NUMBERS)
 _SECTIONS = ("tendon", "equality", "actuator", "sensor", "contact", "deformable")
-"""Elements whose children are copied with what they refer to."""
-_POINT = 4  # elements that a point of a flexcomp becomes: a body with three joints
-_KEY = 4  # numbers that a keyframe holds of an element, at most
+"""Sections with children that are copied together with their referents."""
+_POINT = 4  # elements per point of a flexcomp: a body with three joints
+_KEY = 4  # largest count of numbers per element in a keyframe
 _FIELDS = {"nsample": 10, "actdim": 1, "dim": 1, "num": 17}
-"""Numbers behind one of what an actuator or a sensor counts: samples of the past, states, values, contacts."""
-_RAY = 8  # numbers that a rangefinder keeps of a pixel
-_PIXEL = 3  # numbers behind a pixel of the side of a texture: up to six sides of four bytes
-_VERTEX = 1000  # numbers behind a vertex of a mesh that MuJoCo makes: its faces, their normals, its hull
+"""Numbers per counted item of an actuator or sensor: past samples, states, values, contacts."""
+_RAY = 8  # numbers per pixel of a rangefinder
+_PIXEL = 3  # numbers per pixel of a texture's side: up to six sides of four bytes
+_VERTEX = 1000  # numbers per vertex of a generated mesh: faces, normals, hull
 _HUGE = 10**18
 
 
 def check_counts(root: Any, label: str, parts: Parts = lambda element: ()) -> None:
-    """Refuse a model whose counts ask for more than memory has.
+    """Refuse a model with counts beyond memory.
 
     Parameters
     ----------
     root : Element
-        Of the main file.
+        Root element of the main file.
     label : str
-        What the file is called in messages.
+        Name of the file in messages.
     parts : callable
         See `Parts`.
 
     Raises
     ------
     BadStructure
-        In one line, with the element that asks for the most.
+        The total is too large; the message names the largest contribution.
     """
     names: dict[str, int] = {}
     known = None
-    while known != names:  # what refers to a copy is copied with it, and what refers to that
+    while known != names:  # a copy includes its referents, and their referents
         known = dict(names)
         elements = list(_made(root, label, parts, names))
         for element, times in elements:
@@ -72,12 +73,14 @@ def check_counts(root: Any, label: str, parts: Parts = lambda element: ()) -> No
 
 
 def _made(root: Any, label: str, parts: Parts, names: Mapping[str, int]) -> Iterator[tuple[Any, int]]:
-    """Yield every element with how often it is made; files that are included or attached stand in their places.
+    """Yield every element with its number of copies.
+
+    Included or attached files take the place of their element.
 
     Raises
     ------
     BadStructure
-        There are more copies than a dense matrix over them may have rows.
+        There are more copies than rows of the largest dense matrix.
     """
     copies, largest, what = 0, 0, ""
     included: set[int] = set()
@@ -99,7 +102,7 @@ def _made(root: Any, label: str, parts: Parts, names: Mapping[str, int]) -> Iter
             stack.append((child, inside * _with_what_it_names(element, child, names), is_copy))
         for part in parts(element):
             if element.tag == "include":
-                if id(part) in included:  # MuJoCo refuses a file that is included twice
+                if id(part) in included:  # MuJoCo refuses a repeated inclusion
                     continue
                 included.add(id(part))
             stack += [(child, inside, is_copy or element.tag != "include") for child in part]
@@ -112,17 +115,20 @@ def _with_what_it_names(section: Any, child: Any, names: Mapping[str, int]) -> i
 
 
 def _own(element: Any) -> int:
-    """Return how many elements one makes by itself: points of a grid, cells of its interpolation."""
+    """Return the number of elements that one element makes.
+
+    Examples: points of a grid, cells of its interpolation.
+    """
     if element.tag not in ("flexcomp", "composite"):
         return 0
     points = _POINT * _product(element.get("count")) if element.get("count") else 0
-    nodes = 2 if element.get("dof", "").startswith("quad") else 1  # of a cell, along each side
+    nodes = 2 if element.get("dof", "").startswith("quad") else 1  # of a cell, per side
     cells = math.prod(nodes * n + 1 for n in _whole(element.get("cellcount"))) if element.get("cellcount") else 0
     return points + _POINT * cells
 
 
 def _numbers(element: Any, defaults: Mapping[str, int]) -> int:
-    """Return how many numbers the counts of one element ask for."""
+    """Return the total of one element's counts."""
 
     def of(key: str) -> int:
         return _product(element.get(key)) if element.get(key) else defaults.get(key, 0)
@@ -146,7 +152,10 @@ def _numbers(element: Any, defaults: Mapping[str, int]) -> int:
 
 
 def _defaults(elements: Iterable[tuple[Any, int]]) -> dict[str, int]:
-    """Return the largest values that elements may have without saying so: of defaults, and of the cameras of rangefinders."""
+    """Return the largest implicit counts.
+
+    Sources: default classes, and the cameras of rangefinders.
+    """
     out: dict[str, int] = {}
     for element, _ in elements:
         if element.tag == "default":
@@ -160,7 +169,10 @@ def _defaults(elements: Iterable[tuple[Any, int]]) -> dict[str, int]:
 
 
 def _user_fields(elements: Iterable[tuple[Any, int]]) -> int:
-    """Return how many fields of the user an element may have: every one of a kind has as many as any."""
+    """Return the largest number of user fields per element.
+
+    Every element of a kind has as many as the largest.
+    """
     stated = [
         _product(v) for e, _ in elements if e.tag == "size" for k, v in e.attrib.items() if k.startswith("nuser_")
     ]
@@ -172,13 +184,13 @@ def _largest(elements: Iterable[tuple[Any, int]], tag: str, key: str) -> int:
 
 
 def _whole(text: str | None) -> list[int]:
-    """Return the numbers from 1 in a text, as whole ones; others make nothing."""
+    """Return the numbers of at least 1 in a text, rounded down."""
     numbers = [_number(token) for token in (text or "").split()]
     return [int(min(number, _HUGE)) for number in numbers if number >= 1]
 
 
 def _number(token: str) -> float:
-    for read in (float, float.fromhex):  # MuJoCo's numbers may have an exponent, or be of base 16
+    for read in (float, float.fromhex):  # MuJoCo accepts exponents and base 16
         try:
             return read(token)
         except (ValueError, OverflowError):

@@ -1,8 +1,8 @@
-"""What a user's MJCF may hold, looked at before MuJoCo reads it: files of its own folder, finite numbers, sane counts.
+"""Guard of a user's MJCF: files inside its folder, finite numbers, bounded counts.
 
-The file is untrusted, and so is every file that it includes or attaches. MuJoCo opens absolute paths and follows links, and a
-directory for assets that any of the files names counts for all of them. So every name is looked up at all places where MuJoCo
-may look, and none of them may lie elsewhere.
+The file is untrusted, and so is every included or attached file. MuJoCo opens absolute paths and follows links. An
+asset directory named by any file applies to all files. The guard therefore resolves every name at all places where
+MuJoCo may look, and refuses any place outside the folder.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -17,21 +17,28 @@ from vlab.files.text import one_line
 from vlab.plants.mjcf_counts import MOST_NUMBERS, check_counts
 
 MAX_BYTES = 50 * 1024**2
-"""Largest MJCF file that is read [bytes]; meshes are files of their own."""
+"""MAX_BYTES [bytes]: largest MJCF file; meshes are separate files."""
 MOST_PLACES = 100_000
-"""Places where the files of a model are looked for, its names times its directories; real models have some hundred."""
+"""MOST_PLACES [1]: largest number of candidate paths, names times directories. Real models have some hundred."""
 
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _XML_FILES = ("include", "model")
 
 
 def check_text(text: str, label: str) -> None:
-    """Check a model that is given as text and may refer to no files.
+    """Check a model given as text without file references.
+
+    Parameters
+    ----------
+    text : str
+        XML text.
+    label : str
+        Name of the model in messages.
 
     Raises
     ------
     BadStructure
-        What a model must not hold, in one line.
+        The model has forbidden content.
     """
     model = _Model(folder=None)
     model.add(None, text, label)
@@ -39,19 +46,21 @@ def check_text(text: str, label: str) -> None:
 
 
 def check_file(path: Path, label: str) -> None:
-    """Check a model file and all that it includes and attaches, everything inside its folder.
+    """Check a model file with all included and attached files.
+
+    Every file must lie inside the model's folder.
 
     Parameters
     ----------
     path : Path
-        Absolute, links followed.
+        Absolute path with links resolved.
     label : str
-        What the file is called in messages.
+        Name of the file in messages.
 
     Raises
     ------
     BadStructure
-        What a model must not hold, in one line.
+        The model has forbidden content.
     """
     model = _Model(folder=path.parent)
     model.read(path, label)
@@ -63,7 +72,7 @@ def check_file(path: Path, label: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Reference:
-    """A file that a model file names: where, in which element, and what the element is called."""
+    """Reference to a file: value, element and label."""
 
     source: Path
     label: str
@@ -74,12 +83,12 @@ class _Reference:
 
 @dataclass(kw_only=True)
 class _Model:
-    """A model as its files spell it.
+    """XML files of a model.
 
     Parameters
     ----------
     folder : Path or None
-        Everything lies inside; None for a model that refers to no files.
+        Folder of all files; None for a model without file references.
     """
 
     folder: Path | None
@@ -102,7 +111,7 @@ class _Model:
         self.add(path, text, label)
 
     def add(self, path: Path | None, text: str, label: str) -> None:
-        """Take up the text of a file, and refuse what no element may say."""
+        """Add a file's text and refuse forbidden attributes."""
         root = self.roots[path] = _parse(text, label)
         for element in root.iter():
             if "}" in element.tag:
@@ -130,9 +139,9 @@ class _Model:
                     )
 
     def follow(self) -> None:
-        """Read what the files include and attach, until nothing new comes up."""
+        """Read included and attached files until none is new."""
         known = 0
-        while known != len(self.roots):  # a directory that one file names counts for the names in all
+        while known != len(self.roots):  # a directory named by one file applies to the names of all
             known = len(self.roots)
             self._check_places()
             for reference in [r for r in self.references if r.tag in _XML_FILES]:
@@ -153,12 +162,14 @@ class _Model:
         return {path.parent / directory for path in self.roots if path is not None for directory in self.directories}
 
     def found(self, reference: _Reference) -> Iterator[Path]:
-        """Yield the files that a reference may mean, wherever MuJoCo may look; ``strippath`` takes the folders off a name.
+        """Yield the candidate files of a reference.
+
+        The candidates are all places where MuJoCo may look. ``strippath`` removes the folders of a name.
 
         Raises
         ------
         BadStructure
-            A link leads out of the folder, or there is a device or a pipe.
+            A link leaves the folder, or the path is a device or pipe.
         """
         assert self.folder is not None
         names = {reference.value, PureWindowsPath(reference.value).name}
@@ -176,7 +187,7 @@ class _Model:
                 raise BadStructure(f"{where}: it is a device or a pipe; name a file")
 
     def check_files(self) -> None:
-        """Refuse files that lie elsewhere, and pictures that unpack to more than memory has."""
+        """Refuse files outside the folder and excessive pictures."""
         for reference in {(r.tag, r.value): r for r in self.references}.values():
             for path in self.found(reference):
                 if _png_numbers(path) > MOST_NUMBERS:
@@ -186,7 +197,10 @@ class _Model:
                     )
 
     def check_attached(self) -> None:
-        """Refuse a model that attaches itself: MuJoCo would read it for ever."""
+        """Refuse a model that attaches itself.
+
+        MuJoCo would read such a model endlessly.
+        """
         after = {path: {f for r in self._models(path) for f in self.found(r)} for path in self.roots}
         ends: set[Path | None] = {None}
         while ends:
@@ -197,14 +211,17 @@ class _Model:
             raise BadStructure(f"{names}: the model attaches itself; take its <model> out of its own file")
 
     def parts(self, element: Any) -> Iterable[Any]:
-        """Return the roots of the files that stand in the place of an element; see `vlab.plants.mjcf_counts.Parts`."""
+        """Return the roots of files in place of an element.
+
+        See `vlab.plants.mjcf_counts.Parts`.
+        """
         if element.tag not in ("include", "attach"):
             return ()
         home, name = self._homes.get(id(element)), element.get("file" if element.tag == "include" else "model")
         key = (home, element.tag, name)
         if key not in self._parts:
             wanted = [r for r in self.references if r.tag == "include" and r.value == name]
-            if element.tag == "attach":  # a model without a name of its own has the one that it gives itself
+            if element.tag == "attach":  # an unnamed model takes the name of its attachment
                 own, every = self._models(home), [r for r in self.references if r.tag == "model"]
                 wanted = [r for r in own if r.name == name] or own or [r for r in every if r.name == name] or every
             self._parts[key] = [self.roots[path] for path in {path for r in wanted for path in self.found(r)}]
@@ -232,7 +249,10 @@ def _leaves(value: str) -> bool:
 
 
 def _png_numbers(path: Path) -> int:
-    """Return how many numbers a PNG unpacks to, as its head says; 0 for any other file."""
+    """Return the unpacked size of a PNG [numbers].
+
+    The size comes from the header; any other file gives 0.
+    """
     with open(path, "rb") as stream:
         head = stream.read(24)
     if not head.startswith(b"\x89PNG"):

@@ -1,8 +1,8 @@
-"""The modal plant: the FE model's first modes as unit-mass slides in MuJoCo, physical points as fixed tendons.
+"""Modal plant: first FE modes as unit-mass slides in MuJoCo.
 
-Exact by construction for the modes it keeps, and fast: it serves long runs and searches over many candidates. Gravity
-and tension are inside the frequencies. The slides share bodies of negligible mass and take their unit mass as joint
-armature, which keeps MuJoCo's inertia matrix diagonal to one part in 1e9 with half as many bodies to move.
+Physical points are fixed tendons. The plant is exact for the retained modes and fast, for long runs and searches over
+many candidates. The frequencies include gravity and tension. The slides share bodies of negligible mass and have their
+unit mass as joint armature. MuJoCo's inertia matrix is then diagonal to one part in 1e9, with half as many bodies.
 """
 
 from typing import Any
@@ -16,7 +16,8 @@ from vlab.plants.base import Plant
 from vlab.plants.tendon_points import LINEAR, add_carrier, add_points, fe_element_ports, linear_spec, point_plant
 
 SLIDES_PER_BODY = 3
-"""MuJoCo accepts up to six degrees of freedom a body; three orthogonal slides do not couple at all."""
+"""SLIDES_PER_BODY [1]: slide joints per body. MuJoCo accepts up to six degrees of freedom a body; three orthogonal
+slides are uncoupled."""
 
 
 def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plant:
@@ -24,10 +25,17 @@ def build_modal(fe: FeModel, *, modes: int = 12, timestep: float = 5e-4) -> Plan
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     modes : int
-        How many modes to keep, from the lowest.
+        Number of retained modes, from the lowest.
     timestep : float
         Integration step [s].
+
+    Returns
+    -------
+    Plant
+        Plant at equilibrium.
 
     Raises
     ------

@@ -1,11 +1,12 @@
-"""What is prescribed mode by mode in MuJoCo: damping, and frequencies that a structure is tuned to.
+"""Modal damping and frequency tuning prescribed mode by mode in MuJoCo.
 
-The damping C = sum over modes of (M phi)(2 zeta omega)(M phi)^T couples no modes and is full in joint coordinates.
-MuJoCo carries it natively as one fixed tendon a mode, with coefficients phi^T M and damping 2 zeta omega; the model that
-a plant writes out has these tendons. The stiffness that tunes frequencies is of the same form with (f^2 - 1) omega^2,
-negative where a frequency is lowered, and so is the one that turns a coarse mesh's modes into those of the FE model.
-Dense tendons cost as much as all the rest of a step, so while a plant runs in the laboratory the same matrices act as a
-generalised force -C qvel - K (qpos - qpos0) instead; a test holds the two against each other.
+The damping C = sum over modes of (M phi)(2 zeta omega)(M phi)^T couples no modes and is full in joint coordinates. In
+MuJoCo one fixed tendon a mode, with coefficients phi^T M and damping 2 zeta omega, represents C. An exported model has
+such tendons. The stiffness for frequency tuning has the same form with (f^2 - 1) omega^2, negative for a lowered
+frequency. The correction of a coarse mesh's modes also has the same form.
+
+Dense tendons cost as much as the rest of a step. In the laboratory the same matrices therefore act as a generalised
+force -C qvel - K (qpos - qpos0). A test compares both forms.
 """
 
 from dataclasses import dataclass, replace
@@ -22,18 +23,19 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 P = TypeVar("P", bound=Plant)
+"""Type of a plant."""
 
 
 @dataclass(frozen=True)
 class ModalTendon:
-    """A damper and a spring on a linear combination of joint coordinates.
+    """Damper and spring on a linear combination of coordinates.
 
     Parameters
     ----------
     row : (nv,) array
         Coefficients.
     damping, stiffness : float
-        Damper [N s/m in the unit of the combination] and spring [N/m], which is relaxed in the initial configuration.
+        Damper [N s/m in the unit of the combination] and spring [N/m], relaxed in the initial configuration.
     """
 
     name: str
@@ -43,17 +45,28 @@ class ModalTendon:
 
 
 def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: bool = True) -> P:
-    """Return a bare plant with the structure's modal damping ratios, and with the modes that it is tuned to.
+    """Return a plant with modal damping and tuned modes.
 
     Parameters
     ----------
+    plant : P
+        Plant with its ports and transducers.
+    structure : Structure
+        Structure with its points, bars and transducers.
+    variant : str
+        Name of the structure's variant.
     damped : bool
         Whether to prescribe damping.
+
+    Returns
+    -------
+    P
+        Plant with dissipation and restoring matrices.
 
     Raises
     ------
     BadStructure
-        It is tuned to more modes than the plant and the FE model have.
+        The tuning has more modes than the plant or the FE model.
     """
     linear = plant.linearise()
     coils = plant.port_rows(structure.coil_places)
@@ -78,7 +91,22 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
 
 
 def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
-    """Return the dampers that give a model's modes their ratios: rows phi^T M, damping 2 zeta omega."""
+    """Return the dampers for given modal damping ratios.
+
+    The rows are phi^T M, the dampings 2 zeta omega.
+
+    Parameters
+    ----------
+    linear : SecondOrderModel
+        Linear model.
+    zeta : (n,) array
+        Damping ratios.
+
+    Returns
+    -------
+    list of ModalTendon
+        One damper a damped mode.
+    """
     omega, shapes = linear.eigen
     rows = shapes.T @ linear.M
     return [
@@ -87,19 +115,36 @@ def modal_dampers(linear: SecondOrderModel, zeta: Array) -> list[ModalTendon]:
 
 
 def tuning_springs(restoring: Array) -> list[ModalTendon]:
-    """Return the springs that add up to the stiffness which tunes a plant."""
+    """Return the springs of a tuning stiffness."""
     return [ModalTendon(f"tuning:{k}", row, stiffness=value) for k, (value, row) in enumerate(rank_one(restoring), 1)]
 
 
 def rank_one(matrix: Array) -> list[tuple[float, Array]]:
-    """Return values and rows with matrix = sum of value row^T row, for a symmetric matrix."""
+    """Return the rank-one terms of a symmetric matrix.
+
+    The matrix is the sum of value row^T row over the pairs.
+    """
     values, vectors = np.linalg.eigh(matrix)
     keep = np.abs(values) > 1e-12 * max(np.abs(values).max(), 1e-300)
     return [(float(v), x) for v, x in zip(values[keep], vectors.T[keep], strict=True)]
 
 
 def with_modal_tendons(spec: Any, tendons: list[ModalTendon]) -> Any:
-    """Return a copy of a spec whose joints carry the dampers and springs as native fixed tendons.
+    """Return a copy of a spec with dampers and springs.
+
+    Both are native fixed tendons on the joints.
+
+    Parameters
+    ----------
+    spec : object
+        MjSpec of the plant.
+    tendons : list of ModalTendon
+        Dampers and springs.
+
+    Returns
+    -------
+    object
+        Copy of the spec.
 
     Raises
     ------

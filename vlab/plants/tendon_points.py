@@ -1,4 +1,7 @@
-"""What the plants in generalised coordinates share: physical points as fixed tendons, with coils and sensors on them."""
+"""Points as fixed tendons, for plants in generalised coordinates.
+
+Coils and sensors act on the tendons.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -13,12 +16,16 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 CARRIER_MASS = 1e-9
-"""Mass of a body that only carries coordinates [kg], against masses of grams to kilograms."""
+"""CARRIER_MASS [kg]: mass of a body that only carries coordinates. The structure's masses are grams to kilograms."""
 LINEAR = "large motion: the coordinates are those of small motion about equilibrium"
+"""Note on a plant for small motion."""
 
 
 def linear_spec(title: str, timestep: float) -> Any:
-    """Return an empty spec for coordinates of small motion: no gravity, contacts or constraints, semi-implicit Euler."""
+    """Return an empty spec for small motion.
+
+    The options are semi-implicit Euler without gravity, contacts or constraints.
+    """
     spec = mujoco.MjSpec()
     set_options(spec, title)
     spec.option.timestep = timestep
@@ -26,7 +33,7 @@ def linear_spec(title: str, timestep: float) -> Any:
 
 
 def add_carrier(parent: Any, name: str) -> Any:
-    """Add a body of negligible mass to carry coordinates."""
+    """Add a body of negligible mass for coordinates."""
     body = parent.add_body(name=name)
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = CARRIER_MASS, [0, 0, 0], [CARRIER_MASS] * 3
@@ -34,12 +41,18 @@ def add_carrier(parent: Any, name: str) -> Any:
 
 
 def add_points(spec: Any, structure: Structure, rows: Mapping[str, Array], joints: Sequence[str]) -> None:
-    """Add a tendon for every point with a transducer, and the transducers on it.
+    """Add tendons at transducer points, with the transducers.
 
     Parameters
     ----------
+    spec : object
+        MjSpec of the plant.
+    structure : Structure
+        Structure with its points, bars and transducers.
     rows : mapping of str to (n_joints,) array
         Deflection of each point per joint coordinate.
+    joints : sequence of str
+        Names of the joints in row order.
     """
     for place in structure.transducer_places:
         tendon = spec.add_tendon(name=place)
@@ -55,7 +68,7 @@ def add_points(spec: Any, structure: Structure, rows: Mapping[str, Array], joint
         else:
             _sensor(spec, name, "TENDONPOS", sensor.at)
             _sensor(spec, f"{name}:rate", "TENDONVEL", sensor.at)
-    for sensor in structure.sensor:  # last, so that their values stand together
+    for sensor in structure.sensor:  # last, so that their values are contiguous
         _sensor(spec, travel_name(sensor), "TENDONPOS", sensor.at)
 
 
@@ -80,14 +93,27 @@ def point_plant(
 
     Parameters
     ----------
+    name : str
+        Name of the plant.
+    spec : object
+        MjSpec of the plant.
+    structure : Structure
+        Structure with its points, bars and transducers.
     rows : mapping of str to (n_joints,) array
         Deflection of every point of the drawing per joint coordinate.
+    left_out : tuple of str
+        Properties of the structure that the plant lacks.
     written : mujoco.MjSpec or None
-        The spec that is written out, where it has more than the running model (dampers).
+        Spec for export, if more complete than the running model (dampers).
     dissipation, restoring : (nv, nv) array or None
-        Act as -C qvel - K qpos while the plant runs.
+        Matrices of the force -C qvel - K qpos while the plant runs.
     elements : mapping of str to Port, optional
-        The ports of elastic elements.
+        Ports of elastic elements.
+
+    Returns
+    -------
+    Plant
+        Compiled plant.
     """
     model = spec.compile()
 
@@ -116,10 +142,17 @@ def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Arr
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     rows : mapping of str to (nv,) array
         Deflection of every point per joint coordinate.
     onto : callable
-        Row per FE coordinate -> row per joint coordinate.
+        Row per FE coordinate to row per joint coordinate.
+
+    Returns
+    -------
+    dict of str to Port
+        Ports by name.
     """
     points = dict(rows) | {plate.name: onto(fe.deflection(plate.name)) for plate in fe.structure.plate}
 
@@ -127,7 +160,7 @@ def fe_element_ports(fe: FeModel, rows: Mapping[str, Array], onto: Callable[[Arr
         row = fe.slope(point, along)
         return None if row is None else onto(row)
 
-    together = np.ones(len(fe.expand))  # the floor moves all deflections, and turns nothing
+    together = np.ones(len(fe.expand))  # the floor moves all deflections and no rotation
     nodes = 3 * len(fe.mesh.nodes)
     together[1:nodes:3] = together[2:nodes:3] = 0.0
     carried = -fe.linear.M @ np.linalg.lstsq(fe.expand, together, rcond=1e-9)[0]

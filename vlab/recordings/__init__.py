@@ -1,9 +1,9 @@
-"""Recordings from files and back: one strict reader per format behind one guarded opener.
+"""Reading and writing of recordings in several file formats.
 
-`open_table` opens any accepted file as named columns and never executes anything from it; `assemble.to_recording` labels
-the columns and converts them to SI; `write_recording` and `read_recording` are vlab's own exact form of a recording;
-`sep005` takes and gives the dictionaries of the SDyPy packages, `responses.to_frequency_response` labels columns of
-frequency responses; `quality.findings` says what looks wrong with a recording and repairs nothing.
+`open_table` opens any accepted file as named columns and executes no content. `assemble.to_recording` labels the
+columns and converts them to SI. `write_recording` and `read_recording` store a recording exactly. `sep005` converts
+dictionaries of the SDyPy packages. `responses.to_frequency_response` labels columns of frequency responses.
+`quality.findings` reports data-quality defects and repairs none.
 """
 
 from vlab.recordings.stored import read_recording, write_recording

@@ -1,4 +1,4 @@
-"""From the columns of a file to a recording: labels given, units converted to SI, nothing repaired."""
+"""Assembly of a recording from columns: labels and SI units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,34 +26,35 @@ _SI = (
     "K",
     "T",
 )
-"""SI units by which a channel of a free kind may be labelled; the first of the right dimension is taken."""
+"""SI units for channels of a free kind; the first unit of the right dimension applies."""
 
 ROUNDING = 0.02
-"""Largest distance of a stamp from an even grid, in steps: it turns the phase at half the sample rate by 3.6 degrees."""
+"""ROUNDING [steps]: largest distance of a time stamp from an even grid. At half the sample rate the distance turns the
+phase by 3.6 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnSpec:
-    """What one column of a file is.
+    """Description of one column of a file.
 
     Parameters
     ----------
     column : str
-        Its name in the file.
+        Name of the column in the file.
     kind : str
         One of `vlab.signals.KIND_UNITS`.
     unit : str
-        The unit of the numbers in the file.
+        Unit of the numbers in the file.
     at : str
-        The place, actuator or sensor that it belongs to.
+        Place, actuator or sensor of the channel.
     name : str
-        The channel's name in the recording; the place, or else the column, where it is not given.
+        Channel name in the recording; by default the place, or else the column.
     scale : float, optional
-        Model unit per file unit; takes the place of the unit conversion.
+        Model unit per file unit, in place of the unit conversion.
     offset : float
-        What the file reads where there is nothing, in the unit of the file; it is subtracted.
+        Reading at zero, in the unit of the file; the offset is subtracted.
     is_input : bool
-        True where it drives the structure.
+        Whether the channel drives the structure.
     """
 
     column: str
@@ -74,14 +75,14 @@ class ColumnSpec:
             raise BadRecording(f"column {self.column!r}: the scale is {self.scale}; it must be finite and not zero")
 
     def channel_and_factor(self) -> tuple[Channel, float]:
-        """Return the label in SI and what a number of the file is multiplied by.
+        """Return the SI label and the factor from file numbers.
 
-        With a scale, a channel of a free kind, and a voltage or current that drives an actuator, is in the model's own unit, which the
-        file does not know: it has no unit.
+        With a scale, the file's unit no longer determines the channel's unit. A channel of a free kind, and a voltage
+        or current that drives an actuator, is then in the model's own unit. Its label has no unit.
         """
         si = KIND_UNITS[self.kind]
         if self.scale is not None:
-            is_electric = self.is_input and self.kind in ("voltage", "current")  # scaled to what the actuator takes
+            is_electric = self.is_input and self.kind in ("voltage", "current")  # scaled to its unit
             unit, factor = "" if is_electric else si or "", float(self.scale)
         else:
             unit = si or own_si(self.unit)
@@ -92,7 +93,25 @@ class ColumnSpec:
 
 
 def own_si(unit: str) -> str:
-    """Return the SI unit of the same dimension as `unit`, for channels whose kind leaves it free."""
+    """Return the SI unit of the same dimension.
+
+    The function serves channels of a free kind.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as written.
+
+    Returns
+    -------
+    str
+        SI unit.
+
+    Raises
+    ------
+    BadUnit
+        No kind of channel has the dimension.
+    """
     if unit in _SI:
         return unit
     angular = any(word in unit for word in ("deg", "rad"))
@@ -100,7 +119,7 @@ def own_si(unit: str) -> str:
     for si in candidates:
         if units.same_dimension(unit, si):
             return si
-    units.factor(unit, unit)  # an unknown unit has its own message
+    units.factor(unit, unit)  # raises the message for an unknown unit
     raise BadUnit(
         f"unit {unit!r} is of no kind that a channel has ({', '.join(_SI)}); give a scale to the model's unit instead"
     )
@@ -116,22 +135,22 @@ def to_recording(
     start_s: float | None = None,
     stop_s: float | None = None,
 ) -> Recording:
-    """Label the columns of a table and convert them to SI.
+    """Label the columns of a table and convert to SI.
 
     Parameters
     ----------
     table : Table
         The file.
     columns : sequence of ColumnSpec
-        The columns to take, in the order of the channels.
+        Columns to take, in channel order.
     rate_hz : float, optional
-        Sample rate where the file has no time column; the first sample is then at t = 0.
+        Sample rate [Hz] of a file without a time column; the first sample is then at t = 0.
     time : str, optional
         Name of the time column. Exactly one of `rate_hz` and `time` is given.
     time_unit : str
         Unit of the time column.
     start_s, stop_s : float, optional
-        Keep start <= t < stop [s], on the time of the file.
+        Kept range start <= t < stop [s], in the file's time.
 
     Returns
     -------
@@ -144,9 +163,9 @@ def to_recording(
         Rate and time both or neither given, unequal lengths, complex columns, times that do not increase, or fewer than
         two samples in the window.
     BadUnit
-        A unit that is unknown, does not fit its kind or is not the one that the file states.
+        A unit is unknown, does not fit its kind or contradicts the file.
     UnknownName
-        A column that is not in the file.
+        A column is not in the file.
     """
     if not columns:
         raise refuse(table.path, "no column was chosen", fix="describe at least one channel")
@@ -159,7 +178,7 @@ def to_recording(
                 table.check_unit(spec.column, spec.unit, channel.unit)
         except BadUnit as error:
             raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
-        with np.errstate(over="ignore"):  # an overflow is found as a sample that is not finite
+        with np.errstate(over="ignore"):  # a later check for finite samples finds an overflow
             data.append((values - spec.offset) * factor)
         channels.append(channel)
     stamps = _times(table, columns[0].column, rate_hz, time, time_unit)
@@ -178,10 +197,21 @@ def to_recording(
 
 
 def on_even_stamps(recording: Recording) -> Recording:
-    """Return a recording whose stamps are an even grid written with few digits on that grid; any other as it is.
+    """Return a recording with rounded stamps back on an even grid.
 
-    A file with six decimals of a second moves a stamp by half a microsecond, which is no jitter of the sampling. Stamps are
-    taken for rounded where each is within `ROUNDING` of a step of an even grid; ``meta["stamps"]`` says so then.
+    A file with six decimals of a second moves a stamp by up to half a microsecond, without any sampling jitter. Stamps
+    count as rounded if each is within `ROUNDING` of an even grid. ``meta["stamps"]`` then notes the correction. Any
+    other recording is unchanged.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
+    Returns
+    -------
+    Recording
+        Recording.
     """
     if recording.is_uniform:
         return recording

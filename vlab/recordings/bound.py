@@ -1,4 +1,7 @@
-"""The recording of a run folder, bound by its manifest: one that is not as it was written is refused wherever it is read."""
+"""Binding of a run folder's recording to its manifest.
+
+A recording with another hash than the manifest's is refused by every reader.
+"""
 
 import hashlib
 import json
@@ -10,13 +13,24 @@ from vlab.files.output_folder import MANIFEST
 from vlab.recordings.files import read_guarded, refuse
 
 RECORDING = "recording.parquet"
-"""Its name in every run folder."""
+"""File name of the recording in a run folder."""
 STATED = "recording_sha256"
-"""The key of the manifest that states its hash."""
+"""Manifest key of the recording's hash."""
 
 
 def stated_hash(folder: Path) -> str | None:
-    """Return the SHA-256 of the recording that the manifest of a folder states; None where there is no such statement."""
+    """Return the recording's SHA-256 from a folder's manifest.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder with a manifest.
+
+    Returns
+    -------
+    str or None
+        Hexadecimal hash; None without a statement.
+    """
     try:
         content = json.loads(read_guarded(MANIFEST, folder=folder))
     except (BadRecording, ValueError, RecursionError):
@@ -26,14 +40,14 @@ def stated_hash(folder: Path) -> str | None:
 
 
 def check_bound(data: bytes, file: Path) -> None:
-    """Check the bytes of a recording against the manifest beside it, where it is that of a run folder.
+    """Check a recording's bytes against a manifest.
 
     Parameters
     ----------
     data : bytes
-        What was read.
+        Bytes as read.
     file : Path
-        From where.
+        Path of the file; the manifest is in the same folder.
 
     Raises
     ------
@@ -52,7 +66,14 @@ def check_bound(data: bytes, file: Path) -> None:
 
 
 def check_run(folder: Path) -> None:
-    """Check that a folder holds a recording, the one whose hash its manifest states; without a manifest any.
+    """Check that a folder holds its manifest's recording.
+
+    Without a manifest any recording passes.
+
+    Parameters
+    ----------
+    folder : Path
+        Run folder.
 
     Raises
     ------

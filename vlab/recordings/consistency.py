@@ -1,4 +1,7 @@
-"""Channels of one place that should be derivatives of each other: a factor between them betrays a wrong unit or sign."""
+"""Consistency of channels that are derivatives of each other.
+
+A constant factor between a channel and the derivative of another at the same place indicates a wrong unit or sign.
+"""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -21,22 +24,26 @@ FACTORS = {
     1000.0: "milli left out, or put in twice",
     1e6: "micro left out, or milli twice",
 }
-"""Factors by which a recording is off where a unit was mistaken."""
+"""Ratios [1] caused by a mistaken unit, with the explanation."""
 
 NEAR = 0.03
-"""Relative distance from a known factor at which it is named: the calibration of an ordinary sensor."""
+"""NEAR [1]: relative distance from a known factor at which the factor is named, the calibration error of an ordinary
+sensor."""
 
 _FAMILIES = (
     ("displacement", "velocity", "acceleration"),
     ("angle", "angular-velocity", "angular-acceleration"),
 )
-_SHORTEST = 64  # samples below which a spectrum says nothing
-_STRONG = 0.1  # of the strongest line: what is below is noise, which a derivative raises
-_ALIKE = 0.95  # coherence above which two channels are one motion
+_SHORTEST = 64  # fewest samples for a usable spectrum
+_STRONG = 0.1  # share of the strongest line; below it noise dominates, which a derivative amplifies
+_ALIKE = 0.95  # smallest coherence of one common motion
 
 
 class Mismatch(NamedTuple):
-    """Two channels of one place, and by what the second is off from the derivative of the first."""
+    """Two channels of one place and their ratio.
+
+    The ratio is of the second channel to the derivative of the first.
+    """
 
     first: int
     second: int
@@ -44,7 +51,18 @@ class Mismatch(NamedTuple):
 
 
 def known_factor(ratio: float) -> str:
-    """Return what mistake of units would explain a ratio, or nothing."""
+    """Return the unit mistake that explains a ratio.
+
+    Parameters
+    ----------
+    ratio : float
+        Ratio of two channels [1].
+
+    Returns
+    -------
+    str
+        Explanation, "" for none.
+    """
     size = abs(ratio)
     for factor, text in FACTORS.items():
         if min(abs(size / factor - 1), abs(size * factor - 1)) < NEAR:
@@ -53,13 +71,26 @@ def known_factor(ratio: float) -> str:
 
 
 def mismatches(recording: Recording, moving: list[int]) -> Iterator[Mismatch]:
-    """Yield the pairs of channels of one place that are derivatives of each other but for a factor that is not 1."""
+    """Yield channel pairs with a wrong derivative ratio.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    moving : list of int
+        Indices of channels that move.
+
+    Returns
+    -------
+    iterator of Mismatch
+        Pairs with a ratio other than 1.
+    """
     if len(recording) < _SHORTEST or not recording.is_uniform:
         return
     channels = recording.channels
     spectra: dict[int, NDArray[Any]] = {}
     omega = 2 * np.pi * np.fft.rfftfreq(len(recording), 1 / recording.rate)
-    inside = (omega > 3 * omega[1]) & (omega < 0.8 * omega[-1])  # clear of the window's width and of the Nyquist line
+    inside = (omega > 3 * omega[1]) & (omega < 0.8 * omega[-1])  # above the window's width and below the Nyquist line
     if not inside.any():
         return
     for family in _FAMILIES:
@@ -80,14 +111,17 @@ def _spectrum(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _ratio(expected: NDArray[Any], measured: NDArray[Any]) -> float | None:
-    """Return the real factor between two spectra, or None where they are not one motion."""
+    """Return the real factor between two spectra.
+
+    The result is None for incoherent spectra.
+    """
     sizes = np.abs(expected), np.abs(measured)
     strong = (sizes[0] > _STRONG * sizes[0].max()) & (sizes[1] > _STRONG * sizes[1].max())
     x, y = expected[strong], measured[strong]
     power, cross = np.vdot(x, x).real, np.vdot(x, y)
     coherence = np.abs(cross) ** 2 / (
         power * np.vdot(y, y).real
-    )  # numpy's: not a number of nothing, which is not alike
+    )  # numpy gives NaN for empty spectra, which counts as incoherent
     if not coherence > _ALIKE or abs(cross.imag) > abs(cross.real):
         return None
     return float(cross.real / power)

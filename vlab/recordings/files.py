@@ -1,4 +1,4 @@
-"""Files at the edge: refused before anything believes them, written whole or not at all."""
+"""Guarded reading and atomic writing of files."""
 
 import contextlib
 import errno
@@ -14,40 +14,63 @@ from vlab.files.leftovers import part_beside
 from vlab.files.text import one_line
 
 MAX_BYTES = 2 * 1024**3
-"""Largest file that is opened and largest content that is unpacked from one [bytes]; a recording is held in memory."""
+"""MAX_BYTES [bytes]: largest accepted file and largest unpacked content. A recording is held in memory."""
 
-_ALWAYS = 64 * 1024**2  # bytes that any file may unpack to: half a second of work
-_RATIO = 200  # bytes out of one packed byte; a recording of mostly silent channels is below, a bomb is at 1000
+_ALWAYS = 64 * 1024**2  # bytes allowed for every file; unpacking takes half a second
+_RATIO = 200  # unpacked bytes per packed byte; mostly silent channels stay below, a decompression bomb reaches 1000
 
 
 def refuse(path: PathLike, what: str, *, fix: str = "") -> BadRecording:
-    """Build the one-line error of a file: which, what is wrong with it, and the likely fix."""
-    return BadRecording(one_line(path) + ": " + one_line(what) + ("; " + one_line(fix) if fix else ""))
-
-
-def unpacked_limit(n_bytes: int) -> int:
-    """Return how many bytes a packed file of `n_bytes` may unpack to; more is a bomb, not a recording."""
-    return min(MAX_BYTES, max(_ALWAYS, _RATIO * n_bytes))
-
-
-def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
-    """Return the bytes of an ordinary file of a sane size, inside `folder` where one is given.
+    """Return the one-line error of a file.
 
     Parameters
     ----------
     path : str or path
-        The file; relative to `folder` where one is given.
+        File.
+    what : str
+        Defect.
+    fix : str
+        Likely remedy.
+    """
+    return BadRecording(one_line(path) + ": " + one_line(what) + ("; " + one_line(fix) if fix else ""))
+
+
+def unpacked_limit(n_bytes: int) -> int:
+    """Return the largest allowed size of unpacked content [bytes].
+
+    A larger content is a decompression bomb.
+
+    Parameters
+    ----------
+    n_bytes : int
+        Size of the packed file [bytes].
+    """
+    return min(MAX_BYTES, max(_ALWAYS, _RATIO * n_bytes))
+
+
+def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
+    """Return the bytes of an ordinary file of limited size.
+
+    Parameters
+    ----------
+    path : str or path
+        File, relative to `folder` if given.
     folder : str or path, optional
-        The file must lie in it after links and ``..`` are followed.
+        Folder that must contain the file after links and ``..`` are resolved.
+
+    Returns
+    -------
+    bytes
+        Contents.
 
     Raises
     ------
     BadRecording
-        Outside the folder, missing, unreadable, not an ordinary file, empty or larger than `MAX_BYTES`.
+        The file is outside the folder, missing, unreadable, not ordinary, empty or larger than `MAX_BYTES`.
     """
     try:
         real = Path(path).resolve() if folder is None else path_inside(path, folder, called=str(folder))
-        status = real.stat()  # before opening: opening a pipe would wait for ever
+        status = real.stat()  # before opening, because opening a pipe would block
         if stat.S_ISDIR(status.st_mode):
             raise refuse(path, "it is a folder", fix="name the file in it")
         if not stat.S_ISREG(status.st_mode):
@@ -64,7 +87,7 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
         raise refuse(path, f"the file {error}", fix="copy it into the folder and name it relative to it") from error
     except FileNotFoundError as error:
         raise refuse(path, "there is no such file", fix="check the name and the folder") from error
-    except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links (Python 3.11 and 3.12)
+    except (OSError, RuntimeError) as error:  # RuntimeError: loop of links (Python 3.11 and 3.12)
         raise refuse(path, f"the file cannot be opened: {getattr(error, 'strerror', None) or error}") from error
     except (ValueError, TypeError, MemoryError) as error:
         if isinstance(error, BadRecording):
@@ -77,19 +100,26 @@ def read_guarded(path: PathLike, *, folder: PathLike | None = None) -> bytes:
 
 @contextlib.contextmanager
 def written_whole(path: PathLike, *, is_new: bool = False) -> Iterator[BinaryIO]:
-    """Open a file for writing that appears under its name only when the block has ended without error.
+    """Open a file for atomic writing.
+
+    The file appears under its name only after the block ends without error.
 
     Parameters
     ----------
     path : str or path
         The file.
     is_new : bool
-        Never write over a file: where one of that name is there when the block ends, it stays as it is.
+        Whether an existing file must stay unchanged.
+
+    Returns
+    -------
+    context manager of BinaryIO
+        Stream of a temporary file.
 
     Raises
     ------
     OutputRefused
-        The file cannot be written, or is there already although it must be new.
+        The file cannot be written, or exists although `is_new` is set.
     """
     path = Path(path)
     try:
@@ -115,11 +145,11 @@ def written_whole(path: PathLike, *, is_new: bool = False) -> Iterator[BinaryIO]
 
 
 def _move_new(part: Path, path: Path) -> None:
-    """Give a file its name in one step that fails where the name is taken."""
+    """Rename a file atomically unless the name is taken."""
     try:
         os.link(part, path)
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS):
             raise
-        with open(path, "xb") as stream:  # a file system without hard links
+        with open(path, "xb") as stream:  # for file systems without hard links
             stream.write(part.read_bytes())

@@ -1,9 +1,9 @@
-"""Formats whose libraries can crash, hang or allocate without end are read in a process of their own.
+"""Isolated process for formats with unsafe libraries.
 
-The HDF5 library is C code that a damaged file can bring down, and npTDMS believes the counts in its headers. A worker
-(`vlab.recordings.workers`) gets the bytes of the file through a pipe, may open no file, has a limit of processor time and
-of memory, and answers with plain arrays and text through another. It serves one file and ends, so that no file can
-harm the next one. The limits of time on the processor, memory and files are those of POSIX; elsewhere the wall clock is.
+A damaged file can crash the HDF5 library, which is C code. npTDMS allocates whatever counts a header states. A worker
+(`vlab.recordings.workers`) receives the bytes of one file through a pipe and returns plain arrays and text through
+another. The worker may open no file and has limits on processor time and memory. A worker serves one file, so a file
+cannot affect the next. The limits are those of POSIX; on any other system only the wall clock limits a worker.
 """
 
 import functools
@@ -24,33 +24,34 @@ from vlab.recordings.files import refuse
 from vlab.recordings.formats.variables import Skipped
 
 WORKERS = Path(__file__).parent / "workers"
-"""The folder of `sandbox.py` and of the readers that it may run."""
+"""Folder of `sandbox.py` and of the readers."""
 
-_SECONDS = 2  # of processor time for a file of any size; starting takes 0.25 s of it
-_BYTES_PER_SECOND = 50e6  # slower than any disk; the rest of the time that a file is given
+_SECONDS = 2  # processor time for a file of any size; starting takes 0.25 s
+_BYTES_PER_SECOND = 50e6  # slower than any disk; determines the size-dependent time
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def read_isolated(
     reader: str, data: bytes, path: Path, *, library: str, install: str, options: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return what a reader found in the bytes of a file.
+    """Return a reader's result for the bytes of a file.
 
     Parameters
     ----------
     reader : str
         Name of a module in `WORKERS`.
     data, path : bytes, Path
-        The file's content, and its name for messages.
+        Content of the file, and its name for messages.
     library, install : str
-        The library that the reader needs, and what to install where it is missing.
+        Required library, and the package to install if missing.
     options : mapping, optional
-        What the reader is told.
+        Options of the reader.
 
     Returns
     -------
     dict
-        ``variables``: list of (name, value) for `vlab.recordings.formats.variables.Variables.add`; ``units``; ``meta``; ``notes``.
+        ``variables``: list of (name, value) for `vlab.recordings.formats.variables.Variables.add`; ``units``; ``meta``;
+        ``notes``.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def read_isolated(
         "options": {"limit": limit, **(options or {})},
     }
     try:
-        # A loaded machine gives a process a part of its time only: the wall clock is a backstop.
+        # on a loaded machine the wall clock runs ahead of processor time: it is a backstop only
         done = _run(order, data, timeout=5 * seconds)
     except subprocess.TimeoutExpired as error:
         raise _too_long(path, seconds) from error
@@ -81,7 +82,7 @@ def read_isolated(
 
 @functools.cache
 def is_installed(library: str) -> bool:
-    """Say whether a library can be imported."""
+    """Return whether a library can be imported."""
     return importlib.util.find_spec(library) is not None
 
 
@@ -104,7 +105,10 @@ def _ended(path: Path, done: "subprocess.CompletedProcess[bytes]", library: str,
 
 
 def _answer(path: Path, answer: bytes) -> dict[str, Any]:
-    """Take the answer of a worker apart: the length of a JSON text, the text, the arrays."""
+    """Decode a worker's answer.
+
+    The answer consists of the length of a JSON text, the text and the arrays.
+    """
     size = int.from_bytes(answer[:8], "little")
     head = json.loads(answer[8 : 8 + size])
     if "refused" in head:

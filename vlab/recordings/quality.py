@@ -1,4 +1,4 @@
-"""What looks wrong with a recording before anyone fits a model to it; hypotheses to report, never repairs."""
+"""Data quality of a recording: findings to report, without repairs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,32 +11,35 @@ from vlab.recordings.consistency import NEAR, known_factor, mismatches
 from vlab.signals import Array, Channel, Recording
 
 CLIPPED_RUN = 3
-"""Equal samples at the extreme value that make a flat top."""
+"""CLIPPED_RUN [samples]: fewest equal samples at the extreme value that form a flat top."""
 
 HELD_RUN = 10
-"""Samples during which all sensors stand still in the middle of a motion that make a dropped block."""
+"""HELD_RUN [samples]: shortest standstill of all sensors during motion that counts as a dropped block."""
 
 SAME = 1e-10
-"""1 - |correlation| below which two channels are one signal: they differ by 1.4e-5 of their size, sensors by more."""
+"""SAME [1]: value of 1 - |correlation| below which two channels are one signal. The limit corresponds to a relative
+difference of 1.4e-5; two sensors differ more."""
 
 USUAL = 0.02
-"""Share of the time steps above which long ones are no gaps, but uneven sampling."""
+"""USUAL [1]: share of long time steps above which sampling counts as uneven, without gaps."""
 COARSE = 0.03
-"""Quantisation step over standard deviation that is worth saying: its noise, step/sqrt(12), is then above 1 %."""
+"""COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise,
+step/sqrt(12), is then above 1 %."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that looks wrong.
+    """A data-quality finding.
 
     Parameters
     ----------
     channel : str
-        The channel, or ``"time"``, or empty where it concerns all.
+        The channel, or ``"time"``; empty for all channels.
     kind : str
-        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``units`` or ``sign``.
+        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``units`` or
+        ``sign``.
     text : str
-        What was seen, where, how much.
+        Observation, location and amount.
     severity : {"note", "warning"}
         A warning may change a diagnosis.
     """
@@ -48,8 +51,11 @@ class Finding:
 
 
 def findings(recording: Recording) -> tuple[Finding, ...]:
-    """Return what looks wrong with a recording: time stamps, then channels, then pairs of channels."""
-    with np.errstate(all="ignore"):  # of the largest and smallest doubles; nothing is found in what overflows
+    """Return the data-quality findings of a recording.
+
+    The order is time stamps, channels, pairs of channels.
+    """
+    with np.errstate(all="ignore"):  # extreme doubles may overflow; an overflow yields no finding
         return tuple(_findings(recording))
 
 
@@ -72,7 +78,10 @@ def _findings(recording: Recording) -> Iterator[Finding]:
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return first and one-past-last index of each run of true values."""
+    """Return start and end of each run of true values.
+
+    The end is one past the last index.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
     return edges[::2], edges[1::2]
 
@@ -92,7 +101,7 @@ def _time(recording: Recording) -> Iterator[Finding]:
         yield Finding("time", "gap", text, "warning")
     regular = steps[steps <= long]
     spread = float(np.ptp(regular)) / usual
-    if spread > 1e-4:  # as Recording.is_uniform
+    if spread > 1e-4:  # same limit as Recording.is_uniform
         severity: Literal["note", "warning"] = "warning" if spread > 0.05 else "note"
         yield Finding(
             "time",
@@ -103,7 +112,10 @@ def _time(recording: Recording) -> Iterator[Finding]:
 
 
 def long_step(time: Array) -> float:
-    """Return the time step beyond which samples are missing: one and a half of the usual one, more where such steps are usual."""
+    """Return the shortest time step that counts as a gap.
+
+    The limit is 1.5 times the median step, or 4 times if long steps are frequent.
+    """
     steps = np.diff(time)
     usual = float(np.median(steps))
     is_uneven = np.mean(steps > 1.5 * usual) > USUAL
@@ -111,7 +123,7 @@ def long_step(time: Array) -> float:
 
 
 def _step(values: Array) -> float:
-    """Return the smallest difference between values that occur, rounding aside."""
+    """Return the smallest difference between values, beyond rounding."""
     levels = np.diff(np.unique(values))
     levels = levels[levels > 8 * np.spacing(np.abs(values).max())]
     return float(levels.min()) if levels.size else 0.0
@@ -122,11 +134,22 @@ def _drives(channel: Channel) -> bool:
 
 
 def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
-    """Return the samples that stand at a limit, by side (``"lower"``, ``"upper"``): flat tops that the signal enters and leaves at speed.
+    """Return samples at a limit by side (``"lower"``, ``"upper"``).
 
-    A smooth top that is flat for n >= 3 samples because of quantisation has a slope of at most about one step a sample
-    at the ends of the flat (x = -c k^2/2 with c (n/2)^2/2 <= step/2, so that c n/2 <= 2 step/n): three steps are not smooth.
-    A signal that rests at its extreme value for more than half of the time is a signal at rest.
+    A signal enters and leaves a clipped top at speed. A quantised smooth top x = -c k^2/2 that is flat for n >= 3
+    samples satisfies c (n/2)^2/2 <= step/2. Its slope at the ends, c n/2, is at most 2 step/n, about one step a sample.
+    Three steps a sample therefore indicate clipping. A signal at its extreme value for more than half of the time is at
+    rest.
+
+    Parameters
+    ----------
+    values : array
+        Samples of a channel, (n,).
+
+    Returns
+    -------
+    dict of str to array
+        Boolean masks, (n,) each.
     """
     out: dict[str, NDArray[np.bool_]] = {}
     step = _step(values)
@@ -139,14 +162,19 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
 
 
 def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
-    """Return how far a signal would have gone beyond a limit that it stands at, in its steps: a parabola that is as long above it, and
-    as fast at the ends."""
+    """Return the estimated overshoot beyond a limit, in steps.
+
+    A parabola with the same duration and end slopes replaces the flat top.
+    """
     lengths, speeds = _flats(values, at_limit)
     return float(np.max(0.25 * lengths * speeds, initial=0.0)) / max(_step(values), 1e-300)
 
 
 def _flats(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return the lengths in samples of the flat tops inside a series, and the smaller of the speeds at their ends [a sample]."""
+    """Return the lengths and end speeds of flat tops.
+
+    Lengths are in samples; the speed is the smaller of the two ends, per sample.
+    """
     first, last = runs(at_extreme)
     inside = (first >= 2) & (last + 1 < values.size)
     first, last = first[inside], last[inside]
@@ -155,7 +183,7 @@ def _flats(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
 
 
 def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
-    """Say which limits a channel stops at."""
+    """Yield findings on a channel's limits."""
     channel, values = recording.channels[index], recording.data[:, index]
     for side, at_limit in flat_tops(values).items():
         first, last = runs(at_limit)
@@ -165,12 +193,12 @@ def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
             f"{_count(int(long.sum()), 'time')}, up to {int((last - first).max())} samples, "
             f"{100 * at_limit.mean():.2g} % of the samples, first at t = {recording.time[first[long][0]]:g} s"
         )
-        # A limit of the drive is physics that a model may have; a limit of a sensor is a loss.
+        # a drive limit is physics that a model may contain; a sensor limit is lost data
         yield Finding(channel.name, "clipping", text, "note" if _drives(channel) else "warning")
 
 
 def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Finding]:
-    """Find a grid of values that is coarse beside the signal."""
+    """Yield a finding on coarse quantisation."""
     channel, values = recording.channels[index], recording.data[:, index]
     size = float(values.std())
     if step <= COARSE * size:
@@ -179,12 +207,15 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
     if levels.size > 2 and np.abs(levels - np.rint(levels)).max() < 0.01:
         share = f"{100 * step / size:.2g} % of its standard deviation"
         text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
-        is_coarse = step > 0.3 * size and not _drives(channel)  # a command in steps is a command
+        is_coarse = step > 0.3 * size and not _drives(channel)  # a stepped command is intended
         yield Finding(channel.name, "quantisation", text, "warning" if is_coarse else "note")
 
 
 def held_samples(recording: Recording) -> NDArray[np.bool_]:
-    """Return the samples of blocks in which all sensors stand still and then jump: lost, and filled by the last value."""
+    """Return a mask of samples lost and replaced by the last value.
+
+    In such a block all sensors stand still and then jump.
+    """
     out = np.zeros(len(recording), dtype=bool)
     for first, last in zip(*_held_blocks(recording, _moving(recording)), strict=True):
         out[first + 1 : last + 1] = True
@@ -196,7 +227,7 @@ def _moving(recording: Recording) -> list[int]:
 
 
 def _held_blocks(recording: Recording, moving: list[int]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the last good and the last held sample of each block in which the sensors stand still and then jump."""
+    """Return the last good and the last held sample of each block."""
     sensors = [i for i in moving if not recording.channels[i].is_input]
     if not sensors:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
@@ -205,7 +236,7 @@ def _held_blocks(recording: Recording, moving: list[int]) -> tuple[NDArray[Any],
     inside = (last - first >= HELD_RUN) & (first > 0) & (last < len(moves))
     first, last = first[inside], last[inside]
     usual = np.median(moves, axis=0)
-    # an encoder between two of its steps stands still, too
+    # an encoder between two steps is constant as well
     least = np.maximum(usual, [_step(recording.data[:, i]) for i in sensors])
     held = (
         (moves[first - 1] > least).any(axis=1) & (moves[last % len(moves)] > 3 * least).any(axis=1) & (usual > 0).any()
@@ -217,7 +248,7 @@ def _held_blocks(recording: Recording, moving: list[int]) -> tuple[NDArray[Any],
 
 
 def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
-    """Say where samples repeat the last value."""
+    """Yield findings on held samples."""
     first, last = _held_blocks(recording, moving)
     if first.size:
         longest = int((last - first).max())
@@ -227,7 +258,7 @@ def _held(recording: Recording, moving: list[int]) -> Iterator[Finding]:
 
 
 def _duplicates(recording: Recording, moving: list[int]) -> Iterator[Finding]:
-    """Find channels that are another channel times a constant."""
+    """Yield findings on proportional channels."""
     if len(moving) < 2:
         return
     data = recording.data[:, moving]
@@ -248,7 +279,7 @@ def _duplicates(recording: Recording, moving: list[int]) -> Iterator[Finding]:
 
 
 def _derivatives(recording: Recording, moving: list[int]) -> Iterator[Finding]:
-    """Find channels of one place of which one is the other's derivative but for a factor or a sign."""
+    """Yield findings on channels with a wrong derivative ratio."""
     for first, second, ratio in mismatches(recording, moving):
         one, other = recording.channels[first], recording.channels[second]
         order = "second derivative" if "accel" in other.kind and "veloc" not in one.kind else "derivative"

@@ -1,4 +1,4 @@
-"""From the columns of a file to a frequency response: forms and units known, frequencies checked, nothing repaired."""
+"""Assembly of frequency responses from columns: forms, units, checks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,35 +15,35 @@ from vlab.recordings.table import Table
 from vlab.signals import FrequencyResponse
 
 FORM_UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
-"""The forms of a frequency response and the SI unit of each."""
+"""SI unit of each form of a frequency response."""
 
 
 class ResponseColumn(Protocol):
-    """Which column holds the response at a place; see `vlab.cases.description.FrfChannelTable`."""
+    """Column of one response, see `vlab.cases.description.FrfChannelTable`."""
 
     @property
     def column(self) -> str:
-        """The column, of complex numbers or of the real part."""
+        """Column of complex values, or of the real part."""
 
     @property
     def at(self) -> str:
-        """The output."""
+        """Output of the response."""
 
     @property
     def imaginary(self) -> str:
-        """The column of the imaginary part, or empty."""
+        """Column of the imaginary part, or ""."""
 
     @property
     def phase(self) -> str:
-        """The column of the phase, or empty."""
+        """Column of the phase, or ""."""
 
     @property
     def phase_unit(self) -> str:
-        """Its unit."""
+        """Unit of the phase."""
 
 
 class ResponseSpec(Protocol):
-    """What the columns of a file are; see `vlab.cases.description.FrfTable`."""
+    """Description of a file's columns, see `vlab.cases.description.FrfTable`."""
 
     @property
     def form(self) -> str:
@@ -55,51 +55,54 @@ class ResponseSpec(Protocol):
 
     @property
     def input(self) -> str:
-        """The input."""
+        """Input of the responses."""
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The outputs."""
+        """Outputs of the responses."""
 
     @property
     def frequency(self) -> str:
-        """The column of the frequencies."""
+        """Column of the frequencies."""
 
     @property
     def frequency_unit(self) -> str:
-        """Its unit."""
+        """Unit of the frequencies."""
 
     @property
     def unit(self) -> str:
-        """Unit of the response; the SI unit of the form where it is empty."""
+        """Unit of the response; the SI unit of the form if empty."""
 
     @property
     def channel(self) -> Sequence[ResponseColumn]:
-        """The columns by output; empty where the columns after the frequency are the outputs in their order."""
+        """Columns by output.
+
+        If empty, the columns after the frequency are the outputs in order.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredResponse(FrequencyResponse):
-    """A frequency response as measured.
+    """A measured frequency response.
 
     Parameters
     ----------
     is_magnitude : bool
-        The file holds magnitudes only: H is real and its phase is not known.
+        Whether the file holds magnitudes only. H is then real with unknown phase.
     notes : tuple of str
-        What a user of the response should know.
+        Remarks for a user of the response.
     """
 
     is_magnitude: bool = False
     notes: tuple[str, ...] = ()
 
     def to_frd(self) -> Any:
-        """Return python-control's `FRD`; a response without phase has none.
+        """Return the response as python-control's `FRD`.
 
         Raises
         ------
         BadRecording
-            The response is magnitudes only.
+            The response has magnitudes only.
         """
         if self.is_magnitude:
             raise BadRecording("the response is magnitudes only, its phase is not known; compare magnitudes")
@@ -107,29 +110,30 @@ class MeasuredResponse(FrequencyResponse):
 
 
 def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
-    """Label the columns of a table as frequency responses to one input and convert them to SI.
+    """Label columns as frequency responses and convert to SI.
 
     Parameters
     ----------
     table : Table
-        The file.
+        Columns of the file.
     spec : FrfTable or alike
-        What its columns are.
+        Description of the columns.
 
     Returns
     -------
     MeasuredResponse
-        (n, n_outputs, 1) in the SI unit of the form; of dB the magnitude, marked so.
+        Responses to one input, (n, n_outputs, 1), in the SI unit of the form. A response in dB gives magnitudes, marked
+        as such.
 
     Raises
     ------
     BadRecording
-        Columns of unequal length, frequencies that are negative or do not increase, a complex magnitude, a real column
-        without its imaginary part, or fewer columns than outputs.
+        The columns have unequal length, or fewer columns than outputs exist. Frequencies are negative or do not
+        increase. A magnitude is complex, or a real column lacks its imaginary part.
     BadUnit
-        A unit that is unknown, of another dimension than the form, or not that which the file states.
+        A unit is unknown, of another dimension than the form, or contradicts the file.
     UnknownName
-        A column that is not in the file.
+        A column is not in the file.
     """
     si = FORM_UNITS.get(spec.form)
     if si is None:
@@ -176,7 +180,10 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
 
 
 def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str, str, str]]:
-    """Return the columns of real (or complex) and imaginary part of each output, and of its phase with its unit."""
+    """Return the columns of each output.
+
+    The columns are real (or complex) part, imaginary part and phase, with the phase's unit.
+    """
     if spec.channel:
         given = {c.at: (c.column, c.imaginary, c.phase, c.phase_unit) for c in spec.channel}
         missing = [output for output in spec.outputs if output not in given]
@@ -191,7 +198,7 @@ def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str, str, str]
 
 
 def _turned(table: Table, column: str, size: NDArray[Any], phase: str, unit: str) -> NDArray[Any]:
-    """Return a magnitude turned by its phase."""
+    """Return a magnitude with its phase."""
     angle = table.real(phase) * _factor(table, phase, unit, "rad")
     if np.iscomplexobj(size) or np.any(size < 0):
         raise refuse(table.path, f"column {column!r} is no magnitude", fix=f"leave out the phase {phase!r}")

@@ -1,4 +1,7 @@
-"""vlab's own recordings on disk: exact in Parquet, CSV and MAT, labels, units and notes included; UFF 58 says what it loses."""
+"""vlab's own recordings on disk.
+
+Parquet, CSV and MAT are exact, labels, units and notes included. UFF 58 reports its losses.
+"""
 
 from pathlib import Path
 
@@ -17,20 +20,30 @@ WRITERS = {
     ".uff": uff.write_uff,
     ".unv": uff.write_uff,
 }
+"""Writer by suffix."""
 
 
 def write_recording(recording: Recording, path: PathLike) -> tuple[str, ...]:
-    """Write a recording to ``.parquet`` (native), ``.csv``, ``.mat`` (version 5) or ``.uff`` (58b), whole or not at all.
+    """Write a recording atomically.
+
+    The suffix selects the format: ``.parquet`` (native), ``.csv``, ``.mat`` (version 5) or ``.uff`` (58b).
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
 
     Returns
     -------
     tuple of str
-        What `read_recording` will not give back; empty where the file holds the recording exactly.
+        Losses on reading back with `read_recording`; empty for an exact file.
 
     Raises
     ------
     BadRecording
-        Another suffix, or labels or notes that the format cannot hold.
+        The suffix is unknown, or the format cannot hold a label or note.
     OutputRefused
         The folder cannot be written.
     """
@@ -41,12 +54,26 @@ def write_recording(recording: Recording, path: PathLike) -> tuple[str, ...]:
 
 
 def read_recording(path: PathLike, *, folder: PathLike | None = None) -> Recording:
-    """Read back what `write_recording` wrote: the same bits, labels, units and notes.
+    """Read a recording that `write_recording` wrote.
+
+    Bits, labels, units and notes are the same.
+
+    Parameters
+    ----------
+    path : str or path
+        Path of the file.
+    folder : str or path or None
+        Folder that must contain the file; `path` is then relative.
+
+    Returns
+    -------
+    Recording
+        Recording in SI.
 
     Raises
     ------
     BadRecording
-        Everything that `open_table` refuses, and files without vlab's labels.
+        `open_table` refuses the file, or the file lacks vlab's labels.
     """
     table = open_table(path, folder=folder)
     if table.channels is None:

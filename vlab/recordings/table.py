@@ -1,4 +1,4 @@
-"""Any recording file as named columns, through the one guarded opener."""
+"""Guarded opener: any recording file as named columns."""
 
 import difflib
 import importlib
@@ -31,42 +31,45 @@ READERS = {
     ".unv": "vlab.recordings.formats.uff",
     ".tdms": "vlab.recordings.formats.tdms",
 }
-"""Suffix -> module with ``read(data, path, *, names, columns) -> Table``, imported when first needed."""
+"""Reader module by suffix.
+
+Each module has ``read(data, path, *, names, columns) -> Table`` and is imported at first use.
+"""
 
 MAX_COLUMNS = 10_000
-"""More columns than any recording has; a file that declares more is damaged or hostile."""
+"""MAX_COLUMNS [1]: largest accepted number of columns. A file with more is damaged or hostile."""
 
-_GRAVITY = re.compile(r"\bg\b")  # beside an acceleration, not a gram
+_GRAVITY = re.compile(r"\bg\b")  # g beside an acceleration is gravity, not gram
 
 FORMAT_VERSION = 1
-"""Version of vlab's own files; a reader refuses files that are newer than itself."""
+"""FORMAT_VERSION [1]: version of vlab's own files. A reader refuses a newer version."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """The numeric columns of one file, as they stand in it: no units converted, nothing repaired.
+    """Numeric columns of one file, unconverted and unrepaired.
 
     Parameters
     ----------
     path : Path
         The file.
     columns : mapping of str to (n,) array
-        Real or complex, finite, read-only; lengths may differ between columns.
+        Real or complex, finite, read-only columns; lengths may differ.
     refused : mapping of str to str
-        What stands in the file but cannot be a column, and why; asking for one raises that reason.
+        Reason of refusal by name, for entries that cannot be columns. Access raises the reason.
     notes : tuple of str
-        What a reader of the file should know (objects skipped, no line end at the end, ...).
+        Remarks on the file (objects skipped, no line end at the end).
     meta : mapping
-        Text and notes of the file itself.
+        Text and notes of the file.
     channels : tuple of Channel or None
-        The labels, where the file is vlab's own.
+        Labels of vlab's own file, else None.
     units : mapping of str to str
-        The units of columns as the file itself states them, not checked.
+        Units as stated in the file, unchecked.
 
     Raises
     ------
     BadRecording
-        No column, or one that is not one-dimensional, numeric and finite.
+        No column, or a column that is not one-dimensional, numeric and finite.
     """
 
     path: Path
@@ -103,7 +106,7 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The column names in file order."""
+        """Column names in file order."""
         return tuple(self.columns)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -115,14 +118,24 @@ class Table:
         raise unknown_name("column", name, map(one_line, known), where=one_line(self.path))
 
     def real(self, name: str) -> NDArray[Any]:
-        """Return a column where only real numbers make sense.
+        """Return a real column.
+
+        Parameters
+        ----------
+        name : str
+            Name of the column.
+
+        Returns
+        -------
+        array
+            Samples, (n,).
 
         Raises
         ------
         BadRecording
             The column is complex.
         UnknownName
-            There is no such column.
+            No such column.
         """
         values = self[name]
         if np.iscomplexobj(values):
@@ -131,12 +144,23 @@ class Table:
         return values
 
     def check_unit(self, name: str, unit: str, si: str) -> None:
-        """Hold a given unit against the one that the file itself states for a column, where it states a known one.
+        """Check a given unit against the file's statement.
+
+        A file without a known unit passes.
+
+        Parameters
+        ----------
+        name : str
+            Name of the column.
+        unit : str
+            Given unit.
+        si : str
+            SI unit inside vlab.
 
         Raises
         ------
         BadUnit
-            They differ, in dimension or by a factor.
+            The units differ in dimension or by a factor.
         """
         stated = self.units.get(name, "").translate(units.SIGNS)
         if "m/s^2" in si:
@@ -144,7 +168,7 @@ class Table:
         try:
             units.factor(stated, stated)
         except BadUnit:
-            return  # counts, volts per division and the like: only the given unit says what they are
+            return  # counts, volts per division and the like: the given unit decides
         if not stated or "EU" in stated:  # engineering units: any
             return
         given = units.factor(unit, si)
@@ -164,31 +188,33 @@ def open_table(
     names: Sequence[str] | None = None,
     columns: Sequence[str] | None = None,
 ) -> Table:
-    """Open a recording file as named columns; nothing in the file is ever executed.
+    """Open a recording file as named columns.
+
+    No content of the file is executed.
 
     Parameters
     ----------
     path : str or path
-        A file with one of the suffixes in `READERS`.
+        File with a suffix in `READERS`.
     folder : str or path, optional
-        Refuse a file outside this folder (absolute, ``..`` or through links); `path` is then relative to it.
+        Folder that must contain the file (after absolute paths, ``..`` and links); `path` is then relative.
     names : sequence of str, optional
-        Names of the columns of a CSV file that has none, or in place of those it has.
+        Column names of a CSV file without names, or in place of its names.
     columns : sequence of str, optional
-        Read these only; a CSV file may then have gaps and text in its other columns.
+        Columns to read; a CSV file may then have gaps and text in every other column.
 
     Returns
     -------
     Table
-        Finite columns and what else was found.
+        Finite columns, refusals and notes.
 
     Raises
     ------
     BadRecording
-        The file is missing, outside the folder, too large, of unknown suffix, damaged, truncated or not numeric; or it is the
-        recording of a run folder whose manifest states another hash.
+        The file is missing, outside the folder, too large, of unknown suffix, damaged, truncated or not numeric. Or the
+        manifest of a run folder states another hash.
     UnknownName
-        One of `columns` is not in the file.
+        A name in `columns` is not in the file.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in READERS:
@@ -207,7 +233,7 @@ def open_table(
             path, "reading it needs more memory than there is", fix="the file is damaged, or cut it into parts"
         ) from error
     except Exception as error:
-        # The format libraries raise a dozen kinds on damaged files; all of them mean the same here.
+        # format libraries raise a dozen kinds of error on damaged files, with one meaning here
         what = f"not a readable {suffix[1:]} file: {error}"
         raise refuse(path, what, fix="the file is damaged; export or copy it again") from error
     for name in columns or ():
@@ -216,14 +242,34 @@ def open_table(
 
 
 def not_finite(array: NDArray[Any]) -> str:
-    """Say which is the first sample that is not finite."""
+    """Return a message on the first nonfinite sample."""
     bad = int(np.argmin(np.isfinite(array)))
     count = f"{int(np.sum(~np.isfinite(array)))} of {array.size} samples are not finite"
     return f"{'NaN' if np.isnan(array[bad]) else 'infinite'} at sample {bad} ({count})"
 
 
 def meta_to_json(meta: Mapping[str, Any], path: PathLike) -> str:
-    """Return the notes of a recording as JSON; arrays become lists, anything else that JSON lacks is refused."""
+    """Return the notes of a recording as JSON.
+
+    Arrays become lists.
+
+    Parameters
+    ----------
+    meta : mapping of str to object
+        Notes by name.
+    path : str or path
+        File, for messages.
+
+    Returns
+    -------
+    str
+        JSON text.
+
+    Raises
+    ------
+    BadRecording
+        A value has no JSON form.
+    """
     try:
         return json.dumps(dict(meta), default=_plain)
     except (TypeError, ValueError) as error:
@@ -241,7 +287,7 @@ def _plain(value: Any) -> Any:
 
 
 def check_version(text: str, path: PathLike) -> None:
-    """Refuse a vlab file that a newer vlab wrote."""
+    """Refuse a file of a newer vlab version."""
     if not text.isdecimal() or not 1 <= int(text) <= FORMAT_VERSION:
         raise refuse(
             path,
@@ -251,7 +297,25 @@ def check_version(text: str, path: PathLike) -> None:
 
 
 def read_meta(text: str, path: PathLike) -> dict[str, Any]:
-    """Return the notes of a vlab file."""
+    """Return the notes of a vlab file.
+
+    Parameters
+    ----------
+    text : str
+        JSON text.
+    path : str or path
+        File, for messages.
+
+    Returns
+    -------
+    dict of str to object
+        Notes by name.
+
+    Raises
+    ------
+    BadRecording
+        The notes are damaged.
+    """
     try:
         meta = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -262,7 +326,25 @@ def read_meta(text: str, path: PathLike) -> dict[str, Any]:
 
 
 def read_channel(labels: Sequence[str], path: PathLike) -> Channel:
-    """Return the channel of the labels name, kind, unit, at, input|output of a vlab file."""
+    """Return the channel described by a vlab file's labels.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Name, kind, unit, place and ``input`` or ``output``.
+    path : str or path
+        File, for messages.
+
+    Returns
+    -------
+    Channel
+        Channel.
+
+    Raises
+    ------
+    BadRecording
+        The labels are damaged.
+    """
     if len(labels) != 5 or labels[4] not in ("input", "output"):
         raise refuse(
             path,

@@ -1,4 +1,4 @@
-"""What is on the bench: points, bars, cables, clamps, masses, coils, sensors and where each number comes from."""
+"""Description of a structure: points, bars, cables, masses, transducers, origins."""
 
 from vlab.structure.model import Structure
 from vlab.structure.places import Location, locate

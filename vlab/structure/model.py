@@ -1,7 +1,7 @@
-"""The parts of a laboratory structure, in SI units.
+"""Parts of a laboratory structure in SI units.
 
-A structure hangs in the x-z plane (x horizontal, z up) and is observed in its out-of-plane motion along y. Each part is
-a frozen record; `Structure` checks that the parts refer to each other.
+A structure hangs in the x-z plane (x horizontal, z up); the observed motion is out of the plane, along y. Each part is
+a frozen record. `Structure` checks the references between parts.
 """
 
 from collections.abc import Mapping
@@ -16,23 +16,23 @@ from vlab.files.toml import Provenance, number
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """Cross-section of a bar; `width` lies in the plane of the structure, `thickness` along y.
+    """Cross-section of a bar.
 
-    A rectangular section states width, thickness and density; one whose build-up is not known states its mass per
-    length instead.
+    `width` lies in the plane of the structure, `thickness` along y. A rectangular section states width, thickness and
+    density. A section of unknown build-up states its mass per length instead.
 
     Parameters
     ----------
     bending_stiffness : float
         EI of bending out of the plane [N m^2].
     torsion_stiffness : float
-        GJ [N m^2]; zero where the model carries no torsion.
+        GJ [N m^2]; zero without torsion in the model.
     shear_stiffness : float
         Shear stiffness of bending out of the plane, shear coefficient included [N]; zero for rigid in shear.
     mass_per_length : float
-        [kg/m]; follows from the rectangle where not stated.
+        Mass per length [kg/m]; by default from the rectangle.
     polar_inertia_per_length : float
-        Rotary inertia about the bar's axis [kg m]; follows from the rectangle where not stated.
+        Rotary inertia about the bar's axis [kg m]; by default from the rectangle.
     """
 
     width: float | None = number("m", default=None, positive=True)
@@ -59,14 +59,20 @@ class Section:
 
     @property
     def in_plane_ratio(self) -> float:
-        """EI_z/EA of bending in the plane, the square of the radius of gyration [m^2]: width^2/12 of a rectangle."""
+        """Ratio EI_z/EA of in-plane bending [m^2].
+
+        The ratio is the squared radius of gyration, width^2/12 for a rectangle.
+        """
         if self.width is None:
             raise BadStructure("a section without width has no in-plane stiffness; state width and thickness")
         return self.width**2 / 12
 
     @property
     def axial_stiffness(self) -> float:
-        """EA [N], from the measured EI of the rectangle: 12 EI/thickness^2."""
+        """Axial stiffness EA = 12 EI/thickness^2 [N].
+
+        EI is the measured one of the rectangle.
+        """
         if self.thickness is None:
             raise BadStructure("a section without thickness has no axial stiffness; state width and thickness")
         return 12 * self.bending_stiffness / self.thickness**2
@@ -89,7 +95,7 @@ class Bar:
     Parameters
     ----------
     carries : bool
-        Whether it is held in the plane, so that other bars hang from it.
+        Whether the bar is held in the plane and carries hanging bars.
     """
 
     name: str
@@ -100,7 +106,10 @@ class Bar:
 
 @dataclass(frozen=True, kw_only=True)
 class Clamp:
-    """A rigid joint that stiffens every bar through `at` over `half_length` to each side."""
+    """A rigid joint of bars at a point.
+
+    Every bar through `at` is rigid over `half_length` to each side.
+    """
 
     name: str
     at: str
@@ -110,7 +119,9 @@ class Clamp:
 
 @dataclass(frozen=True, kw_only=True)
 class Cable:
-    """Cables in tension from a point to fixings above (height > 0) or below (height < 0).
+    """Tensioned cables from a point to fixings.
+
+    The fixings are above (height > 0) or below (height < 0).
 
     Parameters
     ----------
@@ -121,8 +132,7 @@ class Cable:
     count : int
         Number of cables.
     tension : float or None
-        Vertical tension of all of them together [N]; exactly one cable of a hanging line states it, the others follow
-        from equilibrium.
+        Total vertical tension [N]. Exactly one cable of a hanging line states a tension; equilibrium gives the rest.
     """
 
     name: str
@@ -147,13 +157,19 @@ class Cable:
 
     @property
     def end_mass(self) -> float:
-        """Mass that all cables of this set add at the point [kg]: one third of theirs, from the linear shape of a string."""
+        """Mass of the cable set at the point [kg].
+
+        The linear shape of a string gives one third of the cables' mass.
+        """
         return self.count * self.density * self.area * self.length / 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mass:
-    """A point mass, with the same rotary inertia about both axes in the plane [kg m^2]."""
+    """A point mass with rotary inertia [kg m^2].
+
+    The inertia is the same about both in-plane axes.
+    """
 
     name: str
     at: str
@@ -163,7 +179,10 @@ class Mass:
 
 @dataclass(frozen=True, kw_only=True)
 class Support:
-    """A bearing that holds some motions of a point: ``v`` along y, ``rx`` and ``rz`` about x and z."""
+    """A bearing that holds motions of a point.
+
+    The motions are ``v`` along y, ``rx`` and ``rz`` about x and z.
+    """
 
     name: str
     at: str
@@ -172,16 +191,18 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Plate:
-    """A rigid plate that hangs from a bar's end and swings with the bar's rotation about x.
+    """A rigid plate hanging from a bar's end.
+
+    The plate swings with the bar's rotation about x.
 
     Parameters
     ----------
     weight_moment : float
-        Weight times the distance of its centre below the axis [N m]: a pendulous rotational stiffness.
+        Weight times the distance of the centre below the axis [N m], a pendulous rotational stiffness.
     offset : float
-        That distance [m].
+        Distance of the centre below the axis [m].
     inertia_about_beam, inertia_about_vertical : float
-        About the bar's axis and about the vertical [kg m^2].
+        Inertia about the bar's axis and about the vertical [kg m^2].
     """
 
     name: str
@@ -194,7 +215,7 @@ class Plate:
 
 @dataclass(frozen=True, kw_only=True)
 class Coil:
-    """A force coil on the structure: a mass and a place where an actuator pushes along y."""
+    """A force coil: mass and actuator along y."""
 
     name: str
     at: str
@@ -203,7 +224,7 @@ class Coil:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """A sensor of the motion along y at a place."""
+    """A sensor of motion along y at a place."""
 
     name: str
     at: str
@@ -212,7 +233,7 @@ class Sensor:
 
 @dataclass(frozen=True, kw_only=True)
 class Damping:
-    """Inherent modal damping ratios: of the first modes, and of all above them."""
+    """Modal damping ratios of the first and all higher modes."""
 
     ratios: tuple[float, ...] = number("1", at_least=0.0)
     higher: float = number("1", at_least=0.0)
@@ -220,23 +241,23 @@ class Damping:
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """What a plant's first modes are made to be, of those that the coils drive.
+    """Tuned values of a plant's first coil-driven modes.
 
-    No mesh has every frequency to a part in a thousand, and light damping makes much of that; a coarse one turns shapes of modes
-    that lie close together into each other.
+    No mesh has every frequency to one part in a thousand, which light damping makes visible. A coarse mesh also rotates
+    the shapes of close modes.
 
     Parameters
     ----------
     frequencies : tuple of float
-        Factors on the frequencies of the first modes, as a test of the structure itself gives them; the shapes stay.
+        Factors on the first frequencies, from a test of the structure; shapes stay.
     of_fe : int
-        So many of the first modes of the physical plant have frequencies and shapes of the FE model, before these factors.
+        Number of first modes of the physical plant with frequencies and shapes of the FE model, before the factors.
     at_step : float
-        Integration step [s] in which they have these frequencies: steps of a length h raise one of omega by (omega h)^2/24, by more
-        than its resonance is wide where that is light damping. 0 for the equations of motion themselves.
+        Integration step [s] in which the modes have their frequencies. Steps of length h raise omega by the relative
+        amount (omega h)^2/24, which exceeds the width of a lightly damped resonance. 0 for the equations of motion.
     beside : tuple of float
-        How far along their bars the sensors stand beside their points [m], in channel order (coil sensors, then probes), as far as
-        the modes of the FE model show it.
+        Offset of the sensors from their points along the bars [m], in channel order (coil sensors, then probes), as
+        estimated from the FE model's modes.
     """
 
     frequencies: tuple[float, ...] = number("1", positive=True, default=())
@@ -255,20 +276,20 @@ class Tuning:
 
 @dataclass(frozen=True, kw_only=True)
 class Reduction:
-    """The coordinates that reduced models of the structure keep.
+    """Retained coordinates of a structure's reduced models.
 
     Parameters
     ----------
     retained : tuple of str
         FE coordinates such as ``"v:joint1"`` or ``"rx:point13"``.
     source : str
-        Where the choice comes from.
+        Source of the choice.
     exact : tuple of str
-        Other coordinates for the exact reduction; empty for the same.
+        Coordinates of the exact reduction; empty for the same.
     exact_modes : tuple of int
-        The modes that the exact reduction keeps, from 1; empty for the lowest.
+        Modes of the exact reduction, from 1; empty for the lowest.
     exact_source : str
-        Where these choices come from.
+        Source of the exact reduction's choices.
     """
 
     retained: tuple[str, ...]
@@ -280,19 +301,19 @@ class Reduction:
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """How a model of the structure is discretised.
+    """Discretisation of a structure's model.
 
     Parameters
     ----------
     elements_per_span : int
         Beam elements between neighbouring points of a bar.
     one_mode_bar : str
-        A bar that is carried by its first symmetric mode alone, with the deflection of its tips as the coordinate.
+        Bar represented by its first symmetric mode, with tip deflection as coordinate.
     in_plane_moments : bool
-        Whether the in-plane bending moments of gravity act on the out-of-plane motion.
+        Whether in-plane bending moments of gravity act on the out-of-plane motion.
     moment_boundary_factor : float
-        Factor of the boundary term of their geometric stiffness; 0.5 is what a rigid rotation demands (semitangential
-        end moments), 1 a plate strip.
+        Factor of the boundary term of the moments' geometric stiffness: 0.5 for invariance to rigid rotation
+        (semitangential end moments), 1 for a plate strip.
     """
 
     note: str = ""
@@ -307,22 +328,22 @@ class Variant:
 
 
 ATTACHED = ("clamp", "cable", "mass", "support", "plate", "coil", "sensor", "probe")
-"""The kinds of parts that sit at a point."""
+"""Kinds of parts at a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:
-    """Everything on the bench, checked for consistency.
+    """A complete structure, checked for consistency.
 
     Parameters
     ----------
     exciter : str
-        The coil that excites besides controlling, where an experiment names none.
+        Default coil for excitation.
 
     Raises
     ------
     BadStructure, UnknownName
-        Parts that refer to nothing, repeat a name, or leave the tension of a hanging line open.
+        A part has an unknown reference or a repeated name, or the tension of a hanging line is open.
     """
 
     format: Literal["vlab-structure-1"]
@@ -392,17 +413,33 @@ class Structure:
 
     @property
     def coil_places(self) -> list[str]:
-        """The point of every coil, in their order."""
+        """Point of every coil in order."""
         return [coil.at for coil in self.coil]
 
     @property
     def transducer_places(self) -> list[str]:
-        """Every point with a coil, a sensor or a probe, once."""
+        """Every point with a coil, sensor or probe, once."""
         places = self.coil_places + [s.at for s in (*self.sensor, *self.probe)]
         return list(dict.fromkeys(places))
 
     def position(self, point: str) -> tuple[float, float]:
-        """Return (x, z) of a named point, or of the centre of a plate [m]."""
+        """Return the position (x, z) of a point or plate [m].
+
+        Parameters
+        ----------
+        point : str
+            Name of a point, or of a plate (its centre).
+
+        Returns
+        -------
+        tuple of (float, float)
+            x and z [m].
+
+        Raises
+        ------
+        UnknownName
+            No such point.
+        """
         for p in self.point:
             if p.name == point:
                 return p.x, p.z
@@ -413,17 +450,34 @@ class Structure:
         raise unknown_name("point", point, [p.name for p in self.point])
 
     def clamp_length(self, point: str) -> float:
-        """Return the half length over which bars through the point are rigid [m]; zero where there is no clamp."""
+        """Return the rigid half length at a point [m].
+
+        The length is zero without a clamp.
+        """
         return max((c.half_length for c in self.clamp if c.at == point), default=0.0)
 
     def point_mass(self, point: str) -> float:
-        """Return the lumped mass at a point [kg]: masses, coils, clamps and the share of cables."""
+        """Return the lumped mass at a point [kg].
+
+        Masses, coils, clamps and the share of cables count.
+        """
         lumped: list[Mass | Coil | Clamp] = [*self.mass, *self.coil, *self.clamp]
         lumps = sum(part.mass for part in lumped if part.at == point)
         return lumps + sum(cable.end_mass for cable in self.cable if cable.at == point)
 
     def variant_named(self, name: str) -> Variant:
-        """Return a variant, or raise `UnknownName` with the ones there are."""
+        """Return a variant by name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the variant.
+
+        Raises
+        ------
+        UnknownName
+            No such variant.
+        """
         if name not in self.variant:
             raise unknown_name("variant", name, self.variant, where=f"structure {self.name!r}")
         return self.variant[name]

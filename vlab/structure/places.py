@@ -1,4 +1,4 @@
-"""Names of places on a structure: points, heights along a bar, arms and cables."""
+"""Names of places on a structure: points, heights, arms, cables."""
 
 import math
 import re
@@ -20,9 +20,9 @@ class Location:
     Parameters
     ----------
     place : str
-        The name as given.
+        Name as given.
     bar : str
-        The bar it lies on.
+        Bar of the place.
     station : float
         Distance from the bar's first point along the bar [m].
     x, z : float
@@ -37,17 +37,34 @@ class Location:
 
 
 def place_names(structure: Structure) -> list[str]:
-    """Return the names of places that stand for themselves; heights such as ``37in`` come on top of these."""
+    """Return the names of points and clamps.
+
+    Heights such as ``37in`` are further valid names.
+    """
     return [p.name for p in structure.point] + [c.name for c in structure.clamp]
 
 
 def locate(structure: Structure, place: str) -> Location:
-    """Find a place: a point, a clamp, or a height above the lower end of the vertical bar such as ``37in`` or ``0.5m``.
+    """Return the location of a named place.
+
+    A place is a point, a clamp, or a height above the lower end of the vertical bar, such as ``37in`` or ``0.5m``.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    place : str
+        Name of the place.
+
+    Returns
+    -------
+    Location
+        Bar, station and position.
 
     Raises
     ------
     UnknownName
-        The name matches nothing on this structure.
+        The name matches nothing on the structure.
     """
     point = next((c.at for c in structure.clamp if c.name == place), place)
     for bar in structure.bar:

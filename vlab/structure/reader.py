@@ -1,4 +1,4 @@
-"""Reading structure files."""
+"""Reader of structure files."""
 
 from pathlib import Path
 
@@ -8,18 +8,29 @@ from vlab.files.toml import Reader
 from vlab.structure.model import Structure
 
 BUILT_IN = ("beam", "grid")
-"""Structures that come with vlab, by name."""
+"""Names of the structures supplied with vlab."""
 
 
 def load_structure(name_or_file: str | Path) -> Structure:
-    """Load a structure by name (``"beam"``) or from a structure file.
+    """Load a structure by name or file.
+
+    Parameters
+    ----------
+    name_or_file : str or Path
+        Name such as ``"beam"``, or path of a structure file.
+
+    Returns
+    -------
+    Structure
+        Structure.
 
     Raises
     ------
     UnknownName
-        Neither a built-in name nor an existing file.
+        The text is neither a built-in name nor an existing file.
     BadStructure
-        The file is malformed, a key is unknown or missing, a number has the wrong unit, no origin, or is not finite.
+        The file is malformed, a key is unknown or missing, or a number has a wrong unit, no origin or a nonfinite
+        value.
     """
     text = str(name_or_file)
     if text in BUILT_IN:

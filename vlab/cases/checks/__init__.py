@@ -1,7 +1,7 @@
-"""Checks of a case's files, in seconds, before anything is fitted or sought.
+"""Checks of a case's files before any fit.
 
-`check_recordings` puts the recordings beside the model as given and says where a sign, a unit, a column or the time is not what the case
-says, with the lines that mend it. Nothing is mended here.
+`check_recordings` compares the recordings with the nominal model. The check finds wrong signs, units, columns and time
+stamps, and proposes edits of the case. The check edits nothing.
 """
 
 from vlab.cases.checks.clock import check_clock

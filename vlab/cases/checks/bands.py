@@ -1,8 +1,7 @@
-"""A recorded channel beside a simulated one by bands of frequency, in each of which they say the same, the opposite or nothing.
+"""Comparison of recorded and simulated channels in third-octave bands.
 
-A model of which nothing was fitted is off by some per cent in its frequencies, so at a light resonance it has another phase and size
-than the thing, over time as well. Between the resonances both agree. Bands of a third of an octave therefore all count alike,
-however much power is in them.
+A nominal model's frequencies are off by some per cent. Near a lightly damped resonance phase and size therefore differ,
+also over time. Between resonances model and recording agree. Hence every band counts alike, whatever its power.
 """
 
 from collections.abc import Sequence
@@ -15,29 +14,33 @@ import numpy as np
 from vlab.signals import Array, ComplexArray
 
 WIDTH = 1.25
-"""Ratio of a band's edges: a third of an octave, wider than a naive model's frequencies are off."""
+"""WIDTH [1]: ratio of a band's edges, a third of an octave. The band is wider than the frequency error of a nominal
+model."""
 LINES = 4
-"""Fewest lines of a spectrum in a band, also below the first one: a Hann window widens a line by two on both sides."""
+"""LINES [1]: fewest spectral lines in a band, and below the first band. A Hann window widens a line by two on both
+sides."""
 STRONG = 1e-4
-"""Bands of a simulation with a smaller share of its strongest one's power hold what its window leaks."""
+"""STRONG [1]: smallest power of a band relative to the strongest simulated band. Weaker bands contain window
+leakage."""
 UPPER = 0.8
-"""Share of half the sample rate above which filters and holds, not the model, shape a recording."""
+"""UPPER [1]: highest frequency used, as a share of half the sample rate. Above it filters and holds shape the
+recording."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bands:
-    """Power and cross-power of a recorded and a simulated channel.
+    """Power and cross-power of recorded and simulated channels.
 
     Parameters
     ----------
     hz : (n,) array
-        Lower edges.
+        Lower band edges [Hz].
     recorded, simulated : (n,) array
         Power in each band.
     cross : (n,) complex array
-        Of the recorded times the conjugate simulated.
+        Power of the recorded signal times the conjugate simulated signal.
     of_line : (n_lines,) array of int
-        The band of every line of the spectra; -1 of those in none.
+        Band of every spectral line; -1 outside all bands.
     """
 
     hz: Array
@@ -51,30 +54,52 @@ class Bands:
 
     @cached_property
     def likeness(self) -> Array:
-        """Real part of the coherent share in each band, from -1 (turned) to 1, (n,)."""
+        """Real part of the coherence in each band, (n,).
+
+        The range is -1 (opposite sign) to 1.
+        """
         return np.asarray(self.cross.real / np.sqrt(self.recorded * self.simulated))
 
     @cached_property
     def log_ratio(self) -> Array:
-        """Logarithm of the recorded over the simulated size in each band, (n,)."""
+        """Logarithm of recorded over simulated amplitude, (n,)."""
         return np.asarray(0.5 * np.log(self.recorded / self.simulated))
 
     def agreeing(self, sign: float, least: float) -> float:
-        """Return the share of the bands in which both are alike with a sign, by at least so much."""
+        """Return the share of bands with a given sign.
+
+        Parameters
+        ----------
+        sign : float
+            1 or -1.
+        least : float
+            Smallest likeness that counts.
+        """
         return float(np.mean(sign * self.likeness >= least))
 
     def remains(self, factor: float = 1.0) -> Array:
-        """Return the share of the recorded power that the simulation times a factor leaves in each band; at most 1, (n,)."""
+        """Return the residual share of recorded power, (n,).
+
+        Parameters
+        ----------
+        factor : float
+            Factor on the simulation.
+
+        Returns
+        -------
+        array
+            Share in each band, at most 1.
+        """
         power = self.recorded - 2.0 * factor * self.cross.real + factor**2 * self.simulated
         return np.asarray(np.minimum(power / self.recorded, 1.0))
 
     def left(self, factor: float = 1.0) -> float:
-        """Return the median of what remains over the bands."""
+        """Return the median residual share over the bands."""
         return float(np.median(self.remains(factor)))
 
 
 def together(found: Sequence[Bands]) -> Bands:
-    """Return the bands of several channels as those of one."""
+    """Return the joined bands of several channels."""
     joined = {
         name: np.concatenate([getattr(b, name) for b in found]) for name in ("hz", "recorded", "simulated", "cross")
     }
@@ -82,20 +107,40 @@ def together(found: Sequence[Bands]) -> Bands:
 
 
 def bands(time: Array, recorded: Array, simulated: Array) -> Bands:
-    """Return two channels sampled at the same times by bands; no band where either stands still.
+    """Return the bands of two simultaneous channels.
+
+    A constant channel has no bands.
 
     Parameters
     ----------
     time : (n,) array
-        [s]; where it is uneven both are interpolated.
+        Time stamps [s]; both channels are interpolated if uneven.
     recorded, simulated : (n,) array
+
+    Returns
+    -------
+    Bands
+        Bands with enough lines and power.
     """
     freq, (Y, S) = spectra(time, recorded, simulated)
     return bands_of_spectra(freq, Y, S, lowest=(LINES - 1) * freq[1])
 
 
 def spectra(time: Array, *columns: Array) -> tuple[Array, list[ComplexArray]]:
-    """Return frequencies [Hz], up to `UPPER`, and the spectra of columns about their means under a Hann window."""
+    """Return Hann-windowed spectra about the mean.
+
+    Parameters
+    ----------
+    time : array
+        Time stamps [s].
+    columns : array
+        Signals, (n,) each.
+
+    Returns
+    -------
+    tuple of (array, list of complex array)
+        Frequencies [Hz] up to `UPPER`, and one spectrum a column.
+    """
     n = len(time)
     grid = np.linspace(time[0], time[-1], n)
     if not np.allclose(grid, time, rtol=0.0, atol=1e-4 * (grid[1] - grid[0])):
@@ -107,14 +152,25 @@ def spectra(time: Array, *columns: Array) -> tuple[Array, list[ComplexArray]]:
 
 
 def bands_of_spectra(freq: Array, recorded: ComplexArray, simulated: ComplexArray, lowest: float = 0.0) -> Bands:
-    """Return two spectra, or responses, by bands in which the simulated one is strong.
+    """Return bands of two spectra or responses.
+
+    Only bands with strong simulated power remain.
 
     Parameters
     ----------
     freq : (n,) array
-        Increasing [Hz].
+        Increasing frequencies [Hz].
+    recorded : complex array
+        Recorded spectrum or response, (n,).
+    simulated : complex array
+        Simulated spectrum or response, (n,).
     lowest : float
-        Lines below are left out [Hz].
+        Lowest frequency used [Hz].
+
+    Returns
+    -------
+    Bands
+        Bands.
     """
     starts, last = _edges(freq, lowest)
     of_line = np.full(len(freq), -1)
@@ -139,16 +195,22 @@ def bands_of_spectra(freq: Array, recorded: ComplexArray, simulated: ComplexArra
 
 
 def bands_of_responses(freq: Array, measured: ComplexArray, own: ComplexArray) -> Bands:
-    """Return two responses by bands in which every line counts alike: the median of their ratio, and the mean of its direction.
+    """Return bands of two responses with equal weight a line.
 
-    A response has no input whose weak lines would be noise, and resonances so sharp that their power is all of a band's.
+    The amplitude of a band is the median ratio, its direction the mean direction. Power weights would be wrong here. A
+    response has no weak input lines, and a sharp resonance would hold all power of a band.
 
     Parameters
     ----------
     freq : (n,) array
-        Increasing [Hz].
+        Increasing frequencies [Hz].
     measured, own : (n,) complex array
-        Of a measurement and of a model, without zeros.
+        Nonzero responses of measurement and model.
+
+    Returns
+    -------
+    Bands
+        Bands.
     """
     starts, last = _edges(freq, 0.0)
     ratio = measured[:last] / own[:last]
@@ -165,7 +227,10 @@ def bands_of_responses(freq: Array, measured: ComplexArray, own: ComplexArray) -
 
 
 def _edges(freq: Array, lowest: float) -> tuple[Array, int]:
-    """Return the first lines of the bands, and one past the last line of the last one; lines below a frequency are in none."""
+    """Return the first line of each band, and the end.
+
+    The end is one past the last line of the last band. Lines below `lowest` belong to no band.
+    """
     edges = [int(np.searchsorted(freq, lowest))]
     while edges[-1] < len(freq):
         edges.append(max(int(np.searchsorted(freq, WIDTH * freq[edges[-1]])), edges[-1] + LINES))

@@ -1,4 +1,4 @@
-"""The runs of a case beside what its model makes of their inputs, by channel and by bands of frequency."""
+"""Runs of a case beside their simulation, by channel and band."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,25 +14,27 @@ from vlab.plants.base import Plant
 from vlab.signals import Recording
 
 FEWEST = 3
-"""Bands below which a recording says nothing of a channel: at one resonance any phase and size may be the model's own error."""
+"""FEWEST [1]: fewest bands from which a channel is assessed. At a single resonance any phase and size may be the
+model's own error."""
 UNEXPLAINED, EXPLAINED = 0.5, 0.3
-"""Recordings are read otherwise where the model leaves the first share of a channel in most bands of some recording, and leaves no more than
-the second of it then."""
+"""UNEXPLAINED [1]: residual share of a channel, in most bands of a recording, from which corrections are tried.
+EXPLAINED [1]: largest residual share of an accepted correction."""
 MOST_STEPS = 40_000
-"""Integration steps of a run that are simulated for the checks: the first seconds of it, or all."""
+"""MOST_STEPS [1]: integration steps of a run that the checks simulate at most."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Beside:
-    """Runs with what a model does.
+    """Runs with their simulation.
 
     Parameters
     ----------
     runs : tuple of Run
+        Runs of the case.
     simulated : tuple of Recording or None
-        None where the model cannot follow.
+        Simulation of each run; None if the model diverges.
     channels : mapping of str to list of Bands
-        Of every compared channel, commands aside: the runs of which at least `FEWEST` bands say something of it.
+        Bands of every compared channel except commands, from the runs with at least `FEWEST` bands.
     """
 
     runs: tuple[Run, ...]
@@ -40,20 +42,31 @@ class Beside:
     channels: Mapping[str, Sequence[Bands]]
 
     def left(self, channel: str) -> float:
-        """Return what a simulated channel leaves in the run of which it leaves most, see `Bands.left`; all where the model cannot follow a
-        run, nothing where no run says anything of the channel."""
+        """Return the largest residual share of a channel.
+
+        The maximum is over runs, see `Bands.left`. The result is 1 if the model diverges in a run, and 0 without bands.
+        """
         if any(own is None for own in self.simulated):
             return 1.0
         return max((b.left() for b in self.channels[channel]), default=0.0)
 
 
 def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | None] | None = None) -> Beside:
-    """Put runs beside what a plant does under their inputs.
+    """Simulate runs and collect their bands.
 
     Parameters
     ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    runs : sequence of Run
+        Recordings with mapped channels.
     simulated : sequence of Recording or None, optional
-        Where that is known already.
+        Known simulations.
+
+    Returns
+    -------
+    Beside
+        Runs, simulations and bands.
     """
     known = (
         [_simulated(plant, run) for run in runs]
@@ -73,7 +86,22 @@ def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | No
 
 
 def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
-    """Return the first part of a run that takes at most so many steps of its plant."""
+    """Return the first part of a run.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    run : Run
+        Recording with mapped channels.
+    most_steps : int
+        Largest number of integration steps of the part.
+
+    Returns
+    -------
+    Run
+        The whole run if short enough.
+    """
     step, time = plan_clock(plant.timestep, run).timestep, run.measured.time
     if time[-1] - time[0] <= most_steps * step:
         return run
@@ -83,7 +111,7 @@ def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
 
 
 def _as_far(simulated: Recording | None, run: Run) -> Recording | None:
-    """Return a simulation of a longer run as far as a run goes."""
+    """Return a simulation cut to a run's length."""
     n = len(run.measured)
     return None if simulated is None else replace(simulated, time=simulated.time[:n], data=simulated.data[:n])
 

@@ -1,4 +1,7 @@
-"""Samples that are further apart than a model can mean: a time column in milliseconds that is read in seconds."""
+"""Check of the time unit.
+
+Samples too far apart for the model indicate a wrong unit, such as milliseconds read as seconds.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -14,21 +17,32 @@ from vlab.cases.description import RecordingTable
 from vlab.errors import BadCase
 
 COARSE = 50.0
-"""Integration steps between two samples from which on another unit of time is tried: a thousandth of them is fewer than one, too."""
+"""COARSE [1]: integration steps between samples from which a smaller time unit is tried. A thousandth of the value
+is less than one step."""
 MOST_STEPS = 200_000
-"""Steps of the first part of a recording that is simulated as it is read, where another unit explains it."""
+"""MOST_STEPS [1]: integration steps for simulating the start of a recording in the stated unit, after another unit
+explains the recording."""
 _SUFFIX = re.compile(r"(?:^|[\s_.(\[/-])(ns|us|[µμ]s|ms|s|min)[)\]]?$", re.IGNORECASE)
-"""A unit of time at the end of a column's name: t_ms, time (us)."""
+"""Time unit at the end of a column's name: t_ms, time (us)."""
 
 
 def check_clock(case: Case, runs: Sequence[Run]) -> None:
-    """Refuse recordings whose time is read in another unit than it is in, before anything long is simulated.
+    """Refuse recordings with a wrong time unit.
+
+    The check precedes any long simulation.
+
+    Parameters
+    ----------
+    case : Case
+        Case with its model.
+    runs : sequence of Run
+        Recordings with mapped channels.
 
     Raises
     ------
     BadCase
-        The name of the time column says another unit, with which the samples are closer to the model's steps; or the model explains the
-        recording in another unit and not as it is read.
+        The time column's name has another unit, in which the samples are closer to the model's steps. Or the model
+        explains the recording in another unit only.
     """
     tables = dict(case.recordings(("fit", "holdout")))
     for run in runs:
@@ -60,7 +74,10 @@ def _named_unit(table: RecordingTable) -> str | None:
 
 
 def _other_units(table: RecordingTable) -> Iterator[tuple[str, float]]:
-    """Yield shorter units that times may be in, and by what they then shrink; of a rate its thousandfold."""
+    """Yield shorter candidate units and their time factors.
+
+    A sample rate has its thousandfold as candidate.
+    """
     said = table.time_unit if table.time is not None else "s"
     for unit, ratio in units.mistaken(said, "s").items():
         if ratio < 1.0:
@@ -78,7 +95,13 @@ def _beside(case: Case, run: Run) -> Beside:
 
 
 def _is_explained(tried: Beside, most: float = UNEXPLAINED) -> bool:
-    """Return whether a model leaves no more than a share of any channel of which the run says something."""
+    """Return whether a model explains every assessed channel.
+
+    Parameters
+    ----------
+    most : float
+        Largest residual share.
+    """
     said = [name for name, of_runs in tried.channels.items() if of_runs]
     return bool(said) and all(tried.left(name) <= most for name in said)
 

@@ -1,4 +1,4 @@
-"""Whether outputs have anything to do with the inputs that were recorded with them."""
+"""Coherence check between recorded outputs and inputs."""
 
 import numpy as np
 
@@ -8,21 +8,36 @@ from vlab.cases.checks.beside import Beside
 from vlab.signals import Array, Recording
 
 SEGMENTS, EACH = 8, 4
-"""Segments, half overlapping, that a coherence is averaged over, and for every input beyond the first so many more."""
+"""SEGMENTS [1]: half-overlapping segments of a coherence average.
+EACH [1]: additional segments for every input beyond the first."""
 DRIVEN = 0.8
-"""Coherence of the model's own output with the inputs, on whose lines the recorded one's is looked at."""
+"""DRIVEN [1]: coherence of the model's output with the inputs above which a line is used."""
 POWER = 1e-3
-"""Lines on which the inputs have less than this share of their strongest one's power drive nothing."""
+"""POWER [1]: smallest input power of a used line, relative to the strongest line."""
 CHANCE = 3.0
-"""Standard deviations above that of unrelated signals within which a mean coherence is chance."""
+"""CHANCE [standard deviations]: width of the chance level above the mean coherence of unrelated signals."""
 FEWEST_LINES = 8
-"""Lines below which nothing is said of a recording."""
+"""FEWEST_LINES [1]: fewest lines from which a recording is assessed."""
 OVERLAP = 0.947
-"""Independent segments of a Hann window's half overlapping ones (Welch 1967, eq. 12: 9/19 of the degrees of freedom of twice as many)."""
+"""OVERLAP [1]: independent segments per half-overlapping segment of a Hann window. Source: Welch 1967, eq. 12; 9/19
+of the degrees of freedom of twice as many segments."""
 
 
 def unrelated(now: Beside) -> str:
-    """Return in words that no recorded output moves with the inputs, where the model says that they all do; "" else."""
+    """Return a message if no recorded output is coherent with the inputs.
+
+    The message requires that the model's outputs are coherent.
+
+    Parameters
+    ----------
+    now : Beside
+        Recordings and their simulation.
+
+    Returns
+    -------
+    str
+        Message, "" without a finding.
+    """
     said = False
     for run, own in zip(now.runs, now.simulated, strict=True):
         for name in now.channels:
@@ -44,8 +59,15 @@ def unrelated(now: Beside) -> str:
 
 
 def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
-    """Return the mean coherence of a recorded output with the inputs, and what it may be by chance, on the lines that the model drives;
-    None where there are none."""
+    """Return the mean coherence of an output, and its chance level.
+
+    The mean is over the lines that the model drives.
+
+    Returns
+    -------
+    tuple of (float, float) or None
+        None without such lines.
+    """
     inputs = [run.measured[d.channel] for d in run.drives if np.ptp(run.measured[d.channel]) > 0.0]
     if not inputs or run.law is not None or not run.measured.is_uniform:
         return None
@@ -57,7 +79,7 @@ def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
     measured, power = _coherence(u, run.measured[name], length)
     simulated, _ = _coherence(u, own[name], length)
     lines = (simulated >= DRIVEN) & (power >= POWER * power.max())
-    lines[:2] = False  # what a Hann window leaks of the mean
+    lines[:2] = False  # leakage of the mean in a Hann window
     lines[int(UPPER * len(lines)) :] = False
     count = int(lines.sum())
     if count < FEWEST_LINES:
@@ -66,12 +88,12 @@ def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
     mean = q / free
     spread = float(
         np.sqrt(mean * (1.0 - mean) / (free + 1.0) / (count / 2.0))
-    )  # of a beta's; a Hann window ties neighbours
+    )  # variance of a beta distribution; a Hann window correlates neighbouring lines
     return float(measured[lines].mean()), mean + CHANCE * spread
 
 
 def _coherence(u: Array, y: Array, length: int) -> tuple[Array, Array]:
-    """Return the multiple coherence of a column with inputs, and the inputs' power, (n_lines,) each."""
+    """Return multiple coherence and input power, (n_lines,) each."""
     starts = range(0, len(y) - length + 1, length // 2)
     window = np.hanning(length)
     U = np.stack(

@@ -1,4 +1,4 @@
-"""A slip in what a case says of its columns: what the recordings are without it, and the lines of the case that mend it."""
+"""Corrections of a case's column descriptions, with the edits of the file."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -16,16 +16,16 @@ Severity = Literal["fatal", "warning", "note"]
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """What a channel should be taken from.
+    """Corrected source of a channel.
 
     Parameters
     ----------
     channel, source : str
-        The channel, and the one whose numbers are its own.
+        The channel, and the channel with the right numbers.
     factor : float
-        By which the numbers, as the case has them read, are too large.
+        Ratio of the numbers as read to the true numbers.
     unit : str
-        In which they are, where that is why.
+        True unit of the numbers, if the unit is wrong.
     """
 
     channel: str
@@ -36,13 +36,13 @@ class Taken:
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """Some channels of all recordings read otherwise."""
+    """Corrected reading of channels in all recordings."""
 
     taken: tuple[Taken, ...]
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that change."""
+        """Channels that change."""
         return tuple(taken.channel for taken in self.taken)
 
     @property
@@ -52,16 +52,27 @@ class Correction:
 
     @property
     def is_turned(self) -> bool:
-        """Whether it turns signs and does nothing else."""
+        """Whether the correction only reverses signs."""
         return all(taken.factor == -1.0 for taken in self.taken)
 
     @property
     def is_beyond_physics(self) -> bool:
-        """Whether a factor is larger than any effect of the catalogue makes it."""
+        """Whether a factor exceeds every effect of the catalogue."""
         return any(abs(np.log(abs(taken.factor))) > np.log(REACH) for taken in self.taken)
 
     def on(self, run: Run) -> Run:
-        """Return a run as it is without the slip."""
+        """Return a run with the correction.
+
+        Parameters
+        ----------
+        run : Run
+            Run as read.
+
+        Returns
+        -------
+        Run
+            Corrected copy.
+        """
         out = {}
         for name in ("measured", "before"):
             recording = getattr(run, name)
@@ -75,7 +86,7 @@ class Correction:
         return replace(run, **out)
 
     def edits(self, case: Case) -> str:
-        """Return the lines of the case that mend it."""
+        """Return the edits of the case file."""
         tables = columns_of(case)
         parts = [_edit(case, taken, tables) for taken in self.taken]
         return "; ".join(dict.fromkeys(part for part in parts if part))
@@ -83,17 +94,17 @@ class Correction:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What is wrong with what a case says of its recordings.
+    """A finding of the file checks.
 
     Parameters
     ----------
     severity : str
-        ``"fatal"``: nothing can be said of the model before it is mended. ``"warning"``: it may be physics as well, but where nothing
-        else explains the recordings, it does. ``"note"``: worth a look.
+        ``"fatal"``: the model cannot be assessed before an edit. ``"warning"``: a missing effect could cause the same;
+        an edit is needed unless an effect explains the recordings. ``"note"``: minor.
     text : str
-        What was seen, and the edit of the case that mends it.
+        Observation and edit of the case.
     channels : tuple of str
-        The channels that it is said of.
+        Affected channels.
     """
 
     severity: Severity
@@ -103,30 +114,30 @@ class Found:
 
 @dataclass(frozen=True, kw_only=True)
 class FileCheck:
-    """What the checks of a case's files found, the worst first."""
+    """Findings of the file checks, worst first."""
 
     found: tuple[Found, ...] = ()
 
     def of(self, severity: Severity) -> tuple[str, ...]:
-        """Return the texts of one severity."""
+        """Return the messages of one severity."""
         return tuple(f.text for f in self.found if f.severity == severity)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """All texts."""
+        """All messages."""
         return tuple(text for severity in ("fatal", "warning", "note") for text in self.of(severity))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """What the recordings of a case say of a channel.
+    """Description of a channel in a case's recordings.
 
     Parameters
     ----------
     table : ChannelTable
-        In the first recording that has it.
+        Table of the first recording with the channel.
     columns : tuple of str
-        Its columns in all of them.
+        Columns of the channel in all recordings.
     """
 
     table: ChannelTable
@@ -134,28 +145,42 @@ class Column:
 
     @property
     def si(self) -> str:
-        """SI unit of its numbers inside vlab; empty where a scale leads to the model's own."""
+        """SI unit of the channel inside vlab.
+
+        The unit is empty if a scale converts to the model's own unit.
+        """
         return self.table.spec().channel_and_factor()[0].unit
 
     @property
     def factor(self) -> float:
-        """By what a number of the file is multiplied."""
+        """Factor from file number to SI."""
         return self.table.spec().channel_and_factor()[1]
 
     @property
     def unit(self) -> str:
-        """Unit that the numbers are said to be in."""
+        """Stated unit of the numbers."""
         return self.si if self.table.scale is not None else self.table.unit
 
     @property
     def where(self) -> str:
-        """The lines of the case that describe it, in words."""
+        """Location of the channel in the case, for messages."""
         names = " and ".join(f'"{name}"' for name in self.columns)
         return f"[[recording.channel]] with column = {names}"
 
 
 def columns_of(case: Case) -> dict[str, Column]:
-    """Return what a case says of its channels, by name."""
+    """Return the column descriptions of a case by channel.
+
+    Parameters
+    ----------
+    case : Case
+        Case with its model.
+
+    Returns
+    -------
+    dict of str to Column
+        Description by channel name.
+    """
     out: dict[str, Column] = {}
     for table in case.table.recording:
         for name, channel in zip(table.channel_names, table.channel, strict=True):
@@ -165,7 +190,18 @@ def columns_of(case: Case) -> dict[str, Column]:
 
 
 def slips_of(column: Column) -> dict[str, float]:
-    """Return by unit how much too large the numbers of a channel are where they are in that unit and not in the one that is said."""
+    """Return the factor of each possible unit mistake.
+
+    Parameters
+    ----------
+    column : Column
+        Description of the channel.
+
+    Returns
+    -------
+    dict of str to float
+        Ratio of numbers as read to true numbers, by true unit.
+    """
     if not column.si:
         return {}
     return {unit: 1.0 / ratio for unit, ratio in units.mistaken(column.unit, column.si).items()}

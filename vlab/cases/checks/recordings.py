@@ -1,8 +1,8 @@
-"""What is wrong with what a case says of its recordings, found beside the model as given, before anything is fitted or sought.
+"""Checks of column descriptions against the nominal model.
 
-A slip of a sign or a unit, two columns exchanged, an output early or late, an input that drives something else: each is proposed where the
-bands of a channel show it, and believed where a simulation of the recordings without it leaves little. It is said with the lines of the
-case that mend it, and never mended here.
+Candidate mistakes are a sign, a unit, two exchanged columns, a time shift or an unrelated input. The bands of a channel
+propose a candidate. A simulation of the corrected recordings accepts the candidate if the residual is small. The
+finding names the edit of the case.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,38 +31,40 @@ from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_
 from vlab.signals import Recording
 
 WORSE = 1.2
-"""A correction of a channel may leave this multiple of what was left of others, and `SLACK` more."""
+"""WORSE [1]: largest growth of another channel's residual under a correction, with `SLACK` in addition."""
 SLACK = 0.02
-"""Share of the recorded power that is no matter: a tenth of the size is more."""
+"""SLACK [1]: negligible share of the recorded power; 0.01 is a tenth of the amplitude."""
 SMALLER = 0.1
-"""A correction of what was explained in part is believed where it leaves this share of what is left otherwise."""
+"""SMALLER [1]: residual ratio below which a correction of a partly explained channel is accepted."""
 MOST_TRIED = 12
-"""Other readings that are tried."""
+"""MOST_TRIED [1]: largest number of trial corrections."""
 STEPS_TRIED = 4000
-"""Integration steps, of the recording of which the model leaves most channels, that each of them is tried on."""
+"""STEPS_TRIED [1]: integration steps of each trial, on the recording with most unexplained channels."""
 
 
 def check_recordings(
     case: Case, runs: Sequence[Run] | None = None, simulated: Sequence[Recording | None] | None = None
 ) -> FileCheck:
-    """Say what is wrong with what a case says of its recordings.
+    """Check the column descriptions of a case.
 
     Parameters
     ----------
+    case : Case
+        Case with its model.
     runs : sequence of Run, optional
-        As wired; all of the case by default.
+        Runs of the case; read from the files by default.
     simulated : sequence of Recording, optional
-        What the model as given does; the first seconds are simulated by default.
+        Response of the nominal model; the first seconds are simulated by default.
 
     Returns
     -------
     FileCheck
-        Empty where nothing is wrong, or nothing shows.
+        Findings; empty without any.
 
     Raises
     ------
     BadCase
-        The unit of time is wrong: see `vlab.cases.checks.clock`.
+        The unit of time is wrong, see `vlab.cases.checks.clock`.
     """
     runs = case.runs() if runs is None else list(runs)
     if simulated is None:
@@ -74,7 +76,7 @@ def check_recordings(
 
 
 class _Look:
-    """A case beside its model as given, and what may be wrong with it."""
+    """Search for mistakes in a case beside its nominal model."""
 
     def __init__(self, case: Case, now: Beside) -> None:
         self.case, self.now = case, now
@@ -85,7 +87,7 @@ class _Look:
     # ---- signs and units ------------------------------------------------------------------------------------------
 
     def slips(self) -> list[Found]:
-        """Return the slips of signs and units that channels show."""
+        """Return visible mistakes of signs and units."""
         own = {name: taken for name in self.outputs if (taken := self._own_slip(name)) is not None}
         of_input = self._slip_of_input() if len(self.outputs) > 1 or not own else None
         if of_input is not None:
@@ -100,14 +102,14 @@ class _Look:
         return Taken(channel=name, source=name, factor=-1.0) if is_turned(self.now.channels[name]) else None
 
     def _slip_of_input(self) -> Taken | None:
-        """Return the slip of the one input that makes all outputs what they are, if there is one."""
+        """Return the mistake of one input that explains all outputs."""
         if len(self.inputs) != 1 or not self.outputs:
             return None
         name = self.inputs[0]
         if all(is_turned(self.now.channels[output]) for output in self.outputs):
             taken = Taken(channel=name, source=name, factor=-1.0)
             return taken if self._holds(Correction(taken=(taken,))) else None
-        # where a force is too large the model moves too much, and the recordings show too little
+        # too large a force moves the model too much, so the recordings look too small
         seen = {unit: 1.0 / slip for unit, slip in slips_of(self.columns[name]).items()}
         found = [slip_of_unit(self.now.channels[output], seen) for output in self.outputs]
         if None in found or len(set(found)) != 1 or found[0] is None:
@@ -130,7 +132,10 @@ class _Look:
         return self._found(text, [Correction(taken=(taken,)), *self._by_an_input(taken)])
 
     def _by_an_input(self, taken: Taken) -> list[Correction]:
-        """Return the slips of inputs that explain an output's as well: of one that moves in step with it either may be wrong."""
+        """Return input mistakes that explain an output's mistake too.
+
+        If input and output change in proportion, either may be wrong.
+        """
         out = []
         for name in self.inputs:
             slips = {"": -1.0} if not taken.unit else slips_of(self.columns[name])
@@ -156,7 +161,7 @@ class _Look:
     # ---- columns exchanged ----------------------------------------------------------------------------------------
 
     def swaps(self) -> list[Found]:
-        """Return the outputs that show each other's motion."""
+        """Return pairs of exchanged outputs."""
         out: list[Found] = []
         for one, other in combinations(self.outputs, 2):
             if any({one, other} & set(f.channels) for f in out) or not self._alike(one, other):
@@ -175,7 +180,7 @@ class _Look:
         return self.columns[one].si == self.columns[other].si
 
     def _crossed(self, one: str, other: str) -> float:
-        """Return the most that is left of two channels beside what the model says of each other's, in any run."""
+        """Return the largest residual share of two exchanged channels."""
         left = [0.0]
         for run, own in zip(self.now.runs, self.now.simulated, strict=True):
             if own is None or not {one, other} <= set(run.measured.names):
@@ -188,7 +193,11 @@ class _Look:
     # ---- columns read otherwise -----------------------------------------------------------------------------------
 
     def choose_convention(self) -> list[Found]:
-        """Return what is wrong with inputs, or with outputs that spoil the first state: a model is not linear enough to show it directly."""
+        """Return mistakes found by trial simulations.
+
+        Such mistakes concern inputs, or outputs that spoil the initial state. A nonlinear model hides both from the
+        bands.
+        """
         unexplained = self._unexplained(self.now)
         if not unexplained:
             return []
@@ -211,7 +220,10 @@ class _Look:
         return [name for name in at.channels if at.left(name) >= UNEXPLAINED]
 
     def _other_readings(self, unexplained: Sequence[str]) -> Iterator[Correction]:
-        """Yield corrections of every input, and of the outputs that are not explained, those of few columns first."""
+        """Yield trial corrections, those with few columns first.
+
+        The corrections concern every input and every unexplained output.
+        """
         for name in self.inputs:
             yield Correction(taken=(Taken(channel=name, source=name, factor=-1.0),))
         for one, other in combinations(self.inputs, 2):
@@ -220,7 +232,7 @@ class _Look:
         for name in (*unexplained, *self.inputs):
             yield from self._in_other_units((name,))
         units = dict.fromkeys(self.columns[name].unit for name in unexplained)
-        for unit in units:  # one hand writes all encoders of a file
+        for unit in units:  # all encoders of a file usually share one unit
             names = tuple(name for name in unexplained if self.columns[name].unit == unit)
             if len(names) > 1:
                 yield from self._in_other_units(names)
@@ -243,14 +255,20 @@ class _Look:
     # ---- what no line of a case mends -----------------------------------------------------------------------------
 
     def unrelated(self) -> list[Found]:
-        """Return that no output has anything to do with the inputs, where the model says that all do."""
+        """Return a finding if outputs are unrelated to inputs.
+
+        The model's outputs must be coherent with the inputs.
+        """
         text = unrelated(self.now)
         return [Found(severity="warning", text=text, channels=self.outputs)] if text else []
 
     def without_sign(self) -> list[Found]:
-        """Return outputs of a size that no physics makes, where the model's resonances lie too far off to show a sign."""
+        """Return outputs of an impossible amplitude.
+
+        The model's resonances are too far off for a sign.
+        """
         if any(run.law is not None for run in self.now.runs):
-            return []  # a loop that is unstable with the model as given runs to any size
+            return []  # an unstable loop with the nominal model reaches any amplitude
         out = []
         for name in self.outputs:
             slip = slip_without_sign(self.now.channels[name], slips_of(self.columns[name]))
@@ -260,22 +278,24 @@ class _Look:
         return out
 
     def shifts(self, aside: set[str]) -> list[Found]:
-        """Return the outputs that are early or late."""
+        """Return outputs with a time shift."""
         return [found for found in shifts(self.now, self.columns) if not aside & set(found.channels)]
 
     # ---- whether a correction holds -------------------------------------------------------------------------------
 
     def _holds(self, correction: Correction) -> bool:
-        """Return whether recordings show a slip that the model denies: it does better without, or no physics is of that size."""
+        """Return whether a correction improves on the case as given."""
         return self._is_better(correction, beyond_physics=correction.is_beyond_physics)
 
     def _is_better(self, correction: Correction, *, beyond_physics: bool = False) -> bool:
-        """Return whether the model does better on all recordings without a slip, and nowhere worse.
+        """Return whether a correction improves all recordings.
+
+        No channel may become worse.
 
         Parameters
         ----------
         beyond_physics : bool
-            Nowhere worse will do.
+            Whether no deterioration suffices, without an improvement.
         """
         then = beside(self.case.plant, [correction.on(run) for run in self.now.runs])
         concerned = set(then.channels) & set(correction.channels) or set(then.channels)

@@ -1,4 +1,4 @@
-"""Outputs that are early or late beside a model by the same time in all bands of frequency."""
+"""Time shifts of outputs, common to all frequency bands."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,27 +11,28 @@ from vlab.cases.checks.correction import Column, Found
 from vlab.signals import Array
 
 LONGEST = 0.1
-"""Longest shift that is looked for, as a share of a recording."""
+"""LONGEST [1]: largest shift tried, as a share of the recording."""
 LEAST_SAMPLES = 1.5
-"""Shortest one that is said: half a sample or a whole one is how inputs are held."""
+"""LEAST_SAMPLES [samples]: smallest reported shift. Half a sample or one sample is due to the input hold."""
 SMALLER, MATTERS = 0.1, 0.01
-"""A shift is said where it leaves this share of what is left without it, in the mean over bands, which must be this share of the power."""
+"""SMALLER [1]: largest ratio of the residual with the shift to the residual without, in the mean over bands.
+MATTERS [1]: smallest residual share without the shift."""
 SAME = 0.2
-"""Relative difference of the shifts of all recordings, or half a sample."""
+"""SAME [1]: relative tolerance on the shifts of all recordings; half a sample is allowed as well."""
 FINE = 20
-"""Parts of a sample that a shift is found to."""
+"""FINE [1]: subdivisions of a sample in the search for a shift."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shift:
-    """By what a recording is late.
+    """Delay of a recorded channel.
 
     Parameters
     ----------
     seconds : float
-        Negative where it is early.
+        Delay [s], negative for an early channel.
     before, after : float
-        What is left of the recorded power without and with it, in the mean over bands.
+        Mean residual share over bands, without and with the shift.
     """
 
     seconds: float
@@ -40,13 +41,18 @@ class Shift:
 
 
 def shift(time: Array, recorded: Array, simulated: Array) -> Shift | None:
-    """Return the shift of a recorded channel that leaves least; None where too few bands say something.
+    """Return the shift with the smallest residual.
 
     Parameters
     ----------
     time : (n,) array
-        [s].
+        Time stamps [s].
     recorded, simulated : (n,) array
+
+    Returns
+    -------
+    Shift or None
+        Shift; None with too few bands.
     """
     n, step = len(time), (time[-1] - time[0]) / (len(time) - 1)
     freq, (Y, S) = spectra(time, recorded, simulated)
@@ -54,7 +60,7 @@ def shift(time: Array, recorded: Array, simulated: Array) -> Shift | None:
     if len(found) < FEWEST:
         return None
     inside = found.of_line >= 0
-    cross = np.where(inside, Y * np.conj(S) / found.recorded[found.of_line], 0.0)  # all bands count alike
+    cross = np.where(inside, Y * np.conj(S) / found.recorded[found.of_line], 0.0)  # equal weight for every band
     lags = np.fft.fftfreq(n, 1.0 / n)
     along = np.fft.irfft(cross, n)
     best = float(lags[np.argmax(np.where(np.abs(lags) <= LONGEST * n, along, -np.inf))])
@@ -66,9 +72,22 @@ def shift(time: Array, recorded: Array, simulated: Array) -> Shift | None:
 
 
 def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
-    """Return the outputs that are early or late by the same time in all recordings.
+    """Return outputs with one shift in all recordings.
 
-    What is late may be physics, an effect of the catalogue; what is early by more than the model is late itself cannot be.
+    A late output may be due to an effect of the catalogue. An output early by more than the model's own delay cannot be
+    physical.
+
+    Parameters
+    ----------
+    now : Beside
+        Recordings and their simulation.
+    columns : mapping of str to Column
+        Description by channel.
+
+    Returns
+    -------
+    list of Found
+        Findings.
     """
     late = {name: seconds for name in now.channels if (seconds := _same_shift(now, name)) is not None}
     if len(late) > 1 and len(late) == sum(bool(of_runs) for of_runs in now.channels.values()):
@@ -79,7 +98,13 @@ def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
 
 
 def _same_shift(now: Beside, name: str) -> float | None:
-    """Return by what a channel is late in all recordings that say something of it; None where it is not, or differs."""
+    """Return the common delay of a channel [s].
+
+    Returns
+    -------
+    float or None
+        None without a shift, or with different shifts.
+    """
     found, step = [], 0.0
     for run, own in zip(now.runs, now.simulated, strict=True):
         if own is None or name not in run.measured.names:

@@ -1,4 +1,7 @@
-"""Which slip of a sign or of a unit a channel's bands show, and whether physics could do the same."""
+"""Sign and unit mistakes visible in a channel's bands.
+
+The module decides also whether an effect of the catalogue could cause the same.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,36 +12,40 @@ from vlab.cases.checks.bands import Bands
 from vlab.physics.catalogue import EFFECTS
 
 ALIKE = 0.5
-"""Likeness of a band that says which sign it has."""
+"""ALIKE [1]: smallest likeness at which a band determines the sign."""
 MOST, FEW = 2.0 / 3.0, 0.1
-"""Share of the bands that must say the same, and of those that may say the contrary: between a model's resonance and the thing's."""
+"""MOST [1]: smallest share of bands with the same sign.
+FEW [1]: largest share of bands with the opposite sign, as between a model's resonance and the structure's."""
 CALIBRATION = 2.0
-"""Factors nearer to one than this are a calibration, not a unit: nothing is said of them."""
+"""CALIBRATION [1]: largest factor that counts as a calibration error instead of a unit mistake."""
 BEYOND_RESONANCE = 2.0
-"""Power of the frequency with which a response beyond a resonance goes beside one below it."""
+"""BEYOND_RESONANCE [1]: exponent of frequency in the ratio of a response above to one below resonance."""
 REACH = 1.0 / (1.0 - EFFECTS["lost-stiffness"].parameter("share").high)
-"""Largest factor by which an effect of the catalogue changes a response in all bands alike: all of the stiffness but its least share is lost."""
+"""REACH [1]: largest broadband factor of a response by an effect of the catalogue, at the largest stiffness loss."""
 EXACT, NEAR = 0.03, 0.1
-"""Log-distance from the factor of a unit, beside what it scatters by from band to band, at which one within `REACH` is believed: physics could
-have hit it by chance. And the same of one beyond it, as a share of its own logarithm: nothing else could be so large."""
+"""EXACT [1]: log-distance from a unit's factor, beside the scatter over bands, at which a unit within `REACH` is
+accepted.
+NEAR [1]: same for a unit beyond `REACH`, as a share of the factor's logarithm. Within `REACH` physics could match a
+factor by chance; beyond `REACH` nothing else could."""
 SMALL = 0.1
-"""Share of the recorded power that a model may leave, in most bands, where a slip within `REACH` is believed to be all that is wrong."""
+"""SMALL [1]: largest residual share, in most bands, with which a unit mistake within `REACH` explains a channel
+alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What the bands of a channel say in all recordings.
+    """Sign and amplitude ratio of a channel in all recordings.
 
     Parameters
     ----------
     sign : float
-        1, -1, or 0 where the bands do not say.
+        1, -1, or 0 if the bands leave the sign open.
     log_size : float
-        Logarithm of the recorded over the simulated size: the median of bands and recordings.
+        Logarithm of recorded over simulated amplitude, median of bands and recordings.
     scatter : float
-        Largest distance of a recording's own median from it.
+        Largest distance of a recording's median from `log_size`.
     spread : float
-        Median distance of a recording's bands from their median, in the recording where it is least.
+        Median distance of a recording's bands from their median, in the recording with the smallest.
     """
 
     sign: float
@@ -48,7 +55,18 @@ class Reading:
 
 
 def reading(of_runs: Sequence[Bands]) -> Reading | None:
-    """Return what a channel's bands say in all runs; None where there are none."""
+    """Return sign and amplitude ratio of a channel.
+
+    Parameters
+    ----------
+    of_runs : sequence of Bands
+        Bands of each run.
+
+    Returns
+    -------
+    Reading or None
+        None without bands.
+    """
     if not of_runs:
         return None
     sizes = np.array([float(np.median(b.log_ratio)) for b in of_runs])
@@ -63,26 +81,33 @@ def _has_sign(found: Bands, sign: float) -> bool:
 
 
 def is_turned(of_runs: Sequence[Bands]) -> bool:
-    """Return whether a channel runs against the model in all runs, about as much in all bands.
+    """Return whether a channel has the opposite sign everywhere.
 
-    A model whose resonance lies on the other side of the excited bands runs against the thing as well, but by a size that changes with the
-    square of the frequency from band to band.
+    The amplitude ratio must be nearly constant over the bands. A model with its resonance on the other side of the
+    excited bands also has the opposite sign. Its amplitude ratio, however, changes with the square of the frequency.
     """
     return bool(of_runs) and all(_has_sign(b, -1.0) and abs(_slope(b)) < 0.5 * BEYOND_RESONANCE for b in of_runs)
 
 
 def _slope(found: Bands) -> float:
-    """Return the power of the frequency with which the recorded over the simulated size goes."""
+    """Return the frequency exponent of the amplitude ratio."""
     return float(np.polyfit(np.log(found.hz), found.log_ratio, 1)[0])
 
 
 def slip_of_unit(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> tuple[str, float] | None:
-    """Return the unit that a channel is in instead of the one that is said, and by what its numbers are too large, negative where turned.
+    """Return the true unit of a mislabelled channel.
 
     Parameters
     ----------
+    of_runs : sequence of Bands
+        Bands of each run.
     slips : mapping of str to float
-        By unit, by what numbers in it are too large.
+        Ratio of numbers as read to true numbers, by true unit.
+
+    Returns
+    -------
+    tuple of (str, float) or None
+        Unit and ratio, negative for the opposite sign; None without a mistake.
     """
     read = reading(of_runs)
     if read is None or read.sign == 0.0 or not slips:
@@ -100,8 +125,10 @@ def slip_of_unit(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> tuple[
 
 
 def near_units(read: Reading, slips: Mapping[str, float]) -> list[str]:
-    """Return the units that a channel may be in, the nearest first: where the nearest is beyond physics, others within a calibration of what
-    physics may make of it."""
+    """Return the candidate units, nearest first.
+
+    If the nearest unit is beyond physics, all units within a calibration of physics are candidates.
+    """
     far = {unit: abs(float(np.log(slip)) - read.log_size) for unit, slip in slips.items()}
     order = sorted(far, key=lambda unit: far[unit])
     is_beyond = abs(np.log(slips[order[0]])) > np.log(REACH)
@@ -109,8 +136,23 @@ def near_units(read: Reading, slips: Mapping[str, float]) -> list[str]:
 
 
 def slip_without_sign(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> tuple[str, float] | None:
-    """Return the same of a channel whose bands do not say a sign, for the model's resonances lie elsewhere: a size beyond all physics, about
-    the same in all bands, is enough to ask."""
+    """Return the unit of a mislabelled channel without a sign.
+
+    The model's resonances are elsewhere and leave the sign open. An amplitude beyond all physics, nearly constant over
+    the bands, suffices for a question to the user.
+
+    Parameters
+    ----------
+    of_runs : sequence of Bands
+        Bands of each run.
+    slips : mapping of str to float
+        Ratio of numbers as read to true numbers, by true unit.
+
+    Returns
+    -------
+    tuple of (str, float) or None
+        Unit and ratio; None without a mistake.
+    """
     read = reading(of_runs)
     if read is None or read.sign != 0.0 or not slips:
         return None

@@ -1,4 +1,4 @@
-"""The cells of a line of text: cut apart and read as numbers, real or complex, or refused."""
+"""Cells of a text line: separation and parsing of numbers."""
 
 import csv
 import math
@@ -9,11 +9,35 @@ from vlab.recordings.files import refuse
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _COMPLEX = re.compile(rf"(?:([+-]?{_NUMBER})\s*(\+-|[+-])\s*({_NUMBER})|([+-]?{_NUMBER}))\s*\*?\s*[ijIJ]", re.ASCII)
-_LONGEST_CELL = 100  # a double has at most 24 characters, a complex number of two 50
+_LONGEST_CELL = 100  # a double has at most 24 characters, a complex number of two doubles 50
 
 
 def cut_line(text: str, delimiter: str, path: Path, line: int) -> list[str]:
-    """Cut a line at its delimiters, outside quotes, and strip the cells."""
+    """Split a line at its delimiters and strip the cells.
+
+    Delimiters inside quotes do not split.
+
+    Parameters
+    ----------
+    text : str
+        Line of text.
+    delimiter : str
+        Delimiter of the cells.
+    path : Path
+        File, for messages.
+    line : int
+        Line number, for messages.
+
+    Returns
+    -------
+    list of str
+        Cells.
+
+    Raises
+    ------
+    BadRecording
+        A quote is open.
+    """
     if '"' not in text:
         return [cell.strip() for cell in text.split(delimiter)]
     try:
@@ -25,7 +49,18 @@ def cut_line(text: str, delimiter: str, path: Path, line: int) -> list[str]:
 
 
 def parse_number(cell: str) -> complex | None:
-    """Return the number in a cell, also a complex one, or None."""
+    """Return the real or complex number in a cell.
+
+    Parameters
+    ----------
+    cell : str
+        Stripped text of a cell.
+
+    Returns
+    -------
+    complex or None
+        None if the cell is no number.
+    """
     if len(cell) > _LONGEST_CELL or "_" in cell or not cell.isascii():
         return None
     try:

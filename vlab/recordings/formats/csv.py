@@ -1,9 +1,11 @@
-"""Comma, semicolon or tab separated numbers, read strictly, and vlab's own labelled form of them.
+"""CSV recordings: strict reader, and vlab's own labelled form.
 
-Perhaps some lines of titles, one header line with names, perhaps a line with units, then numbers only; lines starting with
-``#`` are comments. A name may end with its unit in brackets. Between semicolons or tabs a comma is a decimal sign where no number has a point. pyarrow reads
-the ordinary file fast; whatever it refuses is read again line by line, which also knows complex numbers and says where the
-fault is.
+A file has optional title lines, one header line with names, an optional line of units, and then numbers only. Lines
+starting with ``#`` are comments. A name may end with its unit in brackets. Between semicolons or tabs a comma is a
+decimal sign if no number has a point.
+
+pyarrow reads an ordinary file fast. A file that pyarrow refuses is read again line by line; the slow reader accepts
+complex numbers and locates the fault.
 """
 
 import csv
@@ -48,17 +50,17 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class _Layout:
-    """Where the numbers of a file begin and how its lines are cut."""
+    """Start of the numbers and form of the lines."""
 
     path: Path
     delimiter: str
     names: tuple[str, ...]
-    width: int  # cells of a line; one more than names where every line ends with a delimiter
-    keep: tuple[int, ...]  # the columns that are read
-    offset: int  # of the first line of numbers
-    line: int  # its number, from 1
+    width: int  # cells of a line; one more than names if every line ends with a delimiter
+    keep: tuple[int, ...]  # columns to read
+    offset: int  # byte offset of the first line of numbers
+    line: int  # line number, from 1
     comments: tuple[str, ...]
-    units: tuple[str, ...] = ()  # of the columns, from a line of their own
+    units: tuple[str, ...] = ()  # units by column, from a line of their own
     titles: int = 0  # lines before the header
 
     def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
@@ -69,7 +71,29 @@ class _Layout:
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read a CSV file; see `vlab.recordings.open_table`."""
+    """Read a CSV file, see `vlab.recordings.open_table`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Column names of a file without names, or in place of its names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Columns, notes and units.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged, truncated or not numeric.
+    """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
         raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
     layout = _layout(data, path, names)
@@ -126,7 +150,7 @@ def _lines(data: bytes, path: Path, offset: int = 0) -> Iterator[tuple[int, byte
 
 
 def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
-    """Find comments, delimiter, header and the first line of numbers."""
+    """Find comments, delimiter, header and first numbers."""
     comments, content = [], []
     for number, (offset, raw) in enumerate(_lines(data, path), start=1):
         if number > _LONGEST_PREAMBLE:
@@ -191,7 +215,10 @@ def _delimiter(text: str) -> str:
 
 
 def _cells(text: str, delimiter: str) -> list[str]:
-    """Return the cells of a line before anything is known of the file; a delimiter at its end ends it."""
+    """Return the cells of a line of unknown layout.
+
+    A delimiter at the end of the line ends the last cell.
+    """
     cells = [cell.strip() for cell in text.split(delimiter)]
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
@@ -202,8 +229,11 @@ def _is_all_numbers(text: str) -> bool:
 
 
 def _above_numbers(content: list[tuple[int, int, str]]) -> tuple[int, tuple[str, ...]]:
-    """Return how many lines are titles, before a header of as many names as there are numbers in a line, and the units in the line
-    between the two, where there is one."""
+    """Return the number of title lines and the units.
+
+    The header follows the titles and has as many names as a line has numbers. The units, if any, are on the line after
+    the header.
+    """
     text = content[-1][2]
     if len(content) < 3 or not _is_all_numbers(text):
         return 0, ()
@@ -211,7 +241,7 @@ def _above_numbers(content: list[tuple[int, int, str]]) -> tuple[int, tuple[str,
     count = len(_cells(text, delimiter))
     above = [_cells(line, delimiter) for _, _, line in content[:-1]]
     if len(above[-1]) != count or any(_is_number(cell, delimiter) for cell in above[-1]):
-        return 0, ()  # no header that fits: what is wrong is said of the first lines
+        return 0, ()  # no header fits: the message refers to the first lines
     is_units = len(above[-2]) == count and all(_is_unit(cell) for cell in above[-1])
     return len(above) - (2 if is_units else 1), tuple(above[-1]) if is_units else ()
 
@@ -226,7 +256,10 @@ def _is_number(cell: str, delimiter: str) -> bool:
 
 
 def _stated_units(layout: _Layout) -> dict[str, str]:
-    """Return the units that the file states, by column: in a line of their own, else in brackets behind the names."""
+    """Return the units in the file, by column.
+
+    The units are on a line of their own, or in brackets behind the names.
+    """
     if layout.units:
         return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep}
     found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
@@ -234,7 +267,10 @@ def _stated_units(layout: _Layout) -> dict[str, str]:
 
 
 def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
-    """Return whether the first line of numbers has commas in them and no points, between other delimiters."""
+    """Return whether numbers use decimal commas.
+
+    The first line of numbers must contain commas, no point, and another delimiter.
+    """
     if layout.delimiter == ",":
         return False
     end = data.find(b"\n", layout.offset)
@@ -244,7 +280,10 @@ def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
 
 
 def _commented_names(comments: list[str], delimiter: str, n_columns: int) -> list[str]:
-    """Return the names in the last comment before the numbers, as numpy.savetxt writes them, or none."""
+    """Return the names in the last comment before the numbers.
+
+    numpy.savetxt writes names in such a comment.
+    """
     cells = [cell.strip() for cell in comments[-1].split(delimiter)] if comments else []
     fits = (
         1 < len(cells) == n_columns == len(set(cells))
@@ -271,7 +310,10 @@ def _check_names(names: tuple[str, ...], n_columns: int, path: Path) -> None:
 
 
 def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
-    """Read an ordinary file of real numbers with pyarrow, or return None for the slow path to decide."""
+    """Read real numbers with pyarrow.
+
+    None leaves the decision to the slow reader.
+    """
     body = memoryview(data)[layout.offset :]
     has_signs = any(data.find(sign, layout.offset) >= 0 for sign in (b"#", b'"'))
     has_lone_returns = data.count(b"\r") != data.count(b"\r\n")
@@ -291,14 +333,14 @@ def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
                 column_types={k: pa.float64() for k in keep}, include_columns=keep, null_values=[]
             ),
         )
-    except (pa.ArrowException, ValueError):  # the slow path finds out where and why
+    except (pa.ArrowException, ValueError):  # the slow reader locates the fault
         return None
     values = [table.column(name).to_numpy() for name in keep]
     return values if all(np.isfinite(v).all() for v in values) else None
 
 
 def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
-    """Read line by line, with complex numbers, and say exactly where the first fault is."""
+    """Read line by line and locate the first fault."""
     real, imaginary = array("d"), array("d")
     delimiter, blank = layout.delimiter.encode(), 0
     for number, (offset, raw) in enumerate(_lines(data, layout.path, layout.offset), start=layout.line):
@@ -337,7 +379,7 @@ def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
 
 
 def _plain_row(raw: bytes, delimiter: bytes, layout: _Layout) -> list[float]:
-    """Return the row of an ordinary line of real numbers, or nothing."""
+    """Return the row of an ordinary line, or nothing."""
     try:
         row = [float(cell) for cell in raw.split(delimiter)]
     except ValueError:
@@ -347,7 +389,7 @@ def _plain_row(raw: bytes, delimiter: bytes, layout: _Layout) -> list[float]:
 
 
 def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> complex:
-    """Return the number in a cell or say what is wrong with it."""
+    """Return the number in a cell, or raise with its fault."""
     value = parse_number(cell)
     where = layout.column(index)
     if value is None and is_last and index == layout.width - 1:
@@ -392,7 +434,25 @@ def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecordi
 
 
 def write_csv(recording: Recording, path: PathLike) -> tuple[str, ...]:
-    """Write a recording as labelled CSV; see `vlab.recordings.write_recording`."""
+    """Write a recording as labelled CSV, see `vlab.recordings.write_recording`.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
+    Returns
+    -------
+    tuple of str
+        Empty, because the form is exact.
+
+    Raises
+    ------
+    BadRecording
+        A label cannot be written as CSV text.
+    """
     lines = [
         f"# {_SIGNATURE} {FORMAT_VERSION}",
         f"# samples: {len(recording)}",
@@ -441,7 +501,7 @@ def _survives(text: str, channel: Channel, path: PathLike) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class _Labels:
-    """What the comment lines of a vlab file say."""
+    """Contents of a vlab file's comment lines."""
 
     channels: tuple[Channel, ...]
     samples: str
@@ -449,7 +509,10 @@ class _Labels:
 
 
 def _labels(layout: _Layout) -> _Labels:
-    """Read the comment lines of a vlab file and check them against its header."""
+    """Read a vlab file's comment lines.
+
+    The labels must agree with the header.
+    """
     path = layout.path
     check_version(layout.comments[0].removeprefix(_SIGNATURE).strip(), path)
     entries = [comment.partition(":")[::2] for comment in layout.comments[1:]]

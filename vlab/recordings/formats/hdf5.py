@@ -1,7 +1,8 @@
-"""HDF5 and MAT 7.3: the numeric data sets of a file as columns, by their path; see `vlab.recordings.isolated`.
+"""HDF5 and MAT 7.3 recordings: numeric data sets as columns by path.
 
-Links to other files, external and virtual storage and plug-in filters are named and never followed. A data set of which
-parts were never written is refused: the library would fill them with zeros.
+An isolated process reads the file, see `vlab.recordings.isolated`. Links to outside files, external and virtual storage
+and plug-in filters are named and never followed. A data set with unwritten parts is refused, because the library would
+fill them with zeros.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,10 @@ from vlab.recordings.table import Table
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the data sets of an HDF5 file; see `vlab.recordings.open_table` and `vlab.recordings.formats.variables.Variables`."""
+    """Read an HDF5 file, see `vlab.recordings.open_table`.
+
+    `vlab.recordings.formats.variables.Variables` gives the column names.
+    """
     if names is not None:
         raise refuse(path, "an HDF5 file names its own data sets", fix="leave out names")
     return read_variables("read_hdf5", data, path, columns, library="h5py", install="h5py", is_matlab=False)
@@ -36,7 +40,33 @@ def read_variables(
     install: str,
     is_matlab: bool = False,
 ) -> Table:
-    """Read a file with a reader in a process of its own and return its variables as columns."""
+    """Read a file's variables in an isolated process.
+
+    Parameters
+    ----------
+    reader : str
+        Module of `vlab.recordings.workers`.
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    columns : sequence of str or None
+        Columns to read; all by default.
+    library, install : str
+        Required library and its package to install.
+    is_matlab : bool
+        Whether MATLAB's conventions apply.
+
+    Returns
+    -------
+    Table
+        Variables as columns.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged.
+    """
     answer = read_isolated(reader, data, path, library=library, install=install, options={"matlab": is_matlab})
     found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
     try:

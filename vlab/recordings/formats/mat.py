@@ -1,8 +1,13 @@
-"""MAT 5 to 7: numeric variables as columns, structs flattened to dotted names; 7.3 is HDF5 and is read as such.
+"""MAT recordings of versions 5 to 7.3.
 
-The file is walked here in plain Python, every declared size checked against the bytes that are there, because
-scipy.io.loadmat ends the whole process (segmentation fault) on damaged files; the tests compare the two on sound ones.
-Format: MathWorks, "MAT-File Format" (R2024a), chapter 1, level 5. No object, function or class in a file is ever made.
+Numeric variables become columns; structs become dotted names. Version 7.3 is HDF5 and read as such. The module parses
+the file [1]_ in plain Python and checks every declared size against the available bytes. scipy.io.loadmat crashes the
+process (segmentation fault) on damaged files; the tests compare both readers on sound files. No object, function or
+class of a file is created.
+
+References
+----------
+.. [1] MathWorks, MAT-File Format (R2024a), chapter 1, level 5.
 """
 
 import hashlib
@@ -31,12 +36,15 @@ _ENCODINGS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _KINDS = {_OBJECT: "an object", _SPARSE: "a sparse matrix", _FUNCTION: "a function handle", _OPAQUE: "an object"}
-_DEEPEST = 20  # structs in structs; a recording has two or three
+_DEEPEST = 20  # nesting of structs; a recording has two or three levels
 
 
 @dataclass
 class _Walk:
-    """Reads the elements of one file, within a limit of unpacked bytes."""
+    """Parser of one file's elements.
+
+    A limit bounds the unpacked bytes.
+    """
 
     order: str  # "<" or ">"
     limit: int
@@ -48,11 +56,11 @@ class _Walk:
             raise Damaged(f"more than {self.limit} bytes when unpacked")
 
     def element(self, view: memoryview, offset: int) -> tuple[int, memoryview, int]:
-        """Return type and content of the element at an offset, and the offset of the next."""
+        """Return type, content and end of an element."""
         if offset + 8 > len(view):
             raise Damaged("truncated: it ends where a variable is expected")
         kind, size = struct.unpack_from(self.order + "II", view, offset)
-        if kind >> 16:  # the small form: size, type and up to four bytes of content in eight
+        if kind >> 16:  # small form: size, type and up to four bytes of content in eight bytes
             kind, size = kind & 0xFFFF, kind >> 16
             if size > 4:
                 raise Damaged(f"a short element declares {size} bytes")
@@ -63,7 +71,10 @@ class _Walk:
         return kind, view[offset + 8 : end], end if kind == _COMPRESSED else min(end + -end % 8, len(view))
 
     def inflate(self, packed: memoryview) -> memoryview:
-        """Return the content of the one matrix in a compressed element, its checksum verified."""
+        """Return the matrix of a compressed element.
+
+        The checksum is verified.
+        """
         stream = zlib.decompressobj()
         try:
             tag = stream.decompress(packed, 8)
@@ -74,7 +85,7 @@ class _Walk:
                 raise Damaged("a compressed element holds no variable")
             self.spend(size)
             content = stream.decompress(stream.unconsumed_tail, size)
-            stream.decompress(stream.unconsumed_tail, 64)  # padding, and the checksum at the end of the stream
+            stream.decompress(stream.unconsumed_tail, 64)  # reads padding and the checksum at the end of the stream
         except zlib.error as error:
             raise Damaged(f"a compressed variable is damaged ({error})") from error
         if len(content) < size or not stream.eof:
@@ -82,7 +93,7 @@ class _Walk:
         return memoryview(content)
 
     def variables(self, view: memoryview) -> Iterator[tuple[str, Any]]:
-        """Yield name and value of the variables of a file."""
+        """Yield name and value of each variable."""
         offset = 128
         while offset < len(view):
             kind, content, offset = self.element(view, offset)
@@ -94,7 +105,10 @@ class _Walk:
                 raise Damaged(f"an element of type {kind} where a variable is expected")
 
     def matrix(self, view: memoryview, depth: int = 0) -> tuple[str, Any]:
-        """Return name and value: an array, text, a dict of struct fields, a list of cells, or `Skipped`."""
+        """Return the name and value of a matrix.
+
+        The value is an array, text, a dict of struct fields, a list of cells, or `Skipped`.
+        """
         if not len(view):
             return "", np.empty((0, 0))
         if depth > _DEEPEST:
@@ -104,7 +118,7 @@ class _Walk:
             raise Damaged("a variable has no array flags")
         (flag,) = struct.unpack_from(self.order + "I", flags)
         array_class, is_complex = flag & 0xFF, bool(flag & 0x0800)
-        if array_class == _OPAQUE:  # name and class follow instead of dimensions
+        if array_class == _OPAQUE:  # an opaque element has name and class in place of dimensions
             return self._name(view, offset)[0], Skipped(_KINDS[_OPAQUE])
         kind, content, offset = self.element(view, offset)
         if kind != 5 or len(content) % 4:
@@ -157,7 +171,10 @@ class _Walk:
         return bytes(content).decode(encoding, errors="replace")
 
     def _many(self, view: memoryview, offset: int, shape: tuple[int, ...], depth: int) -> tuple[list[Any], int]:
-        """Read as many matrices as the shape declares; each takes at least eight bytes."""
+        """Read as many matrices as the shape declares.
+
+        Each matrix takes at least eight bytes.
+        """
         if math.prod(shape) * 8 > len(view) - offset:
             raise Damaged(f"truncated: {shape} cells are declared in {len(view) - offset} bytes")
         self.spend(64 * math.prod(shape))
@@ -198,7 +215,31 @@ def _complex(real: NDArray[Any], imaginary: NDArray[Any]) -> NDArray[Any] | Skip
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the variables of a MAT file; see `vlab.recordings.open_table` and `vlab.recordings.formats.variables.Variables`."""
+    """Read a MAT file, see `vlab.recordings.open_table`.
+
+    `vlab.recordings.formats.variables.Variables` gives the column names.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Variables as columns.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged or of another version.
+    """
     if names is not None:
         raise refuse(path, "a MAT file names its own variables", fix="leave out names")
     if data[:10] == b"MATLAB 7.3" or data[:4] == b"\x89HDF" or data[512:516] == b"\x89HDF":
@@ -222,15 +263,29 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 # ------------------------------------------------------------------------------------------------- vlab's own form
 
 _OWN = "vlab_recording"
-"""Name of the variable with the labels: JSON text, for jsondecode; time (n x 1) and data (n x channels) stand beside it."""
+"""Variable name of the labels. The value is JSON text for jsondecode; the variables time (n x 1) and data (n x
+channels) accompany it."""
 
 
-_HEADER_TEXT = 116  # bytes of free text, in which scipy notes the hour
+_HEADER_TEXT = 116  # bytes of free text, in which scipy writes the time of day
 
 
 def write_mat(recording: Recording, path: PathLike) -> tuple[str, ...]:
-    """Write a recording as MAT 5, exactly; see `vlab.recordings.write_recording`."""
-    from scipy.io import savemat  # deferred: reading does not need it
+    """Write a recording as MAT 5, see `vlab.recordings.write_recording`.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
+    Returns
+    -------
+    tuple of str
+        Empty, because the form is exact.
+    """
+    from scipy.io import savemat  # deferred, because reading does not need scipy
 
     time, samples = recording.time[:, None], recording.data
     labels = {
@@ -241,14 +296,17 @@ def write_mat(recording: Recording, path: PathLike) -> tuple[str, ...]:
     labels["sha256"] = _digest(labels, time, samples)
     stream = io.BytesIO()
     savemat(stream, {"time": time, "data": samples, _OWN: json.dumps(labels)}, format="5")
-    stream.getbuffer()[:_HEADER_TEXT] = b"MATLAB 5.0 MAT-file, a vlab recording".ljust(_HEADER_TEXT)  # without the date
+    stream.getbuffer()[:_HEADER_TEXT] = b"MATLAB 5.0 MAT-file, a vlab recording".ljust(_HEADER_TEXT)  # no date
     with written_whole(path) as target:
         target.write(stream.getbuffer())
     return ()
 
 
 def _digest(labels: Mapping[str, Any], time: NDArray[Any], samples: NDArray[Any]) -> str:
-    """Return the fingerprint of all that a file holds: it knows no checksum of its own unless it is packed."""
+    """Return a checksum of labels and samples.
+
+    The format has a checksum only for packed elements.
+    """
     text = json.dumps({key: value for key, value in labels.items() if key != "sha256"}, sort_keys=True)
     digest = hashlib.sha256(text.encode())
     digest.update(np.ascontiguousarray(time, dtype="<f8").tobytes())

@@ -1,7 +1,7 @@
-"""NPZ: the arrays of a numpy archive as columns; nothing in it is ever unpickled.
+"""NPZ recordings: arrays of a numpy archive as columns, never unpickled.
 
-`numpy.load` believes the sizes in the headers and, where asked to, runs pickles. Here the archive is opened with zipfile,
-each array's header is checked against the bytes that are there, and anything that is not plain numbers is named and left.
+`numpy.load` trusts the sizes in the headers and can run pickles. The module opens the archive with zipfile and checks
+each array's header against the available bytes. Anything but plain numbers is named and skipped.
 """
 
 import io
@@ -21,12 +21,36 @@ from vlab.recordings.formats.variables import Damaged, Skipped, Variables
 from vlab.recordings.table import MAX_COLUMNS, Table
 
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-_LONGEST_HEADER = 10_000  # numpy's own limit, above which its parser is not safe
+_LONGEST_HEADER = 10_000  # numpy's own limit, above which its parser is unsafe
 _LONGEST_TEXT = 10_000
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the arrays of an NPZ file; see `vlab.recordings.open_table` and `vlab.recordings.formats.variables.Variables`."""
+    """Read an NPZ file, see `vlab.recordings.open_table`.
+
+    `vlab.recordings.formats.variables.Variables` gives the column names.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Arrays as columns.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged or too large.
+    """
     if names is not None:
         raise refuse(path, "an NPZ file names its own arrays", fix="leave out names")
     try:
@@ -51,13 +75,16 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
-    """Return the bytes of one member, its checksum verified, and never more than it declares."""
+    """Return the bytes of one archive member.
+
+    The checksum is verified, and the declared size is the limit.
+    """
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise Damaged(f"array {info.filename!r} is encrypted or packed in a way that numpy does not write")
     try:
         with archive.open(info) as stream:
             content = stream.read(info.file_size + 1)
-    except Exception as error:  # zipfile and zlib raise a dozen kinds on damaged archives
+    except Exception as error:  # zipfile and zlib raise a dozen kinds of error on damaged archives
         raise Damaged(f"array {info.filename!r} is damaged: {error}") from error
     if len(content) != info.file_size:
         raise Damaged(f"array {info.filename!r} is truncated: {len(content)} of {info.file_size} bytes")

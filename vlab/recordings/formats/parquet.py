@@ -1,8 +1,8 @@
-"""Parquet: vlab's native run format, and the numeric columns of anyone else's files.
+"""Parquet recordings: vlab's native form, and numeric columns of foreign files.
 
-A run is a ``time`` column [s] and one float64 column a channel; kind, unit, place and direction stand in the metadata of
-each field, the format version and the notes in that of the file. Pages carry checksums; the heads of pages do not, and a flipped bit
-in one can change how the samples are unpacked, so that the columns have checksums of their own.
+A run has a ``time`` column [s] and one float64 column a channel. The metadata of each field hold kind, unit, place and
+direction; those of the file hold the format version and the notes. Page checksums do not cover page headers, and a
+flipped bit there can change the samples. The columns therefore have checksums of their own.
 """
 
 import hashlib
@@ -33,7 +33,25 @@ from vlab.signals import Channel, Recording
 
 
 def write_parquet(recording: Recording, path: PathLike) -> tuple[str, ...]:
-    """Write a recording as Parquet; see `vlab.recordings.write_recording`."""
+    """Write a recording as Parquet, see `vlab.recordings.write_recording`.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
+    Returns
+    -------
+    tuple of str
+        Empty, because the form is exact.
+
+    Raises
+    ------
+    BadRecording
+        A channel is named ``time``, or a label cannot be written.
+    """
     if "time" in recording.names:
         raise refuse(path, "a channel is named 'time', which is the name of the time stamps", fix="rename the channel")
     time = {"unit": "s", "crc32": _checksum(recording.time)}
@@ -65,13 +83,38 @@ def _checksum(values: Any) -> str:
 
 
 def _digest(channels: Sequence[Channel], meta: str, rows: int) -> str:
-    """Return the fingerprint of the labels; the other checksums are those of the samples."""
+    """Return a checksum of the labels.
+
+    The samples have checksums of their own.
+    """
     labels = [[c.name, c.kind, c.unit, c.at, c.is_input] for c in channels]
     return hashlib.sha256(json.dumps([labels, meta, rows]).encode()).hexdigest()
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the numeric columns of a Parquet file; see `vlab.recordings.open_table`."""
+    """Read a Parquet file, see `vlab.recordings.open_table`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Numeric columns; labels for vlab's own files.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged or was edited.
+    """
     if names is not None:
         raise refuse(path, "a Parquet file names its own columns", fix="leave out names")
     file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
@@ -118,7 +161,7 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 
 
 def _choose(schema: Any, columns: Sequence[str] | None) -> tuple[dict[str, str], list[str]]:
-    """Return the fields that cannot be read as numbers, with the reason, and those that can."""
+    """Return refused fields with reasons, and wanted fields."""
     refused, wanted, times = {}, [], Counter(schema.names)
     for field in schema:
         if columns is not None and field.name not in columns:
@@ -133,7 +176,7 @@ def _choose(schema: Any, columns: Sequence[str] | None) -> tuple[dict[str, str],
 
 
 def _numbers(column: Any) -> Any:
-    """Return a column as float64, or the reason why it is none."""
+    """Return a column as float64, or the reason of refusal."""
     if column.null_count:
         first = int(np.argmax(column.is_null().to_numpy()))
         return f"empty at sample {first} ({column.null_count} of {len(column)} samples are empty)"

@@ -1,7 +1,11 @@
-"""Recordings from and to SEP005 dictionaries, the exchange form of the SDyPy packages.
+"""Conversion of SEP005 dictionaries, the exchange form of SDyPy.
 
-SEP005 (github.com/sdypy/sep, "SEP 005: timeseries"): a list of dictionaries, one a channel, with ``data``, ``name``,
-``unit_str`` and ``fs`` or ``time``; the other keys are optional.
+A SEP005 recording [1]_ is a list of dictionaries, one a channel. The keys are ``data``, ``name``, ``unit_str`` and
+``fs`` or ``time``; any further key is optional.
+
+References
+----------
+.. [1] github.com/sdypy/sep, SEP 005: timeseries.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,16 +30,16 @@ _KEPT = ("start_timestamp", "end_timestamp", "group", "quantity", "unit_tex")
 def from_sep005(
     channels: Sequence[Mapping[str, Any]], *, inputs: Sequence[str] = (), kinds: Mapping[str, str] | None = None
 ) -> Recording:
-    """Return the recording of SEP005 dictionaries, in SI units.
+    """Return the recording of SEP005 dictionaries in SI.
 
     Parameters
     ----------
     channels : sequence of mappings
-        One a channel, all with the same time stamps.
+        One dictionary a channel, all with the same time stamps.
     inputs : sequence of str
         Names of the channels that drive the structure.
     kinds : mapping of str to str, optional
-        Kind (`vlab.signals.KIND_UNITS`) by channel name; else the kind whose SI unit has the dimension of ``unit_str``.
+        Kind (`vlab.signals.KIND_UNITS`) by channel name. The default is the kind with the dimension of ``unit_str``.
 
     Returns
     -------
@@ -45,11 +49,12 @@ def from_sep005(
     Raises
     ------
     BadRecording
-        A dictionary that is not SEP005, channels that were not sampled together, or samples that are not finite numbers.
+        A dictionary that is not SEP005, channels that were not sampled together, or samples that are not finite
+        numbers.
     BadUnit
-        A unit that is unknown, or does not fit its kind.
+        A unit is unknown or does not fit its kind.
     UnknownName
-        One of `inputs` or `kinds` is no channel.
+        A name in `inputs` or `kinds` is no channel.
     """
     if isinstance(channels, Mapping) or not channels:
         raise BadRecording("SEP005 is a list of dictionaries, one a channel; at least one is needed")
@@ -78,9 +83,20 @@ def from_sep005(
 
 
 def to_sep005(recording: Recording) -> list[dict[str, Any]]:
-    """Return a recording as SEP005 dictionaries; what the form lacks (kinds, places, notes) stands in ``vlab``.
+    """Return a recording as SEP005 dictionaries.
 
-    An even recording whose time stamps are k / rate in every bit has ``fs``; any other has ``time``.
+    An even recording with time stamps exactly k / rate has ``fs``; any other has ``time``. Kinds, places and notes,
+    which SEP005 lacks, are under ``vlab``.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+
+    Returns
+    -------
+    list of dict of str to object
+        One dictionary a channel.
     """
     clock: dict[str, Any] = {"time": recording.time.copy()}
     if recording.is_uniform:
@@ -121,7 +137,10 @@ def _array(values: Any, what: str) -> NDArray[Any]:
 
 
 def _time(entry: Mapping[str, Any], name: str, count: int) -> NDArray[Any]:
-    """Return the time stamps of a channel [s]; where both are given, time and fs must agree."""
+    """Return the time stamps of a channel [s].
+
+    If both are given, time and fs must agree.
+    """
     where = f"channel {one_line(name)!r}"
     rate = entry.get("fs")
     if rate is None and entry.get("time") is None:
@@ -162,7 +181,7 @@ def _spec(
 
 
 def _kind(unit: str, name: str, quantity: str) -> str:
-    """Return the kind of channel whose SI unit has the dimension of a unit."""
+    """Return the kind of channel with a unit's dimension."""
     try:
         si = own_si(unit)
     except BadUnit as error:

@@ -1,7 +1,8 @@
-"""TDMS (LabVIEW): the channels of a file as columns ``group/channel``, waveforms with their ``group/time`` [s].
+"""TDMS recordings (LabVIEW) as columns.
 
-npTDMS is LGPL and so an optional extra, ``vlab[tdms]``. It believes the counts in the headers of a file, and so reads in
-a process of its own; see `vlab.recordings.isolated`.
+Channels are named ``group/channel``; waveforms have a column ``group/time`` [s]. npTDMS is LGPL and therefore an
+optional extra, ``vlab[tdms]``. npTDMS trusts the counts in a file's headers and runs in an isolated process, see
+`vlab.recordings.isolated`.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from vlab.recordings.table import Table
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the channels of a TDMS file; see `vlab.recordings.open_table`."""
+    """Read a TDMS file, see `vlab.recordings.open_table`."""
     if names is not None:
         raise refuse(path, "a TDMS file names its own channels", fix="leave out names")
     return read_variables("read_tdms", data, path, columns, library="nptdms", install="'vlab[tdms]' (npTDMS)")

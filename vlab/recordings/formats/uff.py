@@ -1,8 +1,9 @@
-"""Universal files: the functions of data sets 58 and 58b as columns; see `vlab.recordings.formats.uff58` for one data set.
+"""Universal files: functions of data sets 58 and 58b as columns.
 
-Complex functions (frequency responses) and real ones (time histories) are columns by the nodes that they were measured
-at, ``12+Z`` or response/reference ``12+Z/1+X``. Their common abscissa is the column ``time``, ``f`` or ``abscissa``; where
-they have several, each has its own, named ``f of 12+Z/1+X``. Other data sets are counted and left.
+Frequency responses (complex) and time histories (real) are columns named by node: ``12+Z``, or response/reference
+``12+Z/1+X``. The common abscissa is the column ``time``, ``f`` or ``abscissa``. If abscissae differ, each function has
+its own, named ``f of 12+Z/1+X``. Data sets of any other number are counted and skipped. See `vlab.recordings.formats.uff58` for
+one data set.
 """
 
 import zlib
@@ -26,7 +27,29 @@ _SIGNATURE = "vlab-recording"
 
 
 def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
-    """Read the functions of a universal file; see `vlab.recordings.open_table`."""
+    """Read a universal file, see `vlab.recordings.open_table`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Functions as columns.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged or has no data set 58.
+    """
     if names is not None:
         raise refuse(path, "a universal file names its own functions", fix="leave out names")
     try:
@@ -43,7 +66,7 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
 
 
 def _functions(data: bytes) -> tuple[list[Function], Counter[str]]:
-    """Return the functions of a file, and how many data sets of other numbers it has."""
+    """Return the functions, and the count of skipped data sets."""
     functions: list[Function] = []
     others: Counter[str] = Counter()
     offset = 0
@@ -121,10 +144,28 @@ def _table(functions: list[Function], path: Path, columns: Sequence[str] | None,
 
 
 def write_uff(recording: Recording, path: PathLike) -> tuple[str, ...]:
-    """Write a recording as data sets 58b, one a channel; see `vlab.recordings.write_recording`.
+    """Write a recording as data sets 58b, see `vlab.recordings.write_recording`.
 
-    The samples are exact. Time stamps that are start + k / rate in every bit come back so; of others vlab says by how much
-    they change. Uneven time stamps are refused: the format keeps them in single precision.
+    There is one data set a channel. The samples are exact. Time stamps of the exact form start + k / rate are exact
+    too; a note gives the change of any other. Uneven time stamps are refused, because the format keeps them in single
+    precision.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording in SI.
+    path : str or path
+        Path of the file.
+
+    Returns
+    -------
+    tuple of str
+        Losses.
+
+    Raises
+    ------
+    BadRecording
+        The time stamps are uneven, or the recording has no channel.
     """
     if not recording.is_uniform:
         fix = "resample it, or write .parquet or .mat"
@@ -167,14 +208,27 @@ def write_uff(recording: Recording, path: PathLike) -> tuple[str, ...]:
 
 
 def write_uff_response(response: FrequencyResponse, path: PathLike) -> tuple[str, ...]:
-    """Write frequency responses as data sets 58b of complex doubles, one an output and input; return what is lost.
+    """Write frequency responses as data sets 58b.
 
-    Columns on reading are ``f`` and ``1/2`` for the first output and second input; the names are in the notes.
+    The data are complex doubles, one data set for each output and input. On reading, the columns are ``f`` and ``1/2``
+    for the first output and second input; the notes hold the names.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Responses over even frequencies.
+    path : str or path
+        Path of the file.
+
+    Returns
+    -------
+    tuple of str
+        Losses.
 
     Raises
     ------
     BadRecording
-        Frequencies that are not even, which the format keeps in single precision only.
+        The frequencies are uneven; the format keeps them in single precision only.
     OutputRefused
         The folder cannot be written.
     """
@@ -225,7 +279,10 @@ def _labels(ids: Sequence[str]) -> list[str]:
 
 
 def _own_table(functions: list[Function], path: Path, columns: Sequence[str] | None) -> Table:
-    """Return the table of a file that `write_uff` wrote; every label is checked against the others."""
+    """Return the table of a `write_uff` file.
+
+    Every label is checked for consistency.
+    """
     found: dict[str, NDArray[Any]] = {}
     channels = []
     for i, function in enumerate(functions):

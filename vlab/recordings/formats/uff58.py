@@ -1,7 +1,11 @@
-"""One data set 58 or 58b of a universal file: function at nodal degrees of freedom.
+"""Data set 58 or 58b of a universal file: function at nodal degrees of freedom.
 
-Format: Structural Dynamics Research Laboratory, University of Cincinnati, "Universal file formats", data set 58 (records
-1 to 12, their FORTRAN formats) and data set 58b (records in text, samples in binary). No count in a header is believed.
+Data set 58 has records 1 to 12 in FORTRAN formats [1]_. Data set 58b has text records and binary samples. No count in a
+header is trusted.
+
+References
+----------
+.. [1] Structural Dynamics Research Laboratory, University of Cincinnati, Universal file formats.
 """
 
 import re
@@ -21,32 +25,32 @@ _FIELDS_58B = (7, 6, 6, 12, 12, 6, 6, 12, 12)
 _SIGNS = b"0123456789+-.eEdD \r\n"
 _EDGE = re.compile(rb"[\r\n]{0,2}    -1[ \r\n]|[\r\n]{0,2}    -1$")
 CLOCK = "abscissa = "
-"""Begin of the fifth line of text where vlab notes the exact abscissae; the header rounds them to 6 digits."""
+"""Start of the fifth text line, which holds vlab's exact abscissae. The header rounds abscissae to 6 digits."""
 _CLOCK = re.compile(CLOCK + r"(\S+) \+ k (/|\*) (\S+); crc32 ([0-9a-f]{8})")
 
 
 class Lying(Exception):
-    """A data set that is not what its header declares."""
+    """A data set that contradicts its header."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Function:
-    """A function over time, frequency or another abscissa.
+    """A function of time, frequency or another abscissa.
 
     Parameters
     ----------
     ids : tuple of str
-        The five lines of free text.
+        Five lines of free text.
     kind : int
         Function type: 1 a time response, 4 a frequency response.
     response, reference : str
-        Node and direction, ``"12+Z"``; the reference is empty or ``"0"`` where there is none.
+        Node and direction, such as ``"12+Z"``; the reference is empty or ``"0"`` for none.
     abscissa, values : (n,) arrays
-        The abscissa as it stands or as the header gives it; real or complex ordinates.
+        Abscissa as stored or as given by the header, and real or complex ordinates.
     abscissa_type, data_type : int
         Specific data types: 17 time, 18 frequency.
     abscissa_unit, unit : str
-        Units as the file labels them; of the ordinate "numerator/denominator".
+        Unit labels of the file; for the ordinate "numerator/denominator".
     is_even : bool
         Whether the header gives first abscissa and step.
     """
@@ -65,13 +69,13 @@ class Function:
 
     @property
     def has_reference(self) -> bool:
-        """Whether the function belongs to a response and a reference."""
+        """Whether the function has a reference."""
         return self.reference not in ("", "0")
 
 
 @dataclass(frozen=True)
 class _Form:
-    """How the samples are stored, from record 7."""
+    """Storage form of the samples, from record 7."""
 
     is_complex: bool
     is_double: bool
@@ -110,12 +114,24 @@ def _float(text: str, what: str) -> float:
 
 
 def read_function(data: bytes, offset: int) -> tuple[Function, int]:
-    """Read the data set whose line with the number begins at an offset; return it and the offset after its samples.
+    """Read the data set at an offset.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    offset : int
+        Offset of the line with the data set's number.
+
+    Returns
+    -------
+    tuple of (Function, int)
+        Function, and offset after its samples.
 
     Raises
     ------
     Lying
-        A record that is missing or damaged, or samples that are not as many as the header declares.
+        A record is missing or damaged, or the number of samples contradicts the header.
     """
     where = f"data set 58 at byte {offset}"
     lines = []
@@ -158,7 +174,10 @@ def _form(line: bytes) -> _Form:
 
 
 def _text(data: bytes, offset: int, form: _Form, head: bytes) -> tuple[NDArray[Any], int]:
-    """Read samples in text of fixed columns: 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12."""
+    """Read samples as text in fixed columns.
+
+    Formats: 6E13.5, 4E20.12, 2(E13.5,E20.12) or E13.5,2E20.12.
+    """
     widths: tuple[int, ...]
     if not form.is_double:
         widths = (13,) * 6
@@ -187,7 +206,10 @@ def _text(data: bytes, offset: int, form: _Form, head: bytes) -> tuple[NDArray[A
 
 
 def _numbers(lines: list[bytes], widths: tuple[int, ...], total: int) -> NDArray[Any]:
-    """Return the numbers of lines of fixed columns; a line that is shorter or longer than its columns is refused."""
+    """Return the numbers of fixed-column lines.
+
+    A line of another length is refused.
+    """
     edges = [0, *np.cumsum(widths).tolist()]
     full = edges[-1]
     rest = total - (len(lines) - 1) * len(widths)
@@ -211,7 +233,10 @@ def _numbers(lines: list[bytes], widths: tuple[int, ...], total: int) -> NDArray
 
 
 def _binary(data: bytes, offset: int, form: _Form, head: bytes) -> tuple[NDArray[Any], int]:
-    """Read samples in binary; the abscissa of doubles is single as the format says, or double as pyuff writes it."""
+    """Read binary samples.
+
+    The abscissa of doubles is single precision by the format, or double as written by pyuff.
+    """
     order, floats, lines, n_bytes = (_integer(text, "the binary header") for text in _cut(head, _FIELDS_58B)[1:5])
     if order not in (1, 2) or floats != 2 or lines != 11:
         raise Lying(f"its binary form is {order}, {floats}, {lines}; read are IEEE floats (2) after 11 lines")
@@ -220,7 +245,7 @@ def _binary(data: bytes, offset: int, form: _Form, head: bytes) -> tuple[NDArray
     forms = [np.dtype([("v0", kind), *((f"v{i}", real) for i in range(1, form.per_point))]) for kind in first]
     for dtype in forms:
         size = form.count * dtype.itemsize
-        # pyuff declares the bytes of the real parts only, whatever else there is
+        # pyuff always declares the bytes of the real parts only
         if n_bytes not in (size, form.count * real.itemsize) or not _EDGE.match(data, offset + size):
             continue
         records = np.frombuffer(data, dtype=dtype, count=form.count, offset=offset)
@@ -265,7 +290,7 @@ def _no_none(text: str) -> str:
 # ----------------------------------------------------------------------------------------------------------- writing
 
 Clock = tuple[float, str, float]
-"""Even abscissae: start + k / rate, or start + k * step."""
+"""Even abscissae: start, "/" or "*", and rate or step, for start + k / rate or start + k * step."""
 
 
 def ticks(clock: Clock, count: int) -> NDArray[Any]:
@@ -276,7 +301,20 @@ def ticks(clock: Clock, count: int) -> NDArray[Any]:
 
 
 def clock_of(abscissa: NDArray[Any]) -> tuple[Clock, float]:
-    """Return the clock that gives even abscissae back bit for bit, or else nearly, and the largest change."""
+    """Return the clock of even abscissae, and its largest error.
+
+    The clock reproduces the abscissae exactly if possible.
+
+    Parameters
+    ----------
+    abscissa : array
+        Even abscissae, (n,).
+
+    Returns
+    -------
+    tuple of (Clock, float)
+        Clock, and largest change [abscissa's unit].
+    """
     count, start = abscissa.size, float(abscissa[0])
     if count < 2:
         return (start, "*", 1.0), 0.0
@@ -290,13 +328,16 @@ def clock_of(abscissa: NDArray[Any]) -> tuple[Clock, float]:
 
 
 def clock_text(clock: Clock) -> str:
-    """Return a clock as text that `read_function` reads back exactly."""
+    """Return a clock as text for `read_function`."""
     text = f"{CLOCK}{clock[0]!r} + k {clock[1]} {clock[2]!r}"
     return f"{text}; crc32 {zlib.crc32(text.encode()):08x}"
 
 
 def _read_clock(text: str, abscissa: NDArray[Any]) -> NDArray[Any]:
-    """Return the abscissae of a clock's text, checked against those of the header."""
+    """Return the abscissae of a clock's text.
+
+    The header's abscissae must agree.
+    """
     match = _CLOCK.fullmatch(text)
     if match is None or match[4] != f"{zlib.crc32(text.partition(';')[0].encode()):08x}":
         raise Lying(f"the clock {text!r} is damaged")
@@ -311,7 +352,22 @@ def _read_clock(text: str, abscissa: NDArray[Any]) -> NDArray[Any]:
 
 
 def function_text(function: Function, clock: Clock) -> bytes:
-    """Return a data set 58b of even abscissae: text records, then little-endian doubles."""
+    """Return a data set 58b with even abscissae.
+
+    Text records precede little-endian doubles.
+
+    Parameters
+    ----------
+    function : Function
+        Function with even abscissae.
+    clock : Clock
+        Clock of the abscissae.
+
+    Returns
+    -------
+    bytes
+        Bytes of the data set.
+    """
     values = function.values
     is_complex, count = np.iscomplexobj(values), values.size
     step = 1 / clock[2] if clock[1] == "/" else clock[2]

@@ -1,4 +1,7 @@
-"""The variables of a file that names its own (MAT, NPZ, HDF5, TDMS) as columns: structs and matrices taken apart by name."""
+"""Named variables of MAT, NPZ, HDF5 and TDMS files as columns.
+
+Structs and matrices are split by name.
+"""
 
 import math
 from collections.abc import Sequence
@@ -11,29 +14,40 @@ from numpy.typing import NDArray
 
 from vlab.recordings.table import MAX_COLUMNS, Table, not_finite
 
-_WIDEST = 1000  # columns of one matrix; more is an image or a map
-_WHOLE = 2**53  # the largest integer up to which a double counts
+_WIDEST = 1000  # columns of one matrix; a wider one is an image or a map
+_WHOLE = 2**53  # largest integer exact in a double
 
 
 class Damaged(Exception):
-    """The bytes of a file are not what its headers declare."""
+    """File content that contradicts its headers."""
 
 
 @dataclass(frozen=True)
 class Skipped:
-    """Something in a file that is no number and no text, and why."""
+    """Reason why an entry is neither number nor text."""
 
     what: str
 
 
 def to_float(values: NDArray[Any]) -> NDArray[Any] | str:
-    """Return numbers as float64 or complex128 without loss, or the reason why they are none."""
+    """Return numbers as float64 or complex128 without loss.
+
+    Parameters
+    ----------
+    values : array
+        Array of any type.
+
+    Returns
+    -------
+    array or str
+        Numbers, or the reason of refusal.
+    """
     kind, size = values.dtype.kind, values.dtype.itemsize
     if kind not in "biufc":
         return f"it holds {values.dtype}, not numbers; a time must be in seconds"
     if kind in "iu" and size == 8 and values.size and (int(values.max()) > _WHOLE or int(values.min()) < -_WHOLE):
         return "it has numbers beyond the precision of a float; subtract the start of a clock"
-    with np.errstate(all="ignore"):  # what does not fit is found by the comparison
+    with np.errstate(all="ignore"):  # the comparison finds values that do not fit
         wide = values.astype(complex if kind == "c" else float)
     if size > wide.dtype.itemsize and not np.array_equal(wide.astype(values.dtype), values, equal_nan=True):
         return f"it has numbers of {8 * size} bits beyond the precision of a float; save it as double"
@@ -42,10 +56,11 @@ def to_float(values: NDArray[Any]) -> NDArray[Any] | str:
 
 @dataclass
 class Variables:
-    """The columns so far, and what cannot be one.
+    """Collected columns and refusals of a file.
 
-    A vector is a column. The samples of a matrix run along its longest axis, the first among equals; its other axes
-    number the columns: ``y_1``, ``y_2`` or, of three axes, ``H_1_2``. A struct array is numbered likewise: ``run_2.y``.
+    A vector is a column. The samples of a matrix run along its longest axis, the first of equal axes. The remaining
+    axes number the columns: ``y_1``, ``y_2`` or, for three axes, ``H_1_2``. A struct array is numbered likewise:
+    ``run_2.y``.
     """
 
     columns: dict[str, NDArray[Any]] = field(default_factory=dict)
@@ -55,12 +70,21 @@ class Variables:
     units: dict[str, str] = field(default_factory=dict)
 
     def add(self, name: str, value: Any) -> None:
-        """File a value under its name: an array, a text, a dict of fields, a list of cells or `Skipped`.
+        """Add a value under its name.
+
+        The value is an array, a text, a dict of fields, a list of cells or `Skipped`.
+
+        Parameters
+        ----------
+        name : str
+            Name of the variable.
+        value : object
+            Value of the variable.
 
         Raises
         ------
         Damaged
-            More variables than any recording has.
+            The file has too many variables.
         """
         if len(self.columns) + len(self.refused) > MAX_COLUMNS:
             raise Damaged(f"more than {MAX_COLUMNS} variables")
@@ -81,7 +105,20 @@ class Variables:
             self._array(name, value)
 
     def table(self, path: Path, columns: Sequence[str] | None) -> Table:
-        """Return the table; of the columns only those asked for, where some are there."""
+        """Return the table of requested columns.
+
+        Parameters
+        ----------
+        path : Path
+            Path of the file, for messages.
+        columns : sequence of str or None
+            Columns to keep; all if none matches.
+
+        Returns
+        -------
+        Table
+            Table.
+        """
         chosen = self.columns if columns is None else {k: v for k, v in self.columns.items() if k in columns}
         kept = chosen or self.columns
         return Table(

@@ -1,1 +1,4 @@
-"""Readers that run in a process of their own, see `vlab.recordings.isolated`; they import nothing of vlab."""
+"""Readers for isolated processes, without imports from vlab.
+
+See `vlab.recordings.isolated`.
+"""

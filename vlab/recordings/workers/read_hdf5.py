@@ -1,7 +1,7 @@
-"""HDF5 and MAT 7.3 in the worker process: what is in the file itself, and nothing that it refers to elsewhere.
+"""Isolated HDF5 and MAT 7.3 reader, without external references.
 
-MathWorks' conventions of MAT 7.3: the class of a variable in the attribute ``MATLAB_class``, dimensions reversed, text as
-16-bit codes, cells and struct arrays as references into the group ``#refs#``.
+MAT 7.3 follows MathWorks' conventions. The attribute ``MATLAB_class`` holds the class of a variable, and dimensions are
+reversed. Text is stored as 16-bit codes; cells and struct arrays are references into the group ``#refs#``.
 """
 
 import math
@@ -12,18 +12,21 @@ import numpy as np
 from h5py import h5d, h5g, h5o, h5t
 from sandbox import Skip  # type: ignore[import-not-found]
 
-"".encode("utf-16-le")  # loads the codec, a file, while files can be opened
+"".encode("utf-16-le")  # loads the codec, which is a file, while files can be opened
 
-_DEEPEST = 20  # groups in groups; a recording has two or three
+_DEEPEST = 20  # nesting of groups; a recording has two or three levels
 _MOST = 10_000  # objects in one file
 _LONGEST_TEXT = 10_000
 _FILTERS = {1, 2, 3, 4, 5, 6, 32000}
-"""Deflate, shuffle, fletcher32, szip, n-bit, scale-offset, lzf: the filters that the library has in itself."""
+"""Filters built into the library: deflate, shuffle, fletcher32, szip, n-bit, scale-offset, lzf."""
 _UNITS = ("unit", "units", "Unit", "Units", "unit_str", "UNIT", "UNITS")
 
 
 def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the variables of a file in memory; ``options``: ``matlab`` and ``limit`` [bytes]."""
+    """Return the variables of a file in memory.
+
+    `options` has ``matlab`` and ``limit`` [bytes].
+    """
     file = h5py.File.in_memory(data)
     walk = _Walk(file, options["limit"], is_matlab=options["matlab"])
     walk.group(file.id, "", 0)
@@ -31,12 +34,15 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Walk:
-    """Walks the objects of one file within a limit of bytes and of objects; no group is entered from within itself."""
+    """Traversal of one file's objects.
+
+    Limits bound bytes and objects; a group is never entered from within itself.
+    """
 
     def __init__(self, file: Any, limit: int, *, is_matlab: bool) -> None:
         self.file, self.limit, self.is_matlab = file, limit, is_matlab
         self.left, self.objects = limit, 0
-        self.inside: list[Any] = []  # the groups that are being read
+        self.inside: list[Any] = []  # open groups
         self.found: list[tuple[str, Any]] = []
         self.units: dict[str, str] = {}
 
@@ -46,7 +52,10 @@ class _Walk:
             raise ValueError(f"more than {_MOST} objects, or groups nested more than {_DEEPEST} deep")
 
     def members(self, gid: Any) -> list[tuple[str, Any]]:
-        """Return name and object of the members of a group; a link that is none of the file's own objects is a `Skip`."""
+        """Return the members of a group.
+
+        A link to anything but the file's own objects is a `Skip`.
+        """
         found: list[tuple[str, Any]] = []
         for raw in gid:
             self.count(0)
@@ -62,7 +71,10 @@ class _Walk:
         return found
 
     def enter(self, gid: Any) -> list[tuple[str, Any]]:
-        """Return the members of a group and note that it is being read; none where it already is."""
+        """Return the members of a group and mark it open.
+
+        An open group has no members.
+        """
         info = h5o.get_info(gid)
         key = (info.fileno, repr(info.addr))
         members = [] if key in self.inside else self.members(gid)
@@ -70,7 +82,7 @@ class _Walk:
         return members
 
     def group(self, gid: Any, prefix: str, depth: int) -> None:
-        """Read what is in a group, and in the groups in it, under its path."""
+        """Read a group and its subgroups by path."""
         self.count(depth)
         for name, member in self.enter(gid):
             if self.is_matlab and name in ("#refs#", "#subsystem#"):
@@ -93,9 +105,9 @@ class _Walk:
                 return
 
     def texts(self, item: Any) -> dict[str, str]:
-        """Return the attributes of an object that are one text."""
+        """Return the single-text attributes of an object."""
         keys = list(item.attrs)[:100]
-        found = {key: self.text_of(item.attrs, key) for key in keys if isinstance(key, str)}  # bytes: no text, damaged
+        found = {key: self.text_of(item.attrs, key) for key in keys if isinstance(key, str)}  # bytes are damaged text
         return {key: text for key, text in found.items() if text is not None}
 
     def text_of(self, attributes: Any, key: str) -> str | None:
@@ -109,11 +121,11 @@ class _Walk:
         return text[:_LONGEST_TEXT]
 
     def value(self, oid: Any, depth: int) -> Any:
-        """Return the value of an object of the file."""
+        """Return the value of an object."""
         self.count(depth)
         if isinstance(oid, Skip):
             return oid
-        if isinstance(oid, h5g.GroupID):  # of a MAT file: a struct, or the parts of a sparse matrix
+        if isinstance(oid, h5g.GroupID):  # in a MAT file: a struct, or the parts of a sparse matrix
             if "MATLAB_sparse" in h5py.Group(oid).attrs:
                 return Skip("a sparse matrix")
             fields = {name: self.value(member, depth + 1) for name, member in self.enter(oid)}
@@ -125,7 +137,10 @@ class _Walk:
         return why if why is not None else self.samples(h5py.Dataset(oid), depth)
 
     def refusal(self, did: Any) -> Skip | None:
-        """Say why a data set is not read, where its samples are elsewhere, missing or packed by a plug-in."""
+        """Return the reason to refuse a data set.
+
+        Causes: samples stored elsewhere, missing, or packed by a plug-in.
+        """
         properties = did.get_create_plist()
         if properties.get_layout() == h5d.VIRTUAL:
             return Skip("a view of other files or data sets, which are never opened; copy the samples into this file")
@@ -184,7 +199,7 @@ class _Walk:
         return np.ascontiguousarray(values).T if self.is_matlab else np.ascontiguousarray(values)
 
     def references(self, dataset: Any, depth: int) -> list[Any]:
-        """Return the cells of a cell or struct array, in MATLAB's order."""
+        """Return the cells of an array in MATLAB's order."""
         if dataset.size > _MOST:
             raise ValueError(f"a cell array of {dataset.size} cells")
         cells: list[Any] = []

@@ -1,4 +1,4 @@
-"""TDMS in the worker process: the channels of all groups, their units and the time stamps of their waveforms."""
+"""Isolated TDMS reader: channels, units and waveform time stamps."""
 
 import io
 import logging
@@ -12,17 +12,38 @@ _MOST = 10_000
 
 
 class _Strict(logging.Handler):
-    """Refuses what npTDMS only warns of: wrong versions, sizes that do not fit, text that is none."""
+    """Log handler that turns npTDMS warnings into errors.
+
+    The warnings concern wrong versions, inconsistent sizes and invalid text.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         raise ValueError(f"npTDMS warns: {record.getMessage()[:300]}")
 
 
 def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the channels of a file in memory; ``options``: ``limit`` [bytes]."""
+    """Return the channels of a file in memory.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    options : dict of str to object
+        ``limit`` [bytes].
+
+    Returns
+    -------
+    dict of str to object
+        ``variables``, ``units``, ``meta`` and ``notes``.
+
+    Raises
+    ------
+    ValueError
+        The file is truncated or too large.
+    """
     _check_segments(data)
     logging.getLogger("nptdms").handlers[:] = [_Strict(logging.WARNING)]
-    with TdmsFile.open(io.BytesIO(data)) as file:  # reads what describes the samples; they come below
+    with TdmsFile.open(io.BytesIO(data)) as file:  # reads the description of the samples; the samples follow below
         if file.file_status.incomplete_final_segment:
             raise ValueError("the file is truncated: its last segment is not whole")
         channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
@@ -55,7 +76,10 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_segments(data: bytes) -> None:
-    """Walk the segments by their declared lengths: npTDMS takes a begun one at the end for the end of the file."""
+    """Check the declared lengths of all segments.
+
+    npTDMS takes an incomplete last segment for the end of the file.
+    """
     offset = 0
     while offset < len(data):
         if len(data) - offset < 28 or data[offset : offset + 4] != b"TDSm":
@@ -71,14 +95,14 @@ def _samples(channel: Any) -> Any:
         return Skip(f"of type {channel.dtype}, not numbers; a time must be in seconds")
     if not len(channel):
         return np.empty(0)
-    values = np.asarray(channel[:])  # scaled as the file says
+    values = np.asarray(channel[:])  # scaled by the file's own factors
     if len(values) != len(channel):
         raise ValueError(f"channel {channel.name!r} declares {len(channel)} samples and holds {len(values)}")
     return values
 
 
 def _clock(channel: Any) -> tuple[float, float] | None:
-    """Return start and step of the time stamps [s] of a waveform."""
+    """Return start and step of a waveform [s]."""
     step, start = (channel.properties.get(key) for key in ("wf_increment", "wf_start_offset"))
     if not isinstance(step, float) or not 0 < step < float("inf"):
         return None

@@ -1,8 +1,9 @@
-"""The process in which one file is read: bytes in, arrays out, no file opened, limited time and memory.
+"""Isolated reading process: bytes in, arrays out.
 
-Started by `vlab.recordings.isolated` as a script. The reader is a module beside this one with ``read(data, options)`` that
-returns a dict with ``variables``, a list of (name, value); a value is an array, a str, a list, a dict of values or
-``Skip``. What it raises as ``ValueError`` is the reason why the file is refused.
+`vlab.recordings.isolated` starts the script. The process opens no file and has limited time and memory. The reader is a
+module in the same folder with ``read(data, options)``. Its result is a dict with ``variables``, a list of (name,
+value). A value is an array, a str, a list, a dict of values or ``Skip``. A ``ValueError`` is the reason to refuse the
+file.
 """
 
 import importlib
@@ -15,17 +16,24 @@ import numpy as np
 
 
 class Skip(str):
-    """Why something in a file is no number and no text."""
+    """Reason why an entry is neither number nor text."""
 
 
 def limit(seconds: int, memory: int) -> None:
-    """Allow so much processor time [s] and further memory [bytes], and no further open file.
+    """Limit processor time, memory and open files.
 
-    What is open stays open; the library of a format cannot open anything else, whatever a file asks of it.
+    Open files stay open. The library cannot open any further file.
+
+    Parameters
+    ----------
+    seconds : int
+        Processor time [s].
+    memory : int
+        Additional memory [bytes].
     """
     try:
         import resource
-    except ImportError:  # not POSIX: the caller's clock and its checks of sizes remain
+    except ImportError:  # not POSIX: the caller's clock and size checks remain
         return
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
@@ -39,7 +47,20 @@ def limit(seconds: int, memory: int) -> None:
 
 
 def pack(value: Any, buffers: list[Any]) -> tuple[str, Any]:
-    """Return the JSON form of a value; arrays go to `buffers`."""
+    """Return the JSON form of a value.
+
+    Parameters
+    ----------
+    value : object
+        Value from a reader.
+    buffers : list of object
+        List that receives the arrays.
+
+    Returns
+    -------
+    tuple of (str, object)
+        Kind and content.
+    """
     if isinstance(value, np.ndarray):
         order: Literal["F", "C"] = "F" if value.flags.f_contiguous and not value.flags.c_contiguous else "C"
         buffers.append(np.ravel(value, order=order).view(np.uint8) if value.size else b"")
@@ -54,7 +75,10 @@ def pack(value: Any, buffers: list[Any]) -> tuple[str, Any]:
 
 
 def answer(head: dict[str, Any], buffers: list[Any]) -> None:
-    """Write the answer: the length of the JSON text, the text, the arrays."""
+    """Write the answer to standard output.
+
+    The answer consists of the length of the JSON text, the text and the arrays.
+    """
     text = json.dumps(head).encode()
     with os.fdopen(1, "wb") as stream:
         for part in (len(text).to_bytes(8, "little"), text, *buffers):
@@ -62,13 +86,13 @@ def answer(head: dict[str, Any], buffers: list[Any]) -> None:
 
 
 def load(order: dict[str, Any]) -> Any:
-    """Return the reader that an order names."""
+    """Return the reader named by an order."""
     sys.path[:] = [os.path.dirname(os.path.abspath(__file__)), *order["path"]]
     return importlib.import_module(order["reader"])
 
 
 def work(order: dict[str, Any], data: bytes) -> None:
-    """Read a file as an order says, within its limits, and write the answer to standard output."""
+    """Read a file within limits and write the answer."""
     reader = load(order)
     limit(order["seconds"], order["memory"])
     buffers: list[Any] = []
@@ -77,12 +101,12 @@ def work(order: dict[str, Any], data: bytes) -> None:
         head["variables"] = [(name, pack(value, buffers)) for name, value in head["variables"]]
     except MemoryError:
         head, buffers = {"refused": "reading it needs more memory than a file of its size may take"}, []
-    except Exception as error:  # the libraries raise a dozen kinds on damaged files
+    except Exception as error:  # libraries raise a dozen kinds of error on damaged files
         name = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         head, buffers = {"refused": f"{name}{str(error)[:1000]}"}, []
     answer(head, buffers)
 
 
 if __name__ == "__main__":
-    sys.modules["sandbox"] = sys.modules["__main__"]  # so that the readers' Skip is this one
+    sys.modules["sandbox"] = sys.modules["__main__"]  # makes the readers' Skip the same class as this one
     work(json.loads(sys.argv[1]), sys.stdin.buffer.read())
