@@ -205,7 +205,7 @@ def test_what_is_right_is_not_asked_twice(written, truth):
 
 def convention(hold, gain, **other):
     usual = {"case": None, "skew_s": 0.0, "is_near": True, "is_believed": True}
-    return _Convention(hold=hold, gain=gain, **{**usual, **other})
+    return _Convention(hold=hold, log_likelihood_gain=gain, **{**usual, **other})
 
 
 def test_a_hint_is_a_hold_alone_that_is_asked_for_once():

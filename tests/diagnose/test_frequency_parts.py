@@ -268,7 +268,7 @@ def test_what_is_hidden_has_a_trial_near_it(chain):
 
 def tried(name, place, gain):
     where = SimpleNamespace(name=place)
-    return Trial(term=Term(effect=EFFECTS[name], place=where, values={}), gain=gain)
+    return Trial(term=Term(effect=EFFECTS[name], place=where, values={}), log_likelihood_gain=gain)
 
 
 def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
@@ -283,14 +283,14 @@ def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
     chosen = {own[0].label: own for own in _shortlist(by_lines, by_bands)}
     masses = {f"added-mass@p{i}" for i in range(SHORTLIST)}
     assert set(chosen) == masses | {"viscous-damping@p0", "lost-stiffness@p3"}
-    assert [t.gain for t in chosen["added-mass@p0"]] == [100.0, 4.0]
+    assert [t.log_likelihood_gain for t in chosen["added-mass@p0"]] == [100.0, 4.0]
     assert _shortlist([], []) == []
 
 
 def test_what_gains_most_in_the_screening_is_what_is_hidden(screen, chain):
     ranked = screened(screen, candidates(chain, FEW))
     assert (ranked[0].term.effect.name, ranked[0].term.place.name) == (HIDDEN.effect, HIDDEN.place)
-    assert [t.gain for t in ranked] == sorted((t.gain for t in ranked), reverse=True)
+    assert [t.log_likelihood_gain for t in ranked] == sorted((t.log_likelihood_gain for t in ranked), reverse=True)
 
 
 def test_a_quick_fit_is_the_best_of_its_starts(screen, chain):
@@ -299,9 +299,9 @@ def test_a_quick_fit_is_the_best_of_its_starts(screen, chain):
     good, bad = (Term(effect=EFFECTS["added-mass"], place=place, values={"mass": m}) for m in (0.2, 1e-4))
     theta = screen.point.theta
     alone = [fitter.fit([t], theta, iterations=searching.QUICK).chi2 for t in (good, bad)]
-    both = _quick_fit(fitter, [Trial(term=bad, gain=1.0, others=(good,))], theta, ())
+    both = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0, others=(good,))], theta, ())
     assert both.chi2 == pytest.approx(min(alone))
-    afar = _quick_fit(fitter, [Trial(term=bad, gain=1.0)], theta, {bad.label})
+    afar = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0)], theta, {bad.label})
     assert afar.chi2 <= alone[1]
 
 
@@ -348,7 +348,7 @@ def test_the_search_finds_the_hidden_mass_and_prices_its_trials(chain):
     best = found.hypotheses[0]
     assert best.label == f"{HIDDEN.effect}@{HIDDEN.place}"
     assert best.terms[0].values["mass"] == pytest.approx(HIDDEN.values["mass"], rel=0.15)
-    assert best.level < 1.3 < found.before.level
+    assert best.normalised_residual < 1.3 < found.before.normalised_residual
     assert best.score > found.before.score
     scores = [h.score for h in found.hypotheses]
     assert scores == sorted(scores, reverse=True)

@@ -254,4 +254,4 @@ def test_a_second_effect_stands_beside_another_one(screen, place):
         assert len({t.effect.name for t in pair.terms}) == 2
     best = max(pairs, key=lambda h: h.score)
     assert best.terms[1].effect.name in (EFFECT, "quadratic-drag")
-    assert best.level < singles[0].level
+    assert best.normalised_residual < singles[0].normalised_residual

@@ -85,7 +85,11 @@ def found_of(rig, *hypotheses) -> TimeFound:
 
 def misled(hypothesis, by):
     """Return a hypothesis that a search believes by so much more than its fit deserves."""
-    return replace(hypothesis, misfit=hypothesis.misfit - by, level=hypothesis.level * float(np.exp(-by)))
+    return replace(
+        hypothesis,
+        log_rms_residual=hypothesis.log_rms_residual - by,
+        normalised_residual=hypothesis.normalised_residual * float(np.exp(-by)),
+    )
 
 
 # ---- what is settled ------------------------------------------------------------------------------------------------
@@ -94,7 +98,9 @@ def misled(hypothesis, by):
 def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, confirmation, fitted):
     problem = rig[0]
     cubic = fitted(term(problem, "cubic-stiffness", k3=K3))
-    done = confirmation.settled(found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3))))
+    done = confirmation.confirm(
+        found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3)))
+    )
     assert done.choice.best.label == cubic.label
     assert done.rejected == ()
     assert done.after.terms[0].values["k3"] == pytest.approx(K3, rel=0.15)
@@ -107,7 +113,7 @@ def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirma
     problem = rig[0]
     wrong = misled(fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3)), by=6.0)
     right = fitted(term(problem, "cubic-stiffness", k3=K3))
-    done = confirmation.settled(found_of(rig, wrong, right))
+    done = confirmation.confirm(found_of(rig, wrong, right))
     assert done.choice.best.label == right.label
     assert done.rejected == (f"{wrong.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
 
@@ -118,7 +124,7 @@ def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_drop
         misled(fitted(term(problem, "cubic-stiffness", place, k3=K3)), by)
         for place, by in (("tendon:spring3", 8.0), ("joint:mass1", 5.0))
     )
-    done = confirmation.settled(found_of(rig, first, second))
+    done = confirmation.confirm(found_of(rig, first, second))
     assert done.choice.best.label == first.label
     assert done.after.terms[0].label == first.label
     assert done.rejected == (f"{second.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
@@ -127,7 +133,7 @@ def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_drop
 def test_a_law_of_which_the_last_fit_leaves_nothing_is_dropped(rig, confirmation, fitted):
     """Of a drag that the rig does not have, however much the search believes in it."""
     drag = misled(fitted(term(rig[0], "quadratic-drag", "joint:mass1", coefficient=0.1)), by=6.0)
-    done = confirmation.settled(found_of(rig, drag))
+    done = confirmation.confirm(found_of(rig, drag))
     assert done.choice.best.terms == ()
     assert done.rejected == (f"{drag.label}: of {drag.label} the last fit leaves nothing; dropped",)
 
@@ -136,7 +142,9 @@ def test_nothing_is_settled_as_nothing(rig, confirmation, fitted):
     """Its model before and after is the same one."""
     weak = fitted(term(rig[0], "quadratic-drag", "joint:mass1", coefficient=0.1))
     found = found_of(rig)
-    done = confirmation.settled(replace(found, hypotheses=(replace(weak, misfit=9.0, level=float(np.exp(9.0))),)))
+    done = confirmation.confirm(
+        replace(found, hypotheses=(replace(weak, log_rms_residual=9.0, normalised_residual=float(np.exp(9.0))),))
+    )
     assert done.choice.best is found.before
     assert done.after is done.before
     assert done.after.terms == ()
@@ -151,8 +159,16 @@ def test_a_part_of_a_pair_that_is_nothing_is_dropped_and_the_rest_stays(rig, con
     )
     alone = fitted(term(problem, "cubic-stiffness", k3=K3))
     pair = misled(both, by=8.0)
-    done = confirmation.settled(
-        found_of(rig, replace(alone, misfit=alone.misfit + 1.0, level=alone.level * np.e), pair)
+    done = confirmation.confirm(
+        found_of(
+            rig,
+            replace(
+                alone,
+                log_rms_residual=alone.log_rms_residual + 1.0,
+                normalised_residual=alone.normalised_residual * np.e,
+            ),
+            pair,
+        )
     )
     assert done.choice.best.label == alone.label
     assert any(line.startswith(both.label) for line in done.rejected)
@@ -163,7 +179,7 @@ def test_the_plainer_of_two_laws_that_explain_as_much_is_kept(rig, confirmation,
     """The square of the displacement adds nothing to its cube here."""
     problem = rig[0]
     wider = fitted(term(problem, "quadratic-cubic-stiffness", k2=10.0, k3=K3))
-    done = confirmation.settled(found_of(rig, wider))
+    done = confirmation.confirm(found_of(rig, wider))
     assert done.choice.best.label == "cubic-stiffness@tendon:spring2"
     assert [t.effect.name for t in done.after.terms] == ["cubic-stiffness"]
 
@@ -207,7 +223,7 @@ def test_what_is_left_out_takes_along_what_adds_to_the_rest_of_it(rig, fitted):
     found = found_of(rig, single, pair, other)
     assert set(_without(found, pair).hypotheses) == {single, other}
     assert set(_without(found, pair, [slip.label]).hypotheses) == {single, other}
-    again = replace(pair, gain=1.0)
+    again = replace(pair, log_likelihood_gain=1.0)
     both = replace(found, hypotheses=(single, pair, again, other))
     assert set(_without(both, pair).hypotheses) == {single, again, other}
     assert set(_without(both, pair, [slip.label]).hypotheses) == {single, other}

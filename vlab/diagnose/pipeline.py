@@ -121,7 +121,7 @@ def _diagnosed(
         effects=effects,
         is_linear=model_class.is_linear,
     )
-    confirmed = confirmation.confirmed(found)
+    confirmed = confirmation.confirm(found)
     choice, fit_before, fit_after = confirmed.choice, confirmed.before, confirmed.after
     seen = replace(seen, zeros=find_sensor_offsets(problem, fit_after, [s.channel for s in static_offsets]))
     wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit_after)}

@@ -59,7 +59,7 @@ class Confirmation:
     effects: Sequence[Effect]
     is_linear: bool
 
-    def confirmed(self, found: TimeFound) -> Confirmed:
+    def confirm(self, found: TimeFound) -> Confirmed:
         """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
 
         A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
@@ -170,7 +170,7 @@ class Confirmation:
             return confirmed
         if self.problem.case.structure is None and is_prior_driven(both, single):
             return confirmed  # one alone leaves as little, but with uncertain parameters that nobody believes
-        one = self.confirmed(alone)
+        one = self.confirm(alone)
         left = []
         for which in (confirmed, one):
             left.append(total(check(self.problem.runs, *self._models(which)), "after"))
