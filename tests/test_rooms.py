@@ -21,6 +21,7 @@ ROOMS = [
     "vlab.hardware",
     "vlab.lab",
     "vlab.cases",
+    "vlab.diagnose.settings",
     "vlab.diagnose.kernels",
     "vlab.diagnose.data",
     "vlab.diagnose.parameters",

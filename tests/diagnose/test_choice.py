@@ -7,21 +7,15 @@ import numpy as np
 import pytest
 
 from vlab.diagnose.advice import next_measurement
-from vlab.diagnose.inference.evidence import (
-    MODEL_ERROR_SAMPLES,
-    Found,
-    Hypothesis,
-    effective_sample_size,
-    scored,
-    weighed,
-)
-from vlab.diagnose.inference.model_choice import ALIKE, LAPSE, choose_model, is_prior_driven
+from vlab.diagnose.inference.evidence import Found, Hypothesis, effective_sample_size, scored, weighed
+from vlab.diagnose.inference.model_choice import choose_model, is_prior_driven
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.search.second_effect import OUTLYING, violate_priors
+from vlab.diagnose.search.second_effect import violate_priors
+from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE, SECOND_EFFECT
 from vlab.physics.catalogue import EFFECTS
 
 
-def hypothesis(level, *names, negative_log_prior=0.0, effective_samples=MODEL_ERROR_SAMPLES, **values):
+def hypothesis(level, *names, negative_log_prior=0.0, effective_samples=EVIDENCE.model_error_samples, **values):
     place = SimpleNamespace(name="joint:a")
     terms = tuple(Term(effect=EFFECTS[name], place=place, values=values) for name in names)
     none = np.zeros(0)
@@ -43,18 +37,18 @@ def test_noise_averages_out_and_a_models_own_error_does_not():
     noisy = [hypothesis(1.0), hypothesis(1.05)]
     assert weighed(noisy, 1.0, 0.0, 30_000)[0].effective_samples == pytest.approx(30_000)  # nothing is left but noise
     assert weighed(noisy, 1.0, 0.025, 30_000)[0].effective_samples == pytest.approx(
-        1.025 / (1 / 30_000 + 0.025 / MODEL_ERROR_SAMPLES)
+        1.025 / (1 / 30_000 + 0.025 / EVIDENCE.model_error_samples)
     )
     far = weighed([hypothesis(20.0), hypothesis(30.0)], 1.0, 0.0, 30_000)[0].effective_samples
-    assert far == pytest.approx(MODEL_ERROR_SAMPLES, rel=0.01)  # what the best one leaves is the model's error
+    assert far == pytest.approx(EVIDENCE.model_error_samples, rel=0.01)  # what the best one leaves is the model's error
     assert (
-        weighed(noisy, 1.0, 0.0, MODEL_ERROR_SAMPLES)[0].effective_samples == MODEL_ERROR_SAMPLES
+        weighed(noisy, 1.0, 0.0, EVIDENCE.model_error_samples)[0].effective_samples == EVIDENCE.model_error_samples
     )  # few values: frequency responses
 
 
 def test_recordings_count_all_samples_of_noise_and_few_of_an_error():
     assert effective_sample_size(1.0, 0.0, 30_000) == pytest.approx(30_000)
-    assert effective_sample_size(0.0, 1.0, 30_000) == pytest.approx(MODEL_ERROR_SAMPLES)
+    assert effective_sample_size(0.0, 1.0, 30_000) == pytest.approx(EVIDENCE.model_error_samples)
     assert (
         effective_sample_size(1.0, 0.01, 30_000) < 0.5 * 30_000
     )  # an error of a tenth of the noise is soon all that matters
@@ -71,12 +65,14 @@ def test_a_second_effect_is_sought_where_the_first_takes_a_parameter_that_nobody
         return violate_priors(fitted, usual=2, prior=prior)
 
     assert not wants(single(np.array([1.0, 2.0])))
-    assert wants(single(np.array([0.0, -OUTLYING - 0.1])))
+    assert wants(single(np.array([0.0, -SECOND_EFFECT.outlying - 0.1])))
     assert wants(
-        single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.97)
+        single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=0.97)
     )  # the closest as well as the best
-    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=1.5))
-    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.995))  # hardly closer
+    assert not wants(single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=1.5))
+    assert not wants(
+        single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=0.995)
+    )  # hardly closer
 
 
 def test_most_of_a_gain_may_be_what_priors_ask_for():
@@ -128,7 +124,7 @@ def test_one_drive_at_its_limit_comes_before_all_of_them():
         fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0)
         return scored(fit, 100, 100).score
 
-    assert at() > at(1) + ALIKE
+    assert at() > at(1) + MODEL_CHOICE.alike
 
 
 def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
@@ -203,7 +199,7 @@ def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
     one, two = hypothesis(3.0, "added-mass"), hypothesis(1.0, "added-mass", "cubic-stiffness")
     other = hypothesis(1.01, "added-mass", "stop")
     choice = choose_model(Found(before=before, hypotheses=(one, two, other)))
-    assert choice.shares["added-mass"] == pytest.approx(1.0 - LAPSE)  # the rest is for what was not tried
+    assert choice.shares["added-mass"] == pytest.approx(1.0 - MODEL_CHOICE.lapse)  # the rest is for what was not tried
     assert choice.shares["cubic-stiffness"] == pytest.approx(choice.probability)
     assert 0.4 < choice.probability < 0.95
 
@@ -212,8 +208,8 @@ def test_two_forms_of_the_same_physics_do_not_compete():
     """Which one it is may be open: that it is dry friction is not."""
     forms = hypothesis(1.0, "smooth-friction"), hypothesis(1.0001, "coulomb-friction")
     choice = choose_model(Found(before=hypothesis(9.0), hypotheses=(*forms, hypothesis(3.0, "jenkins-slip"))))
-    assert choice.probability == pytest.approx(1.0 - LAPSE)
-    assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - LAPSE)}
+    assert choice.probability == pytest.approx(1.0 - MODEL_CHOICE.lapse)
+    assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - MODEL_CHOICE.lapse)}
     assert [h.terms[0].effect.name for h, _ in choice.ranking if h.terms] == ["jenkins-slip"]
 
 

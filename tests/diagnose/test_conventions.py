@@ -12,9 +12,6 @@ from vlab.cases.description import ChannelTable
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.search.sampling_convention import (
-    GAIN,
-    HINT,
-    MUCH_LESS,
     WORDS,
     _Convention,
     _favoured_convention,
@@ -30,6 +27,7 @@ from vlab.diagnose.search.sampling_convention import (
     score_by_timing,
     with_hold,
 )
+from vlab.diagnose.settings import SAMPLING_CONVENTION
 
 STEP = 1.0 / test_timing.RATE
 """As long as a sample, so that a step's half is half a sample."""
@@ -210,23 +208,26 @@ def convention(hold, gain, **other):
 
 def test_a_hint_is_a_hold_alone_that_is_asked_for_once():
     """A skew, a hold that is asked for many times over, and what gains next to nothing are none."""
-    weak, strong = convention("zero", 2 * HINT), convention("past", 5 * HINT)
+    weak, strong = convention("zero", 2 * SAMPLING_CONVENTION.hint), convention("past", 5 * SAMPLING_CONVENTION.hint)
     others = [
         convention("past", 50.0, skew_s=1e-3), convention("zero-first", 60.0, is_near=False), convention("", 70.0)
     ]  # fmt: skip
     assert _hinted_at([weak, *others, strong]) is strong
-    assert _hinted_at([*others, convention("zero", 0.5 * HINT)]) is None
+    assert _hinted_at([*others, convention("zero", 0.5 * SAMPLING_CONVENTION.hint)]) is None
 
 
 def test_what_is_believed_is_what_gains_most_of_what_is_asked_for(written):
     screen = ScoreTest(prepare(written("linear")))
-    effective_share, more = convention("zero", 2 * GAIN), convention("past", 3 * GAIN)
-    doubtful = convention("zero-first", 9 * GAIN, is_conclusive=False)
+    effective_share, more = (
+        convention("zero", 2 * SAMPLING_CONVENTION.gain),
+        convention("past", 3 * SAMPLING_CONVENTION.gain),
+    )
+    doubtful = convention("zero-first", 9 * SAMPLING_CONVENTION.gain, is_conclusive=False)
     assert _favoured_convention(screen, None, [effective_share, more, doubtful], ()) is more
-    assert _favoured_convention(screen, None, [convention("zero", 0.9 * GAIN)], ()) is None
+    assert _favoured_convention(screen, None, [convention("zero", 0.9 * SAMPLING_CONVENTION.gain)], ()) is None
 
 
 def test_a_refit_has_the_word_where_it_leaves_much_less():
-    left = {"other": MUCH_LESS - 0.01, "same": 1.0, "near": MUCH_LESS + 0.01}
+    left = {"other": SAMPLING_CONVENTION.much_less - 0.01, "same": 1.0, "near": SAMPLING_CONVENTION.much_less + 0.01}
     assert _leaves_less(left.get, "other", "same")
     assert not _leaves_less(left.get, "near", "same")

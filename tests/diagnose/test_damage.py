@@ -6,7 +6,7 @@ from synthetic import run_of
 
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.quality import assess_quality, is_informative, on_clock, sensor_limits
-from vlab.diagnose.data_findings import BEYOND
+from vlab.diagnose.settings import DATA_FINDINGS
 from vlab.recordings.quality import cut_off
 
 TIME = np.arange(4000) / 500.0
@@ -53,14 +53,14 @@ def test_a_range_that_is_reached_seldom_is_told_by_ends_that_agree():
     one = np.clip(motion() + 0.2, -2.0, 1.25)
     (stop,) = sensor_limits([run_of(TIME, {"a": one})])
     assert stop.tops == 1
-    assert stop.beyond > BEYOND  # but no smooth top is as long between ends as fast
+    assert stop.beyond > DATA_FINDINGS.beyond  # but no smooth top is as long between ends as fast
 
 
 def test_a_coarse_reading_of_a_smooth_top_would_have_gone_no_further():
     smooth = np.sin(2 * np.pi * 0.4 * TIME)
     coarse = 0.05 * np.round(smooth / 0.05)
     assert np.count_nonzero(coarse == coarse.max()) > 100
-    assert cut_off(coarse, coarse == coarse.max()) < BEYOND
+    assert cut_off(coarse, coarse == coarse.max()) < DATA_FINDINGS.beyond
 
 
 def test_two_limits_that_differ_are_no_range():

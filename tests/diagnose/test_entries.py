@@ -5,15 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.inference.parameter_vector import (
-    FURTHEST,
-    PRIOR_BOUND,
-    ParameterVector,
-    from_unbounded,
-    limits_of,
-    to_unbounded,
-)
+from vlab.diagnose.inference.parameter_vector import ParameterVector, from_unbounded, limits_of, to_unbounded
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.catalogue import EFFECTS
 
 SIZES = [
@@ -59,7 +53,7 @@ def test_a_shape_that_is_a_share_of_the_motion_keeps_its_share_however_it_is_cou
             metres = limits_of(p, 0.3 * p.high, lambda name: 1.0)
             millimetres = limits_of(p, 300 * p.high, lambda name: 1e3)
             np.testing.assert_allclose(np.subtract(millimetres, metres), np.log(1e3))
-            assert metres[1] - metres[0] <= 2 * FURTHEST
+            assert metres[1] - metres[0] <= 2 * PARAMETER_VECTOR.furthest
 
 
 # ---- the vector -----------------------------------------------------------------------------------------------------
@@ -133,7 +127,7 @@ def test_bounds_stop_uncertain_parameters_and_laws_and_nothing_else():
     out = own.bounded(X)
     free = slice(own.r, own.first_effect)
     np.testing.assert_array_equal(out[:, free], X[:, free])
-    assert np.abs(out[:, : own.r]).max() == PRIOR_BOUND
+    assert np.abs(out[:, : own.r]).max() == PARAMETER_VECTOR.prior_bound
     low, high = np.array(own.limits).T
     assert np.all((low <= out[:, own.first_effect :]) & (out[:, own.first_effect :] <= high))
     np.testing.assert_array_equal(own.bounded(out), out)

@@ -14,19 +14,13 @@ from vlab.diagnose.inference.evidence import scored
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
 from vlab.diagnose.parameters.locations import admissible
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.frequency_model import MOST_MODES, Wires, view_of, wires_of
+from vlab.diagnose.predictors.frequency_model import Wires, view_of, wires_of
 from vlab.diagnose.predictors.frequency_problem import prepare_frequency
 from vlab.diagnose.search import frequency_selection as searching
 from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
-from vlab.diagnose.search.frequency_selection import (
-    SHORTLIST,
-    _pairs,
-    _places,
-    _quick_fit,
-    _shortlist,
-    search_frequency,
-)
+from vlab.diagnose.search.frequency_selection import _pairs, _places, _quick_fit, _shortlist, search_frequency
 from vlab.diagnose.search.trial_values import candidates, trials
+from vlab.diagnose.settings import FREQUENCY_MODEL, FREQUENCY_SELECTION
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.small_signal import is_linear
@@ -133,11 +127,11 @@ def test_only_modes_that_are_seen_are_kept(chain):
 def test_of_a_large_model_the_lowest_modes_are_kept():
     bodies = "".join(
         f'<body pos="{i} 0 0"><joint name="j{i}" stiffness="{100 * (i + 1)}"/><geom/></body>'
-        for i in range(MOST_MODES + 4)
+        for i in range(FREQUENCY_MODEL.most_modes + 4)
     )
     text = CHAIN.split("<worldbody>")[0] + f"<worldbody>{bodies}</worldbody></mujoco>"
     view = view_of(build_mjcf(text), Wires())
-    np.testing.assert_allclose(view.omega, np.sqrt(100.0 * np.arange(1, MOST_MODES + 1)), rtol=1e-6)
+    np.testing.assert_allclose(view.omega, np.sqrt(100.0 * np.arange(1, FREQUENCY_MODEL.most_modes + 1)), rtol=1e-6)
 
 
 def test_inputs_and_outputs_are_wired_by_name(case, chain):
@@ -273,7 +267,7 @@ def tried(name, place, gain):
 
 def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
     """And with every one of them all that was tried of it."""
-    by_lines = [tried("added-mass", f"p{i}", 100.0 - i) for i in range(SHORTLIST + 5)]
+    by_lines = [tried("added-mass", f"p{i}", 100.0 - i) for i in range(FREQUENCY_SELECTION.shortlist + 5)]
     by_lines += [
         tried("viscous-damping", "p0", 1.0),
         tried("viscous-damping", "p1", 0.5),
@@ -281,7 +275,7 @@ def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
     ]
     by_bands = [tried("lost-stiffness", "p3", 5.0), tried("added-mass", "p0", 4.0)]
     chosen = {own[0].label: own for own in _shortlist(by_lines, by_bands)}
-    masses = {f"added-mass@p{i}" for i in range(SHORTLIST)}
+    masses = {f"added-mass@p{i}" for i in range(FREQUENCY_SELECTION.shortlist)}
     assert set(chosen) == masses | {"viscous-damping@p0", "lost-stiffness@p3"}
     assert [t.log_likelihood_gain for t in chosen["added-mass@p0"]] == [100.0, 4.0]
     assert _shortlist([], []) == []
@@ -298,7 +292,7 @@ def test_a_quick_fit_is_the_best_of_its_starts(screen, chain):
     fitter, place = screen.fitter, place_of(chain, HIDDEN.place)
     good, bad = (Term(effect=EFFECTS["added-mass"], place=place, values={"mass": m}) for m in (0.2, 1e-4))
     theta = screen.point.theta
-    alone = [fitter.fit([t], theta, iterations=searching.QUICK).chi2 for t in (good, bad)]
+    alone = [fitter.fit([t], theta, iterations=searching.FREQUENCY_SELECTION.quick).chi2 for t in (good, bad)]
     both = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0, others=(good,))], theta, ())
     assert both.chi2 == pytest.approx(min(alone))
     afar = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0)], theta, {bad.label})

@@ -14,12 +14,13 @@ from vlab.cli.diagnose import _text
 from vlab.diagnose.advice import format_probability, spoilt_note
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
-from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES, Found, Hypothesis
-from vlab.diagnose.inference.model_choice import ALIKE, LAPSE, choose_model
+from vlab.diagnose.inference.evidence import Found, Hypothesis
+from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
-from vlab.diagnose.search.attempt import MOST_ATTEMPTS, best_attempt
+from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.confirmation import Confirmation
+from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
 from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
 from vlab.diagnose.verdict import closes_gap, decide_verdict
@@ -88,7 +89,7 @@ def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet)
     assert good.before == good.calibrated == good.after
 
 
-@pytest.mark.parametrize(("nominal", "refitted"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
+@pytest.mark.parametrize(("nominal", "calibrated"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
 def test_before_is_never_worse_than_nominal(nominal, calibrated):
     document = errors_to_json([distance(nominal=nominal, calibrated=calibrated), distance(nominal=0.3, calibrated=0.2)])
     for errors in (document, *document["per_recording"]):
@@ -120,7 +121,7 @@ def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     ablate = Ablations(names=("stop",), models=(nominal,))
     loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, ablate=ablate)
     assert (aside.parts[0].told, aside.is_idle, aside.gap_closed) == (0.0, True, None)
-    assert loud.parts[0].told > 10 * ALIKE
+    assert loud.parts[0].told > 10 * MODEL_CHOICE.alike
     assert not loud.is_idle
     assert whole_gap([aside]) is None
     assert whole_gap([loud, aside]) == loud.gap_closed
@@ -197,7 +198,7 @@ def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
     assert best_attempt(good, iter([better])) is good
     assert best_attempt(ran, iter([ran, good, better])) is good
     assert best_attempt(replace(good, findings=()), iter([ran, better])) is better
-    assert best_attempt(ran, iter([ran] * MOST_ATTEMPTS + [good])) is None
+    assert best_attempt(ran, iter([ran] * ATTEMPT.most_attempts + [good])) is None
 
 
 def keys(document):
@@ -247,7 +248,7 @@ def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
 # ---- probabilities --------------------------------------------------------------------------------------------------
 
 
-def hypothesis(level, *names, effective_samples=MODEL_ERROR_SAMPLES):
+def hypothesis(level, *names, effective_samples=EVIDENCE.model_error_samples):
     terms = tuple(Term(effect=EFFECTS[n], place=SimpleNamespace(name="joint:a", index=0), values={}) for n in names)
     return Hypothesis(
         fit=fit_of(*terms),
@@ -261,7 +262,7 @@ def hypothesis(level, *names, effective_samples=MODEL_ERROR_SAMPLES):
 def test_probabilities_of_what_was_tried_leave_room_for_what_was_not():
     found = Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(1.02, "stop")))
     choice = choose_model(found)
-    assert choice.probability + sum(p for _, p in choice.ranking) == pytest.approx(1.0 - LAPSE)
+    assert choice.probability + sum(p for _, p in choice.ranking) == pytest.approx(1.0 - MODEL_CHOICE.lapse)
 
 
 def test_probabilities_are_printed_as_far_as_they_are_told():

@@ -207,7 +207,7 @@ def found(screen):
     said = []
     effects = [EFFECTS[n] for n in (EFFECT, "stiffness-to-ground", "sensor-gain")]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(searching, "SEEDS", 1)
+        patch.setattr(searching, "SECOND_EFFECT", replace(searching.SECOND_EFFECT, seeds=1))
         return search_moving(screen, effects, lambda share, what: said.append(share)), said
 
 

@@ -8,8 +8,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.trajectory_integration import FAR, integrate_trajectory, trace_laws
+from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, path_of
+from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import PortEffect
 
@@ -328,7 +329,7 @@ def test_what_runs_away_in_one_set_stays_finite_and_leaves_the_others_alone():
         [], [], A, np.zeros((n, 2, 1, 4)), np.zeros((n, 1, 4)), starts, np.zeros((0, 2, 1, 2)), 1
     )
     assert np.isfinite(states).all()
-    assert np.abs(states).max() <= FAR * 1.5**8
+    assert np.abs(states).max() <= TRAJECTORY_INTEGRATION.far * 1.5**8
     np.testing.assert_allclose(states[:, 1, 0, 1], 0.5 ** np.arange(n))
 
 

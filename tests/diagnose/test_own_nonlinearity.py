@@ -8,11 +8,12 @@ from vlab.cases import load_case
 from vlab.cli import main
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
-from vlab.diagnose.parameters.mesh_correction import SOFT, with_modes_of_fe, with_soft_cables
+from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe, with_soft_cables
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
 from vlab.diagnose.predictors.scope import linear_problem
 from vlab.diagnose.search.model_class import UNSTRETCHED, choose_model_class
+from vlab.diagnose.settings import MESH_CORRECTION
 from vlab.plants.mjcf import build_mjcf
 
 PLAN = """
@@ -83,7 +84,7 @@ def test_cables_stretch_where_recordings_show_it(tmp_path, plant):
     case = model_class.problem.case
     assert model_class.notes == ((UNSTRETCHED,) if plant == "modal" else ())
     share = case.structure.cable[0].youngs_modulus / given.structure.cable[0].youngs_modulus
-    assert share == (SOFT if plant == "modal" else 1.0)
+    assert share == (MESH_CORRECTION.soft if plant == "modal" else 1.0)
 
 
 def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
@@ -102,7 +103,7 @@ def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
         motion = ModalMotion(np.ones((2, 1)), np.zeros((2, 1)), np.zeros((2, 1)))
         tightened.append(own.extra(motion, np.zeros((2, own.slaves.shape[1])), 0.01)[0, 0])
     assert omega[1][:10] == pytest.approx(omega[0][:10], rel=1e-6)
-    assert 0 < tightened[1] < 2 * SOFT * tightened[0]  # what is left is the weight that a swing lifts
+    assert 0 < tightened[1] < 2 * MESH_CORRECTION.soft * tightened[0]  # what is left is the weight that a swing lifts
 
 
 @pytest.mark.slow

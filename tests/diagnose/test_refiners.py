@@ -6,11 +6,11 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import load_case
-from vlab.diagnose.inference.hypothesis_fits import ENOUGH
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.search.alternative_conventions import choose_convention, list_conventions
 from vlab.diagnose.search.model_class import choose_model_class
+from vlab.diagnose.settings import HYPOTHESIS_FITS
 from vlab.physics.catalogue import EFFECTS
 
 RATE, SECONDS, NOISE = 100.0, 4.0, 1e-4
@@ -71,7 +71,9 @@ def searched(case):
 def test_what_nothing_explains_is_read_in_the_ways_that_its_case_leaves_open(tmp_path, torque, hold, initial):
     model_class, found = searched(pendulum(tmp_path, torque, hold=hold, initial=initial))
     assert model_class.is_linear == (torque == NEAR)
-    assert choose_model(found).best.normalised_residual > ENOUGH  # so every other way to read the case is tried
+    assert (
+        choose_model(found).best.normalised_residual > HYPOTHESIS_FITS.enough
+    )  # so every other way to read the case is tried
     (other,) = list_conventions(model_class.problem)
     assert choose_convention(model_class, found) is None  # and no reading makes a wrong torque the right one
     assert model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error) is not None

@@ -98,9 +98,7 @@ def misled(hypothesis, by):
 def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, confirmation, fitted):
     problem = rig[0]
     cubic = fitted(term(problem, "cubic-stiffness", k3=K3))
-    done = confirmation.confirm(
-        found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3)))
-    )
+    done = confirmation.confirm(found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3))))
     assert done.choice.best.label == cubic.label
     assert done.rejected == ()
     assert done.after.terms[0].values["k3"] == pytest.approx(K3, rel=0.15)

@@ -11,7 +11,6 @@ from test_nonlinear import shorter
 
 from vlab.cases import load_case
 from vlab.diagnose.predictors.trajectory import (
-    FINE,
     SystemBatch,
     filtered,
     gains_of,
@@ -25,6 +24,7 @@ from vlab.diagnose.predictors.trajectory import (
 )
 from vlab.diagnose.predictors.trajectory_data import Motion
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
+from vlab.diagnose.settings import TRAJECTORY
 
 INTENSITY = 0.3
 LENGTHS = (9, 6)
@@ -271,9 +271,9 @@ def test_deviations_from_a_motion_follow_the_model(arm):
 def test_a_sample_interval_is_its_equal_parts_one_after_the_other(arm):
     moving, stepper = arm
     along = linearise_along(moving.trajectories[0], moving.motions[0], stepper, moving.driven)
-    power = np.array([np.linalg.matrix_power(a, FINE) for a in along.fine_A])
+    power = np.array([np.linalg.matrix_power(a, TRAJECTORY.fine) for a in along.fine_A])
     np.testing.assert_allclose(along.A, power, atol=1e-12)
-    held = sum(np.linalg.matrix_power(along.fine_A[7], i) @ along.fine_G[7] for i in range(FINE))
+    held = sum(np.linalg.matrix_power(along.fine_A[7], i) @ along.fine_G[7] for i in range(TRAJECTORY.fine))
     np.testing.assert_allclose(along.G[7], held, atol=1e-14)
     np.testing.assert_allclose(along.drives, np.broadcast_to(np.eye(2), along.drives.shape), rtol=1e-4, atol=1e-4)
     first = moving.motions[0].q[0]  # two rods: the inertia about both joints, written out

@@ -14,8 +14,9 @@ from vlab.diagnose.parameters.mode_selection import as_stepped
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.parameters.reduced_model import discretise
-from vlab.diagnose.parameters.structure import OF_FE_SD, adjusted_structure
+from vlab.diagnose.parameters.structure import adjusted_structure
 from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.settings import STRUCTURE_PRIORS
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -259,7 +260,7 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
             assert meshed.structure.tuning.of_fe == np.sum(freq <= top) > 3
             own = {p.name: p.sd for p in prepare(meshed).parameters if p.kind == "frequency"}
             assert len(own) == np.sum(freq <= 0.55 * top)  # 1.1 times the highest frequency recorded
-            assert set(own.values()) == {OF_FE_SD}
+            assert set(own.values()) == {STRUCTURE_PRIORS.of_fe_sd}
             assert with_modes_of_fe(meshed) is meshed
     rig = short()
     assert with_modes_of_fe(rig) is rig

@@ -12,6 +12,7 @@ from scipy import linalg
 
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
+from vlab.diagnose.settings import VERDICT
 from vlab.errors import BadExperiment, BadProof, OutputRefused
 from vlab.files.locks import LOCK, sole_use
 from vlab.proof import conceal as concealing
@@ -430,7 +431,7 @@ def test_a_campaign_does_not_go_on_with_other_code(cases, monkeypatch):
     monkeypatch.setattr(proving, "answer_case", lambda item, **settings: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         prove(cases, out, jobs=1)
-    edit(out / "manifest.json", lambda d: d["thresholds"].update({"choose.EXPLAINED": 0.1}))
+    edit(out / "manifest.json", lambda d: d["thresholds"]["inference.model_choice"].update(explained=0.1))
     with pytest.raises(BadProof, match="begun with another thresholds"):
         prove(cases, out, jobs=1)
 
@@ -441,7 +442,7 @@ def test_the_manifest_binds_what_answers_depend_on(cases, answered):
     assert {"code", "catalogue", "structures", "thresholds", "thresholds_sha256", "commitments", "versions"} <= set(
         kept
     )
-    assert "verdict.LEAST_GAP" in kept["thresholds"]
+    assert kept["thresholds"]["verdict"]["least_gap"] == VERDICT.least_gap
 
 
 def square(x: int) -> tuple[int, int]:

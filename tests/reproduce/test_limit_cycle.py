@@ -13,7 +13,7 @@ from vlab.hardware import load_hardware
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import loop_on
 from vlab.lab.saturation import harmonic_balance
-from vlab.reproduce.limit_cycle.study import odds, runs, study
+from vlab.reproduce.limit_cycle import odds, runs, study
 
 
 @pytest.fixture(scope="module")

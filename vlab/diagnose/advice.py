@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from vlab.diagnose.diagnosis import Attempt
-from vlab.diagnose.inference.model_choice import LAPSE, Choice
+from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.mjcf import Uncertain
-from vlab.diagnose.validation.gap import NO_WORSE, Distance, total, whole_gap
+from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
+from vlab.diagnose.validation.gap import Distance, total, whole_gap
 from vlab.signals import Array
 
-FAR_OFF = 2.9
-"""Standard deviations beyond which one of a dozen uncertain parameters lies by chance once in twenty models."""
 _SEPARATES = {
     frozenset(
         {"friction", "hysteresis"}
@@ -74,14 +73,12 @@ _CONFIRMS = {
 }
 
 
-RESERVED = f"{100 * LAPSE:.2g} % of every probability is reserved for physics outside the catalogue"
-LEAST_PROBABILITY = 0.001
-"""Probabilities below this one are not told apart."""
+RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved for physics outside the catalogue"
 
 
 def format_probability(probability: float) -> str:
     """Return a probability as it is printed."""
-    return f"{probability:.3f}" if probability >= LEAST_PROBABILITY else f"< {LEAST_PROBABILITY:g}"
+    return f"{probability:.3f}" if probability >= ADVICE.least_probability else f"< {ADVICE.least_probability:g}"
 
 
 def before_heading(checked: Sequence[Distance]) -> str:
@@ -91,7 +88,7 @@ def before_heading(checked: Sequence[Distance]) -> str:
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
-    worse = [c for c in checked if c.calibrated > NO_WORSE * c.nominal]
+    worse = [c for c in checked if c.calibrated > GAP.no_worse * c.nominal]
     if not worse:
         return ()
     each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, as given {_error(c.nominal)})" for c in worse)
@@ -165,7 +162,7 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
         f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: either it is "
         "known less well than [model.uncertain] or its default says, or physics is missing there"
         for p, v in zip(parameters, theta, strict=True)
-        if abs(v) > FAR_OFF * p.sd
+        if abs(v) > ADVICE.far_off * p.sd
     )
 
 

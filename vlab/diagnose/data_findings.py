@@ -19,14 +19,8 @@ from vlab.diagnose.findings import (
 )
 from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import DATA_FINDINGS
 from vlab.diagnose.validation.simulation import ExtendedModel
-
-BENIGN_INTERFERENCE, INTERFERENCE_OVER_NOISE = 0.03, 2.0
-"""Hum below this share of its channel's rms, or this multiple of its noise, is what every laboratory has."""
-BENIGN_STOP, SAME_TOPS, BEYOND = 0.002, 2, 10.0
-"""A sensor that stands at its limit for a smaller share of the samples is said among the recordings' defects only, unless that many ends
-of recordings stand at exactly the same, or the signal came and went so fast that it would have gone that many steps further: a single
-flat top may be a coarse reading of a smooth one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,12 +88,17 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
     small: list[MainsInterference] = []
     for interference in problem.interferences:
         noise = float(np.median([noise_levels(run, [interference.channel]) for run in runs]))
-        matters = interference.share > BENIGN_INTERFERENCE and interference.rms > INTERFERENCE_OVER_NOISE * noise
+        matters = (
+            interference.share > DATA_FINDINGS.benign_interference
+            and interference.rms > DATA_FINDINGS.interference_over_noise * noise
+        )
         (big if matters else small).append(interference)
     stops = tuple(
         stop
         for stop in sensor_limits(runs)
-        if stop.share > BENIGN_STOP or stop.tops >= SAME_TOPS or stop.beyond > BEYOND
+        if stop.share > DATA_FINDINGS.benign_stop
+        or stop.tops >= DATA_FINDINGS.same_tops
+        or stop.beyond > DATA_FINDINGS.beyond
     )
     limit = find_limit(problem.case.plant, runs)
     steps = tuple(step for step in sensor_steps(runs) if step.channel not in {stop.channel for stop in stops})

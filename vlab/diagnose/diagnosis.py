@@ -9,7 +9,8 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.checks import FileCheck
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.validation.gap import LOST, Distance, total, verifying, whole_gap
+from vlab.diagnose.settings import GAP
+from vlab.diagnose.validation.gap import Distance, total, verifying, whole_gap
 
 ERRORS = ("nominal", "refitted", "before", "after", "noise")
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
@@ -96,7 +97,7 @@ class Attempt:
         """Whether it is one: a fit that ran away, or leaves no less than the model without it, is none."""
         tests = verifying(self.checked)
         before, after = total(tests, "before"), total(tests, "after")
-        return bool(after < LOST and (after < before or all(c.is_idle for c in tests)))
+        return bool(after < GAP.lost and (after < before or all(c.is_idle for c in tests)))
 
     @property
     def is_of_the_fit_alone(self) -> bool:

@@ -17,6 +17,7 @@ from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.structure import edited
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.settings import EXPORT
 from vlab.diagnose.validation.frequency import checked_again
 from vlab.errors import OutputRefused, VlabError
 from vlab.physics.attach import Attached, written
@@ -28,8 +29,6 @@ from vlab.structure.model import Structure
 MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
 RECORDINGS = "recordings"
 Done = Diagnosed | FrequencyDiagnosed
-LEAST = 1e-9
-"""Refitted gains closer to one, and offsets smaller than this share of a channel, are not written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +151,7 @@ def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
     if problem.case.structure is not None:  # of an MJCF they are in the actuators' own gains
         for parameter, value in zip(problem.parameters, theta, strict=True):
             index = parameter.actuator
-            if index is not None and index < len(problem.plant.actuators) and abs(value) > LEAST:
+            if index is not None and index < len(problem.plant.actuators) and abs(value) > EXPORT.least:
                 place = f"actuator:{problem.plant.actuators[index].name.removeprefix('coil:')}"
                 out.append(
                     Attached(effect=effect_named("actuator-gain"), place=place, values={"gain": float(np.expm1(value))})
@@ -163,13 +162,13 @@ def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
     for i, name in enumerate(model.names):
         place = name if name.startswith("sensor:") else f"sensor:{name}"
         gain = float(model.sensor_gain[i])
-        if abs(gain - 1.0) > LEAST:
+        if abs(gain - 1.0) > EXPORT.least:
             out.append(Attached(effect=effect_named("sensor-gain"), place=place, values={"gain": gain - 1.0}))
         if isinstance(problem, FrequencyProblem) or model.offset is None:
             continue
         offset = float(model.offset[i])
         scale = max(float(np.abs(r.measured[name]).max()) for r in problem.runs)
-        if abs(offset) > LEAST * scale:
+        if abs(offset) > EXPORT.least * scale:
             out.append(Attached(effect=effect_named("sensor-offset"), place=place, values={"offset": offset}))
     return out
 

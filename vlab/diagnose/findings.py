@@ -11,23 +11,20 @@ from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import Finding, Verdict
-from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES, Hypothesis
+from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.parameters.locations import reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import EVIDENCE, FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import ActuatorEffect, Effect, PickUp, SensorEffect
 from vlab.units import ANGULAR
 
-SEEN = 0.99
-"""Probability of what recordings show without any model."""
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
 """Verdicts beside which probabilities among what was tried say something: what is there, or nothing, is one of it."""
-MOST_ALTERNATIVES = 8
-"""Hypotheses that are listed beside what is reported."""
 
 
 def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
@@ -40,7 +37,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
     told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
     # the odds of the replays' errors, of as many independent samples as any score counts
-    odds = (limit.after / limit.before) ** MODEL_ERROR_SAMPLES
+    odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
     return Finding(
         effect=effect.name,
         form=effect.name,
@@ -132,7 +129,7 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
             "remaining": h.normalised_residual,
             "remaining_share": h.normalised_residual / max(before, 1e-300),
         }
-        for h, p in tried[:MOST_ALTERNATIVES]
+        for h, p in tried[: FINDINGS.most_alternatives]
     )
 
 
@@ -264,7 +261,7 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
         family=effect.family,
         place=place,
         places_90=(place,),
-        probability=SEEN,
+        probability=FINDINGS.seen,
         alike=(name,),
         parameters=parameters,
         law=effect.law,

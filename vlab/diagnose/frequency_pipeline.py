@@ -12,7 +12,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
 from vlab.diagnose.data.amplitude_dependence import level_notes
-from vlab.diagnose.data.responses import MODEL_ERROR, Measured, Modes, Response
+from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
 from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_attempt, findings_of_terms
 from vlab.diagnose.inference.model_choice import Choice, choose_model
@@ -22,6 +22,7 @@ from vlab.diagnose.predictors.frequency_problem import FrequencyProblem, prepare
 from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.cross_validation import LeftOut, cross_validate
 from vlab.diagnose.search.frequency_selection import FrequencyFound, search_frequency
+from vlab.diagnose.settings import FREQUENCY_VERDICT
 from vlab.diagnose.validation.frequency import (
     CheckedFrequency,
     ExtendedFrequencyModel,
@@ -37,19 +38,6 @@ from vlab.diagnose.validation.simulation import Ablations
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
-ABOVE_NOISE = 1.5
-LEAST_GAP = 0.4
-"""An effect is reported as found where it closes at least this share of the gap on held-out data, or on parts left out."""
-LEAST_MISFIT = 2 * MODEL_ERROR
-"""Responses within this relative difference are explained."""
-LEAST_SCORE = 2.0
-"""An effect must gain this much in score, the number of effects and places that were tried counted."""
-UNVERIFIED = 3.0
-"""Where nothing was held out, the amended model must come within this multiple of the noise: an effect that takes the edge off
-a misfit on the very data that it was fitted to may be anything."""
-LEAST_PARTS = 6
-"""Where so many parts of the data were left out one after the other, their prediction decides in the place of held-out data."""
-BANDS = 12
 FORMS = ("m/N", "m/s/N", "m/s^2/N")
 
 
@@ -172,7 +160,7 @@ def _tried(
 def _chosen(found: FrequencyFound) -> Choice:
     """Choose, and take back what did not gain enough for the number of effects and places that were tried."""
     choice = choose_model(found)
-    if not choice.best.terms or choice.best.score - found.before.score >= LEAST_SCORE:
+    if not choice.best.terms or choice.best.score - found.before.score >= FREQUENCY_VERDICT.least_score:
         return choice
     best = found.before
     return replace(choice, best=best, alike=(), probability=_of_nothing(found), places={})
@@ -199,22 +187,25 @@ def _verdict(
     """
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = _gap(checked)
-    if left_out is not None and left_out.parts >= LEAST_PARTS:
+    if left_out is not None and left_out.parts >= FREQUENCY_VERDICT.least_parts:
         gap = left_out.gap_closed
     is_held_out = all(c.role == "holdout" for c in checked)
-    explained = is_held_out or errors["after"] <= _allowed(UNVERIFIED, checked)
+    explained = is_held_out or errors["after"] <= _allowed(FREQUENCY_VERDICT.unverified, checked)
     if choice.best.terms and all(c.is_idle for c in checked):  # nothing that was kept aside can verify it
         own = fitted()
-        if total(own, "before") > _allowed(ABOVE_NOISE, own) and (_gap(own) or 0.0) >= LEAST_GAP:
+        if (
+            total(own, "before") > _allowed(FREQUENCY_VERDICT.above_noise, own)
+            and (_gap(own) or 0.0) >= FREQUENCY_VERDICT.least_gap
+        ):
             return "none-of-these"
-    elif choice.best.terms and explained and (gap is None or gap >= LEAST_GAP):
+    elif choice.best.terms and explained and (gap is None or gap >= FREQUENCY_VERDICT.least_gap):
         return "missing-physics"
-    return "none-of-these" if errors["before"] > _allowed(ABOVE_NOISE, checked) else "nothing-missing"
+    return "none-of-these" if errors["before"] > _allowed(FREQUENCY_VERDICT.above_noise, checked) else "nothing-missing"
 
 
 def _allowed(times: float, checked: Sequence[CheckedFrequency]) -> float:
     """Return what a model may leave: a multiple of the noise, and of responses what every model leaves."""
-    floor = LEAST_MISFIT if any(isinstance(c.measured, Response) for c in checked) else 0.0
+    floor = FREQUENCY_VERDICT.least_misfit if any(isinstance(c.measured, Response) for c in checked) else 0.0
     return max(times * total(checked, "noise"), floor)
 
 
@@ -344,7 +335,7 @@ def _bands(data: Response, c: CheckedFrequency) -> list[dict[str, Any]]:
     own = c.standing
     assert isinstance(own, np.ndarray)
     error = np.nan_to_num(apart(data, own)).mean(axis=1)
-    edges = np.geomspace(data.freq[0], data.freq[-1] * (1 + 1e-9), BANDS + 1)
+    edges = np.geomspace(data.freq[0], data.freq[-1] * (1 + 1e-9), FREQUENCY_VERDICT.bands + 1)
     out = []
     for low, high in pairwise(edges):
         inside = (data.freq >= low) & (data.freq < high)

@@ -18,19 +18,9 @@ from vlab.diagnose.parameters.structure import (
     common_scale_of_structure,
     frequencies_of_reduced_model,
 )
+from vlab.diagnose.settings import PROBLEM
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-MODEL_ERROR = 0.002
-"""Of a model that is integrated well: what the weights of fits allow for beside the noise."""
-INTEGRATION_ERROR = 5e-4
-"""What integration leaves of a user's model where nothing is missing."""
-MESH_OWN_ERROR = 0.005
-"""What a structure's mesh and the places of its sensors leave after a refit, in MuJoCo on recordings kept aside: on the beam .002 to .008
-of their rms where nothing was hidden, most under pulses. It is more than the weights allow for: these say what a fit should strive
-for, this what its success is worth."""
-LONG = 0.9
-"""Less than this share of a recording searched is worth saying."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,12 +73,12 @@ class Problem:
     @property
     def model_error(self) -> float:
         """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
-        return MODEL_ERROR
+        return PROBLEM.model_error
 
     @property
     def own_error(self) -> float:
         """Error that the model itself leaves where nothing is missing, as a share of a channel's rms, at least."""
-        return INTEGRATION_ERROR if self.case.structure is None else MODEL_ERROR
+        return PROBLEM.integration_error if self.case.structure is None else PROBLEM.model_error
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -96,7 +86,7 @@ class Problem:
         out = [self.timing] if self.timing else []
         for run, part in zip(self.runs, self.signals, strict=True):
             whole = float(run.measured.time[-1] - run.measured.time[0])
-            if part.last_s - part.t0 < LONG * whole:
+            if part.last_s - part.t0 < PROBLEM.long * whole:
                 out.append(
                     f"{run.name}: searched from {part.t0:.4g} to {part.last_s:.4g} s of {whole:.4g} s; the verdict is on all of it"
                 )

@@ -7,29 +7,9 @@ import numpy as np
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Verdict
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR
-from vlab.diagnose.validation.gap import LOST, NO_WORSE, gap_closed, total, verifying
+from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
+from vlab.diagnose.validation.gap import gap_closed, total, verifying
 from vlab.diagnose.validation.simulation import Checked
-
-ABOVE_NOISE = 1.5
-"""Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""
-LEAST_MISFIT = 0.005
-"""...and more than this share of their rms, or what the mesh of a structure leaves: what integration and interpolation leave of
-a user's model."""
-LEAST_GAP, LEAST_TO_NOISE = 0.78, 0.5
-"""An effect is reported as found where it closes this share of the held-out gap down to noise and what the simulation itself
-misses, and this share of the gap down to the noise alone. On concealed cases of two rigs effects that were there closed .91 and
-more, other forms of them .78 and more, laws fitted to what no law describes .58 to .77."""
-NEAR_NOISE, LEAST_NEAR_NOISE = 1.1, 0.7
-"""Where no more than this multiple of the noise is left, this share is enough: the gap was small."""
-BETTER = 0.998
-"""A model is better than another where it leaves at most this multiple: hum within the noise has another phase in every recording, and
-fits none kept aside."""
-BETTER_OF_MESH = 0.9
-"""...of a structure beside its noise, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain
-hundredths."""
-NEARLY_ALL = 0.9
-"""Share of the gap that is closed in most recordings where a single one may have less."""
 
 
 def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
@@ -43,23 +23,23 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
 
     The gap is that of the recordings in which a finding does anything, from what the model leaves without the findings.
     """
-    if any(run.after >= LOST or _has_lost_a_channel(run) for run in checked):
+    if any(run.after >= GAP.lost or _has_lost_a_channel(run) for run in checked):
         return False
     tests = verifying(checked)
     gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
-    if len(gaps) > 2 and np.median(gaps) >= NEARLY_ALL and min(gaps) >= LEAST_TO_NOISE:
+    if len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise:
         return True
     errors = {**errors_of(tests), "start": total(tests, "start")}
     gap = gap_closed(errors["start"], errors["after"], errors["noise"])
-    reachable = float(np.hypot(errors["noise"], MESH_OWN_ERROR if is_structure else MODEL_ERROR))
+    reachable = float(np.hypot(errors["noise"], PROBLEM.mesh_own_error if is_structure else PROBLEM.model_error))
     share = gap_closed(errors["start"], errors["after"], reachable)
-    least = LEAST_NEAR_NOISE if errors["after"] <= NEAR_NOISE * errors["noise"] else LEAST_GAP
-    return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
+    least = VERDICT.least_near_noise if errors["after"] <= VERDICT.near_noise * errors["noise"] else VERDICT.least_gap
+    return gap is not None and gap >= VERDICT.least_to_noise and max(gap, share or 0.0) >= least
 
 
 def _has_lost_a_channel(run: Checked) -> bool:
     """Return whether an amended model leaves all of a channel that is more than noise."""
-    return any(after >= LOST and noise < 0.5 * LOST for _, _, after, noise in run.channels.values())
+    return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
 
 
 def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:
@@ -67,10 +47,10 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     lets it, is better than that."""
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
-    least = NO_WORSE if choice.is_prior_driven else BETTER
+    least = GAP.no_worse if choice.is_prior_driven else VERDICT.better
     before, after = errors["before"], errors["after"]
     if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
-        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), BETTER_OF_MESH
+        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
@@ -78,8 +58,8 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
 def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
     """Return whether the refitted (``"before"``) or amended model (``"after"``) leaves more than noise and what it leaves of itself."""
     if is_structure:
-        return bool(errors[which] > np.hypot(ABOVE_NOISE * errors["noise"], MESH_OWN_ERROR))
-    return errors[which] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
+        return bool(errors[which] > np.hypot(VERDICT.above_noise * errors["noise"], PROBLEM.mesh_own_error))
+    return errors[which] > max(VERDICT.above_noise * errors["noise"], VERDICT.least_misfit)
 
 
 def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
@@ -95,7 +75,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
 
 def is_incoherent(checked: Sequence[Checked]) -> bool:
     """Return whether the model's residual has no coherence with inputs and motion: then it is noise, however coloured."""
-    return total(checked, "before") <= ABOVE_NOISE * total(checked, "incoherent")
+    return total(checked, "before") <= VERDICT.above_noise * total(checked, "incoherent")
 
 
 def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
@@ -145,9 +125,9 @@ def decide_verdict(
         return "none-of-these"
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
-    is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
+    is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
     # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
-    shows = bool(seen.steps or seen.stops) and errors["after"] <= NO_WORSE * errors["before"]
+    shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"

@@ -1,15 +1,15 @@
 """What a campaign's answers are bound to: code, catalogue, thresholds, versions and the commitments they answer."""
 
-import importlib
 import json
-import pkgutil
 import sys
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import vlab
 from vlab import controllers
+from vlab.diagnose.settings import SETTINGS
 from vlab.files.assets import asset
 from vlab.proof.seal import canonical, digest, files_digest
 
@@ -24,7 +24,7 @@ ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
     """Return the manifest of answers to some commitments."""
     root = Path(vlab.__file__).parent
-    thresholds = _constants("vlab.diagnose")
+    thresholds = {room: asdict(settings) for room, settings in SETTINGS.items()}
     bound = {
         "written_by": "vlab",
         "vlab": vlab.__version__,
@@ -66,22 +66,3 @@ def _sources(root: Path, pattern: str) -> str:
     files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
     elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, which a wheel has here, are counted by themselves
     return files_digest((name, path) for name, path in files if not name.startswith(elsewhere))
-
-
-def _constants(package: str) -> dict[str, Any]:
-    """Return the named constants of all modules of a package and those inside it: plain numbers and texts in capitals."""
-    out: dict[str, Any] = {}
-    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
-        loaded = importlib.import_module(module.name)
-        for name, value in vars(loaded).items():
-            if name.isupper() and not name.startswith("_") and _is_plain(value):
-                out[f"{module.name.removeprefix(f'{package}.')}.{name}"] = value
-    return out
-
-
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, (bool, int, float, str)):
-        return True
-    if isinstance(value, dict):
-        return all(isinstance(k, str) and _is_plain(v) for k, v in value.items())
-    return isinstance(value, (list, tuple)) and all(_is_plain(v) for v in value)

@@ -6,15 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.data.responses import Measured, Response
+from vlab.diagnose.settings import AMPLITUDE_DEPENDENCE
 from vlab.errors import VlabError
 from vlab.modal.poles import estimate_poles
 from vlab.signals import Array, FrequencyResponse
-
-DIFFER = 3.0
-"""Responses of one pair differ where they do so by more than this multiple of their noise, root mean square over lines."""
-LEAST_SHIFT, LEAST_DAMPING = 0.002, 0.15
-"""Change of a frequency and of a damping ratio over the levels that is worth a word."""
-SAME_MODE = 0.1
 
 ONE_LEVEL = (
     "responses at one level cannot tell nonlinear effects from linear ones: there dry friction and drag look like damping, "
@@ -41,9 +36,9 @@ class Trend:
         shift = float(np.log(self.freq[-1] / self.freq[0]))
         growth = float(np.log(self.zeta[-1] / self.zeta[0]))
         said = []
-        if abs(shift) > LEAST_SHIFT:
+        if abs(shift) > AMPLITUDE_DEPENDENCE.least_shift:
             said.append(f"its frequency {'rises' if shift > 0 else 'falls'} by {100 * abs(shift):.2g} %")
-        if abs(growth) > LEAST_DAMPING:
+        if abs(growth) > AMPLITUDE_DEPENDENCE.least_damping:
             said.append(f"its damping ratio goes from {100 * self.zeta[0]:.3g} to {100 * self.zeta[-1]:.3g} %")
         if not said:
             return ""
@@ -51,8 +46,8 @@ class Trend:
 
 
 def _cause(shift: float, growth: float) -> str:
-    hardens, softens = shift > LEAST_SHIFT, shift < -LEAST_SHIFT
-    damps, frees = growth > LEAST_DAMPING, growth < -LEAST_DAMPING
+    hardens, softens = shift > AMPLITUDE_DEPENDENCE.least_shift, shift < -AMPLITUDE_DEPENDENCE.least_shift
+    damps, frees = growth > AMPLITUDE_DEPENDENCE.least_damping, growth < -AMPLITUDE_DEPENDENCE.least_damping
     if softens and damps:
         return "micro-slip in joints or hysteresis"
     if frees:
@@ -87,7 +82,7 @@ def _compared(group: list[Response]) -> list[str]:
     first, last = group[0], group[-1]
     apart = _apart(first, last)
     pair = f"{', '.join(first.outputs)} from {first.input}"
-    if apart <= DIFFER:
+    if apart <= AMPLITUDE_DEPENDENCE.differ:
         if not known:
             return [f"the responses {pair} were measured {len(group)} times and agree; their levels are not stated"]
         return [
@@ -136,7 +131,7 @@ def trends_of(group: Sequence[Response]) -> list[Trend]:
         rows = [(found[0][0], freq, found[0][2][k])]
         for level, others, ratios in found[1:]:
             near = int(np.argmin(np.abs(np.log(others / rows[-1][1])))) if len(others) else -1
-            if near < 0 or abs(np.log(others[near] / rows[-1][1])) > SAME_MODE:
+            if near < 0 or abs(np.log(others[near] / rows[-1][1])) > AMPLITUDE_DEPENDENCE.same_mode:
                 break
             rows.append((level, others[near], ratios[near]))
         if len(rows) == len(found):

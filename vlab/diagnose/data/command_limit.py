@@ -17,14 +17,9 @@ from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay import bench_for
 from vlab.cases.simulate import warmed_up
 from vlab.controllers import Controller
+from vlab.diagnose.settings import COMMAND_LIMIT
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-EXPLAINED = 0.5
-"""Share of the replay's squared error that a limit must take away."""
-GRID = 24
-AT_LIMIT = 0.98
-"""Commands above this share of the limit stand at it; it belongs to the actuator with most of them."""
 
 
 class Limited:
@@ -111,16 +106,16 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return float(np.sqrt(np.mean(np.concatenate([p.ravel() for p in parts]) ** 2))) / size
 
     before = error(None, False)
-    options = np.geomspace(0.5, 1.3, GRID) * largest
+    options = np.geomspace(0.5, 1.3, COMMAND_LIMIT.grid) * largest
     tried = [(error(float(x), known), float(x), known) for known in (True, False) for x in options]
     after, limit, known = min(tried, key=lambda t: t[0])
-    if not after**2 <= (1 - EXPLAINED) * before**2 or limit > 1.02 * largest:
+    if not after**2 <= (1 - COMMAND_LIMIT.explained) * before**2 or limit > 1.02 * largest:
         return None
     fine = limit * np.linspace(0.96, 1.04, 17)
     after, limit = min((error(float(x), known), float(x)) for x in fine)
     there = np.zeros(len(law.actuators))
     for run, r in zip(loops, own, strict=True):
-        there[_columns(run)] += np.sum(r >= AT_LIMIT * limit, axis=0)
+        there[_columns(run)] += np.sum(r >= COMMAND_LIMIT.at_limit * limit, axis=0)
     actuator = plant.actuators[law.actuators[int(np.argmax(there))]].name
     return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
 

@@ -13,31 +13,12 @@ from scipy import signal
 
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.quality import marked
+from vlab.diagnose.settings import INTERFERENCE
 from vlab.signals import Array
 
-MAINS_HZ = (50.0, 60.0)
-SPREAD_HZ = 0.2
-"""How far the mains, or the recorder's clock, may be from the nominal frequency."""
-HARMONICS = (1, 2, 3)
-STANDS_OUT = 30.0
-"""Power of a line over the median of its neighbours: white noise reaches that once in 10^9 bins..."""
-QUARTERS, STEADY = 4, 0.4
-"""...and the complex amplitudes in the quarters of a recording scatter by less than this share of their mean: those of a mode
-that rings scatter more."""
 BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 """Window of four cosines, side lobes at -92 dB (Harris, On the use of windows for harmonic analysis, 1978); evaluated at the
 time stamps as they are."""
-NEIGHBOURS = np.concatenate([np.arange(6, 30), -np.arange(6, 30)])
-"""Bins around a line, those under its own window aside."""
-ONE_LINE = 0.8
-"""A drive with more than this share of its power in one line is a sine."""
-LEAST_CYCLES = 40
-"""Cycles of the mains that a recording must hold for its lines to be told from motion."""
-HIGHEST = 0.45
-"""Lines are looked for below this share of the sample rate."""
-BLOCKS_HZ, OVERLAP = 16.0, 4
-"""Rate to which a band around a line is thinned, so that the looking costs nothing, and how many blocks a window of the low-pass before
-it spans: motion a hundred times as large as the hum must not fold onto its line."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +51,7 @@ class MainsInterference:
         out = np.zeros(len(time))
         for k in self.harmonics:
             band = _Band.of(time, run.measured[self.channel], k * self.frequency)
-            frequency = band.peak(SPREAD_HZ)
+            frequency = band.peak(INTERFERENCE.spread_hz)
             out += (band.amplitude(frequency) * np.exp(2j * np.pi * frequency * time)).real
         return out
 
@@ -94,14 +75,17 @@ class _Band:
     def of(cls, time: Array, values: Array, centre: float) -> "_Band":
         window = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * time / time[-1]) * np.gradient(time)
         x = (values - values.mean()) * window / window.sum() * np.exp(-2j * np.pi * centre * time)
-        block = np.floor(time * BLOCKS_HZ).astype(int)
-        inside, thinned = time * BLOCKS_HZ - block, np.zeros(block[-1] + OVERLAP, dtype=complex)
-        for k in range(OVERLAP):  # windows that overlap add up to one everywhere
-            share = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * (inside + k) / OVERLAP)
-            part = x * share / (OVERLAP * BLACKMAN_HARRIS[0])
+        block = np.floor(time * INTERFERENCE.blocks_hz).astype(int)
+        inside, thinned = (
+            time * INTERFERENCE.blocks_hz - block,
+            np.zeros(block[-1] + INTERFERENCE.overlap, dtype=complex),
+        )
+        for k in range(INTERFERENCE.overlap):  # windows that overlap add up to one everywhere
+            share = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * (inside + k) / INTERFERENCE.overlap)
+            part = x * share / (INTERFERENCE.overlap * BLACKMAN_HARRIS[0])
             sums = np.bincount(block, part.real) + 1j * np.bincount(block, part.imag)
-            thinned[OVERLAP - 1 - k : OVERLAP - 1 - k + len(sums)] += sums
-        middles = (np.arange(len(thinned)) + 1.0 - OVERLAP / 2) / BLOCKS_HZ
+            thinned[INTERFERENCE.overlap - 1 - k : INTERFERENCE.overlap - 1 - k + len(sums)] += sums
+        middles = (np.arange(len(thinned)) + 1.0 - INTERFERENCE.overlap / 2) / INTERFERENCE.blocks_hz
         return cls(centre=centre, time=middles, values=thinned, seconds=float(time[-1]))
 
     def amplitudes(self, frequencies: Array) -> Array:
@@ -118,8 +102,8 @@ class _Band:
         return float(fine[int(np.argmax(np.abs(self.amplitudes(fine))))])
 
     def stands_out(self, frequency: float) -> bool:
-        around = np.abs(self.amplitudes(frequency + NEIGHBOURS / self.seconds)) ** 2
-        return bool(abs(self.amplitude(frequency)) ** 2 > STANDS_OUT * np.median(around))
+        around = np.abs(self.amplitudes(frequency + np.array(INTERFERENCE.neighbours) / self.seconds)) ** 2
+        return bool(abs(self.amplitude(frequency)) ** 2 > INTERFERENCE.stands_out * np.median(around))
 
 
 def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...]:
@@ -127,8 +111,11 @@ def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...
     out = []
     for channel in compared_names(runs):
         options = []
-        for nominal in MAINS_HZ:
-            lines = {k: [f for run in runs if (f := _line(run, channel, k * nominal)) is not None] for k in HARMONICS}
+        for nominal in INTERFERENCE.mains_hz:
+            lines = {
+                k: [f for run in runs if (f := _line(run, channel, k * nominal)) is not None]
+                for k in INTERFERENCE.harmonics
+            }
             found = {k: at for k, at in lines.items() if len(at) > 0.5 * len(runs)}
             if found:
                 frequency = float(np.median(np.concatenate([np.array(at) / k for k, at in found.items()])))
@@ -161,10 +148,10 @@ def _line(run: Run, channel: str, nominal: float) -> float | None:
     """Return the frequency of a line near a nominal one that stands out, is steady and is not driven; None without one."""
     time, values = run.measured.time - run.measured.time[0], run.measured[channel]
     h = float(np.median(np.diff(time)))
-    if nominal > HIGHEST / h or time[-1] * nominal < LEAST_CYCLES or np.ptp(values) == 0.0:
+    if nominal > INTERFERENCE.highest / h or time[-1] * nominal < INTERFERENCE.least_cycles or np.ptp(values) == 0.0:
         return None
     band = _Band.of(time, values, nominal)
-    frequency = band.peak(SPREAD_HZ)
+    frequency = band.peak(INTERFERENCE.spread_hz)
     if not band.stands_out(frequency) or not _is_steady(time, values, frequency):
         return None
     driven = any(_Band.of(time, run.measured[d.channel], nominal).stands_out(frequency) for d in run.drives)
@@ -179,7 +166,7 @@ def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
             continue  # an actuator at rest, which has no line
         freq, power = signal.periodogram(values - values.mean(), 1.0 / float(np.median(np.diff(time))), window="hann")
         top = int(np.argmax(power))
-        if power[max(top - 2, 0) : top + 3].sum() < ONE_LINE * power.sum():
+        if power[max(top - 2, 0) : top + 3].sum() < INTERFERENCE.one_line * power.sum():
             continue
         order = round(frequency / max(freq[top], freq[1]))
         if order >= 2 and abs(frequency - order * freq[top]) < (order + 1) * freq[1]:
@@ -189,11 +176,11 @@ def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
 
 def _is_steady(time: Array, values: Array, frequency: float) -> bool:
     found = []
-    for part in np.array_split(np.arange(len(time)), QUARTERS):
+    for part in np.array_split(np.arange(len(time)), INTERFERENCE.quarters):
         t0 = time[part[0]]
         band = _Band.of(time[part] - t0, values[part], frequency)
         found.append(
             band.amplitude(frequency) * np.exp(-2j * np.pi * frequency * t0)
         )  # counted from the record's start
     scatter = float(np.sqrt(np.mean(np.abs(found - np.mean(found)) ** 2)))
-    return scatter < STEADY * float(np.abs(np.mean(found)))
+    return scatter < INTERFERENCE.steady * float(np.abs(np.mean(found)))

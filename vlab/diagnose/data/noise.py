@@ -6,30 +6,8 @@ import numpy as np
 from scipy import signal
 
 from vlab.cases.channel_map import Run
+from vlab.diagnose.settings import NOISE
 from vlab.signals import Array
-
-NOISE_BAND = 0.7
-"""The noise is read off the spectrum above this share of half the sample rate, as its median there."""
-LEAST_NOISE = 1e-4
-"""Least noise that is believed, as a share of a channel's rms: what integrators and converters leave."""
-SEGMENT = 1024
-"""Longest segment of the spectra in samples."""
-BURSTS = 0.5
-"""The median over segments is taken where it is below this share of their mean: most of them know nothing of a blow in a few."""
-GROUPS = 64
-"""Parts of the spectrum whose medians are compared where a filter is looked for."""
-FLAT_GROUPS = 6
-"""Fewest neighbouring groups that are a floor, a tenth of the spectrum."""
-FLAT = 2.0
-"""A floor's groups are within this ratio in power; medians of few segments scatter by half of it."""
-CLIFF = 4.0
-"""A filter takes this ratio in power off the noise at the upper end: less is half the standard deviation or less."""
-HEARD = 100.0
-"""Somewhere a channel has this many times the floor's power: what was measured must stand out of a floor."""
-COHERENT = 0.5
-"""A floor of which the inputs explain this share is no noise: the thing answers, up to where its excitation ends."""
-LEAST_SEGMENTS = 8
-"""Fewest segments per input that a coherence is averaged over."""
 
 
 def noise_level(column: Array, inputs: Array | None = None) -> float:
@@ -67,16 +45,16 @@ def _noises(run: Run, names: Sequence[str]) -> list[tuple[float, float]]:
 
 def _noise(column: Array, inputs: Array | None) -> tuple[float, float]:
     """Return the standard deviation of a channel's noise were it white, and its rms as it is."""
-    least = LEAST_NOISE * (float(np.std(column)) or 1.0)
+    least = NOISE.least_noise * (float(np.std(column)) or 1.0)
     if len(column) < 64:
         return least, least
     freq, power = _spectrum(column, "mean")
-    high = freq > NOISE_BAND / 2
-    if len(column) > LEAST_SEGMENTS * SEGMENT // 2:
+    high = freq > NOISE.noise_band / 2
+    if len(column) > NOISE.least_segments * NOISE.segment // 2:
         quiet = _spectrum(column, "median")[1]
-        power = quiet if np.median(quiet[high]) < BURSTS * np.median(power[high]) else power
+        power = quiet if np.median(quiet[high]) < NOISE.bursts * np.median(power[high]) else power
     level, share = float(np.median(power[high])), 1.0
-    floor = _filtered_floor(power, CLIFF * level)
+    floor = _filtered_floor(power, NOISE.cliff * level)
     if floor is not None and not _is_answer(column, inputs, freq[floor]):
         level, share = float(np.median(power[floor])), floor.stop / len(power)
     grain = _grain(column) / np.sqrt(12)
@@ -86,7 +64,7 @@ def _noise(column: Array, inputs: Array | None) -> tuple[float, float]:
 
 def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
     freq, power = signal.welch(
-        column - column.mean(), 1.0, nperseg=min(len(column), SEGMENT), window="blackmanharris", average=average
+        column - column.mean(), 1.0, nperseg=min(len(column), NOISE.segment), window="blackmanharris", average=average
     )
     return freq, power
 
@@ -96,18 +74,18 @@ def _filtered_floor(power: Array, least: float) -> slice | None:
 
     Noise is below everything that was recorded before the filter, so no lower frequency has less.
     """
-    width = len(power) // GROUPS
+    width = len(power) // NOISE.groups
     if width < 2:
         return None
-    groups = np.median(power[1 : 1 + width * GROUPS].reshape(GROUPS, width), axis=1)
-    for stop in range(GROUPS, FLAT_GROUPS, -1):
-        flat = groups[stop - FLAT_GROUPS : stop]
-        if flat.min() > least and flat.max() < FLAT * flat.min():
+    groups = np.median(power[1 : 1 + width * NOISE.groups].reshape(NOISE.groups, width), axis=1)
+    for stop in range(NOISE.groups, NOISE.flat_groups, -1):
+        flat = groups[stop - NOISE.flat_groups : stop]
+        if flat.min() > least and flat.max() < NOISE.flat * flat.min():
             level = float(np.median(flat))
-            is_lowest = bool(np.all(groups[: stop - FLAT_GROUPS] > level / FLAT))
-            falls = bool(np.all(groups[stop:] < FLAT * level))
-            if is_lowest and falls and power.max() > HEARD * level:
-                return slice(1 + width * (stop - FLAT_GROUPS), 1 + width * stop)
+            is_lowest = bool(np.all(groups[: stop - NOISE.flat_groups] > level / NOISE.flat))
+            falls = bool(np.all(groups[stop:] < NOISE.flat * level))
+            if is_lowest and falls and power.max() > NOISE.heard * level:
+                return slice(1 + width * (stop - NOISE.flat_groups), 1 + width * stop)
             return None
     return None
 
@@ -118,7 +96,7 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
         return False
     inputs = inputs[:, np.ptp(inputs, axis=0) > 0]
     count = inputs.shape[1]
-    length = min(SEGMENT, 2 * len(column) // (LEAST_SEGMENTS * count + 1)) if count else 0
+    length = min(NOISE.segment, 2 * len(column) // (NOISE.least_segments * count + 1)) if count else 0
     if length < 4 / (band[-1] - band[0]):
         return count > 0  # it cannot be told
     parts = np.column_stack([inputs, column])
@@ -128,7 +106,7 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
     cross, own = S[:, :count, count], S[:, :count, :count]
     own = own + 1e-9 * np.trace(own, axis1=1, axis2=2).real[:, None, None] * np.eye(count)
     explained = np.einsum("fi,fi->f", cross.conj(), np.linalg.solve(own, cross[..., None])[..., 0]).real
-    return bool(np.median(explained / S[:, count, count].real) > COHERENT)
+    return bool(np.median(explained / S[:, count, count].real) > NOISE.coherent)
 
 
 def _grain(column: Array) -> float:
@@ -143,7 +121,7 @@ def uneven_noise(time: Array, column: Array) -> float:
     Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
     """
     if len(column) < 16:
-        return LEAST_NOISE * float(np.std(column) or 1.0)
+        return NOISE.least_noise * float(np.std(column) or 1.0)
     index = np.arange(2, len(column) - 2)
     near = index[:, None] + np.array([-2, -1, 1, 2])
     t = (time[near] - time[index][:, None]) / (time[-1] / len(time))
@@ -153,5 +131,5 @@ def uneven_noise(time: Array, column: Array) -> float:
             if i != j:
                 weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
     left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
-    noise = max(float(np.median(np.abs(left))) / 0.6745, LEAST_NOISE * float(np.std(column) or 1.0))
+    noise = max(float(np.median(np.abs(left))) / 0.6745, NOISE.least_noise * float(np.std(column) or 1.0))
     return float(np.hypot(noise, _grain(column) / np.sqrt(12)))

@@ -13,16 +13,13 @@ from numpy.typing import NDArray
 
 from vlab.cases.channel_map import Compared, Run, compared_names
 from vlab.cases.checks import FileCheck
+from vlab.diagnose.settings import QUALITY
 from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step
 from vlab.signals import Array
 
-MOST_LOST = 0.2
-"""A case of which a larger share of samples is lost says nothing."""
 DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
 """Kinds of warnings that may be why a recording is not explained. Samples at a limit are left out and said; uneven samples are
 compared at their own times; a sensor that stands still in one recording may be right."""
-MOST_AT_LIMIT = 0.9
-"""Share of the samples at flat tops that must stand at one limit for it to be one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +88,7 @@ def assess_quality(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCh
             is_damage = finding.severity == "warning" and finding.kind in DAMAGING
             (warnings if is_damage else notes).append(f"{run.name}: {finding.text}")
     lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
-    fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > MOST_LOST else []
+    fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > QUALITY.most_lost else []
     return DataQuality(
         fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes)
     )
@@ -110,7 +107,7 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         at_limit = counts[sizes >= 0.99 * limit].sum()
         largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
         # nothing ever goes beyond the end of a range; a coarse reading may stand still at the top of a small motion as well
-        if at_limit >= MOST_AT_LIMIT * counts.sum() and largest <= 1.01 * limit:
+        if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= 1.01 * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             share, same = float(np.mean(np.concatenate(reached))), int(np.count_nonzero(sizes >= limit * (1 - 1e-9)))
             beyond = max(cut_off(run.measured[channel], at) for run, at in tops)

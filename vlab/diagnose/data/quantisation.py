@@ -12,29 +12,8 @@ import numpy as np
 
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.noise import noise_levels
+from vlab.diagnose.settings import QUANTISATION
 from vlab.signals import Array
-
-BENIGN_STEP = 0.01
-"""A step below this share of its channel's rms, in all recordings together, is what every laboratory has."""
-OVER_NOISE = 2.0
-"""...and so is one below this multiple of the noise at the upper end of the spectrum: evenly spread roundings alone are 3.5
-times theirs, roundings of what noise has spread over several steps less than once."""
-FEWEST = 3
-"""Steps that the values reach over at least: two values are a switch."""
-SHARP, EXACT = 0.42, 0.9
-"""Characteristic function at one cycle per step, of the values that move, above which they stand on steps: noise of a fifth of
-the step that comes after it leaves .49. A steady sine has |J0|, which is less than .27 for steps below its rms; larger steps must be
-exact."""
-CLEAR, ALL = 4.0, 0.98
-"""...and by this factor over what it has fallen to before, unless all that moves stands on them: of steps larger than the rms most
-values are zero, and the function falls little in between."""
-BETWEEN, SMOOTH = 0.25, 0.5
-"""Values further off their steps than this share of one say how they got there: smoothly where the mean cosine of the turn from the value
-before them, a step being a whole one, is above this."""
-MOST_PEAKS = 8
-"""Steps that are looked at, the largest first."""
-FINE = 16
-"""Bins of the histogram for the smallest step looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +47,9 @@ def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
             continue
         columns = [run.measured[channel] for run in even]
         noise = float(np.median([noise_levels(run, [channel]) for run in even]))
-        found = _step(np.concatenate(columns), OVER_NOISE * noise)
+        found = _step(np.concatenate(columns), QUANTISATION.over_noise * noise)
         rms = float(np.sqrt(np.mean([np.var(column) for column in columns])))
-        if found is not None and found[0] > BENIGN_STEP * rms:
+        if found is not None and found[0] > QUANTISATION.benign_step * rms:
             out.append(SensorStep(channel=channel, step=found[0], sd=found[1], share=found[0] / rms))
     return tuple(out)
 
@@ -78,18 +57,18 @@ def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
 def _step(values: Array, least: float) -> tuple[float, float] | None:
     """Return the largest step that values stand on and its standard deviation; None where there is none above the least."""
     low, high = float(values.min()), float(values.max())
-    if not least > 0 or high - low < FEWEST * least:
+    if not least > 0 or high - low < QUANTISATION.fewest * least:
         return None
-    width = least / FINE
+    width = least / QUANTISATION.fine
     count, _ = np.histogram(values, np.arange(low, high + 2 * width, width))
     size = 1 << int(np.ceil(np.log2(8 * len(count))))
     seen = np.abs(np.fft.rfft(count, size)) / len(values)
     cycles = np.fft.rfftfreq(size, width)
-    inside = np.flatnonzero((cycles >= FEWEST / (high - low)) & (cycles <= 1.0 / least))
+    inside = np.flatnonzero((cycles >= QUANTISATION.fewest / (high - low)) & (cycles <= 1.0 / least))
     if inside.size < 3:
         return None
     still = float(np.median(seen[inside]))  # what stands still has no step of its own
-    wanted = np.where(cycles * np.std(values) >= 1.0, SHARP, EXACT)
+    wanted = np.where(cycles * np.std(values) >= 1.0, QUANTISATION.sharp, QUANTISATION.exact)
     peaks = [
         i
         for i in inside
@@ -98,11 +77,11 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         and seen[i] - still > wanted[i] * (1.0 - still)
         # values crowd about rest after a decay: then the function is as large all the way
         and (
-            seen[i] - still > ALL * (1.0 - still)
-            or seen[i] > CLEAR * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
+            seen[i] - still > QUANTISATION.all * (1.0 - still)
+            or seen[i] > QUANTISATION.clear * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
         )
     ]
-    steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[:MOST_PEAKS])
+    steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[: QUANTISATION.most_peaks])
     return next((step for step in steps if not _passes_between(values, step[0])), None)
 
 
@@ -111,8 +90,12 @@ def _passes_between(values: Array, step: float) -> bool:
     from stop to stop: noise that comes after a rounding jumps there, and back."""
     turns = np.exp(2j * np.pi * values / step)
     turns *= np.conj(turns.mean()) / np.abs(turns.mean())
-    between = np.abs(np.angle(turns[1:])) > 2 * np.pi * BETWEEN  # hum and drift on top of the steps stay near them
-    return bool(between.any()) and float(np.mean(np.real(turns[1:] * np.conj(turns[:-1]))[between])) > SMOOTH
+    between = (
+        np.abs(np.angle(turns[1:])) > 2 * np.pi * QUANTISATION.between
+    )  # hum and drift on top of the steps stay near them
+    return (
+        bool(between.any()) and float(np.mean(np.real(turns[1:] * np.conj(turns[:-1]))[between])) > QUANTISATION.smooth
+    )
 
 
 def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:

@@ -6,7 +6,7 @@ a residual over the whole record is modelled in every narrow band by the local r
 
     R(k) D(k) = sum_i N_i(k) X_i(k) + T(k) + sum_j c_j Z_j(k) + D(k) V(k),
 
-with polynomials D (D(0) = 1), N_i and T of degree `DEGREE` in frequency about the band's middle, so that a band may hold as many
+with polynomials D (D(0) = 1), N_i and T of degree `RESIDUAL_NOISE.degree` in frequency about the band's middle, so that a band may hold as many
 resonances; X are the inputs' spectra, T is the transient (leakage, free decay), Z are spectra of nonlinear functions of the motion, and V
 is the noise. Every line of V is the error of its prediction from the other lines of its band (leave one out), so that a resonance of few
 lines, which any fit follows, does not count as explained.
@@ -24,22 +24,8 @@ from scipy import stats
 
 from vlab.cases.channel_map import ORDER, Run
 from vlab.diagnose.data.runs import fastest, uniform
+from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import Array
-
-DEGREE = 1
-"""Degree of the local polynomials [1]: resonances that one band may hold."""
-LINES_PER_UNKNOWN = 2
-"""Spectral lines of a band per unknown of its fit [1]: half of them are left to tell noise from what is explained."""
-MOTION_BAND = 2.0
-"""Nonlinear functions are taken of the motion below this multiple of the frequency that holds nearly all of its power [1]."""
-RANK = 1e-8
-"""Singular values below this share of the largest are rounding [1]."""
-LEAST_FREEDOM = 1e-6
-"""Least share of a line that its own fit leaves free [1]: rounding alone is below."""
-FIRST_LINES = 3
-"""Spectral lines from which the noise's share of the mean is extrapolated [1]."""
-LEAST_SNR = 10.0
-"""Least ratio of a channel's rms to its incoherent residual [1]: of more (20 dB) no noise is told from physics that these functions miss."""
 
 
 def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
@@ -68,7 +54,7 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
     power = min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(residual) ** 2
     squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
     rms = float(np.sqrt(min(squares, float(np.mean(residual**2)))))
-    return rms if LEAST_SNR * rms <= float(np.std(run.measured[channel])) else 0.0
+    return rms if RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])) else 0.0
 
 
 def _of_mean(power: Array) -> float:
@@ -81,7 +67,7 @@ def _of_mean(power: Array) -> float:
     power : (n,) array
         Of the noise on the lines from the first one on.
     """
-    first = power[:FIRST_LINES]
+    first = power[: RESIDUAL_NOISE.first_lines]
     return (
         float(stats.chi2.ppf(0.95, 1)) * 4.0 * 2.0 * float(np.mean(first * np.arange(1, len(first) + 1) ** 2))
         if len(first)
@@ -113,25 +99,31 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
     """
     R = _spectrum(residual)[1:]
     X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
-    unknowns = DEGREE + (len(X) + 1) * (DEGREE + 1) + len(Z)
-    count = len(R) // (LINES_PER_UNKNOWN * unknowns)
+    unknowns = RESIDUAL_NOISE.degree + (len(X) + 1) * (RESIDUAL_NOISE.degree + 1) + len(Z)
+    count = len(R) // (RESIDUAL_NOISE.lines_per_unknown * unknowns)
     if count == 0:
         return None
     noise = np.zeros(len(R))
     for band in np.array_split(np.arange(len(R)), count):
-        powers = np.vander(np.linspace(-1.0, 1.0, band.size), DEGREE + 1, increasing=True)
+        powers = np.vander(np.linspace(-1.0, 1.0, band.size), RESIDUAL_NOISE.degree + 1, increasing=True)
         columns = [-R[band, None] * powers[:, 1:], powers.astype(complex)]
         columns += [x[band, None] * powers for x in X] + [z[band, None] for z in Z]
         A = np.hstack(columns)
         size = np.linalg.norm(A, axis=0)
         A = A[:, size > 0] / size[size > 0]
         Q, singular, Vh = np.linalg.svd(A, full_matrices=False)
-        rank = int(np.sum(singular > RANK * singular[0]))
+        rank = int(np.sum(singular > RESIDUAL_NOISE.rank * singular[0]))
         Q = Q[:, :rank]
         fit = Vh[:rank].conj().T @ ((Q.conj().T @ R[band]) / singular[:rank])
         # leave-one-out residuals, (R - fit) / (1 - leverage); near a zero of D they have no bound, and noise is no more than R
-        D = 1.0 + powers[:, 1:] @ (fit[:DEGREE] / size[:DEGREE]) if np.all(size[:DEGREE] > 0) else np.ones(band.size)
-        V = np.abs((R[band] - A @ fit) / D) / np.maximum(1.0 - np.sum(np.abs(Q) ** 2, axis=1), LEAST_FREEDOM)
+        D = (
+            1.0 + powers[:, 1:] @ (fit[: RESIDUAL_NOISE.degree] / size[: RESIDUAL_NOISE.degree])
+            if np.all(size[: RESIDUAL_NOISE.degree] > 0)
+            else np.ones(band.size)
+        )
+        V = np.abs((R[band] - A @ fit) / D) / np.maximum(
+            1.0 - np.sum(np.abs(Q) ** 2, axis=1), RESIDUAL_NOISE.least_freedom
+        )
         noise[band] = np.minimum(V, np.abs(R[band])) ** 2
     return noise
 
@@ -148,7 +140,7 @@ def _nonlinear(run: Run, column: int) -> list[Array]:
     order = ORDER.get(run.measured.channels[column].kind, 0)
     values = run.measured.data[:, column]
     omega = 2j * np.pi * np.fft.rfftfreq(n, h)
-    top = MOTION_BAND * fastest(values[:, None], h, [order])
+    top = RESIDUAL_NOISE.motion_band * fastest(values[:, None], h, [order])
     Y = np.where(np.abs(omega) < 2 * np.pi * top, np.fft.rfft(values - values.mean()), 0.0)
     Y[0], omega[0] = 0.0, 1.0
     x, v = (np.fft.irfft(Y * omega ** (power - order), n) for power in (0, 1))

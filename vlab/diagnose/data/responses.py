@@ -9,6 +9,7 @@ from scipy.ndimage import median_filter
 
 from vlab.cases.case import Case
 from vlab.cases.description import FrfTable, ModalTable
+from vlab.diagnose.settings import RESPONSES
 from vlab.errors import BadCase
 from vlab.recordings import open_table
 from vlab.recordings.responses import to_frequency_response
@@ -18,24 +19,6 @@ from vlab.signals import Array, ComplexArray
 Role = Literal["fit", "holdout"]
 ORDERS = {"receptance": 0, "mobility": 1, "accelerance": 2}
 """How often a form's motion is the derivative of a displacement."""
-
-MODEL_ERROR = 0.02
-"""Relative error of a model's response that is no missing physics: modes cut off, joints idealised, transducers."""
-SLOPE = 0.2
-"""Share of the change to the neighbouring line that a response may be off by: resonances sharper than the lines."""
-AROUND = 25
-"""Lines around one from which its noise is estimated."""
-MOST_LINES = 250
-"""Lines of a response that the search uses; where a file has more, those that change little are thinned out."""
-
-FREQUENCY_SD, ZETA_SD, SHAPE_SD = 0.01, 0.25, 0.05
-"""Relative standard deviations of natural frequencies and damping ratios, and that of shapes of unit maximum, where a table
-says nothing: what the repetition of a modal test by others leaves."""
-FREQUENCY_ERROR, ZETA_ERROR, SHAPE_ERROR = 0.001, 0.05, 0.01
-"""What a model may be off by besides, which is no missing physics."""
-SMALLEST_ZETA = 1e-5
-GIVES = 0.1
-"""A response whose mobility at the driven place has a negative real part, on the whole, by this share of its size gives power."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +69,7 @@ class Response:
         if self.is_magnitude or self.input not in self.outputs:
             return False
         mobility = self.H[:, self.outputs.index(self.input)] / (1j * self.omega) ** (self.order - 1)
-        return float(np.sum(mobility.real)) < -GIVES * float(np.sum(np.abs(mobility)))
+        return float(np.sum(mobility.real)) < -RESPONSES.gives * float(np.sum(np.abs(mobility)))
 
     def on(self, keep: Array) -> "Response":
         """Return the response on some of its lines."""
@@ -173,7 +156,7 @@ def read_measured(case: Case, roles: Sequence[str]) -> list[Measured]:
 
 
 def thinned(measured: Sequence[Measured]) -> list[Measured]:
-    """Return data with at most `MOST_LINES` lines a response, the rest left out where responses change least.
+    """Return data with at most `RESPONSES.most_lines` lines a response, the rest left out where responses change least.
 
     Responses on the same lines keep the same ones, in one array.
     """
@@ -196,15 +179,15 @@ def thinned(measured: Sequence[Measured]) -> list[Measured]:
 def _telling(group: Sequence[Response]) -> Array:
     """Return which lines of responses are kept: many where some response changes much from line to line."""
     n = len(group[0].freq)
-    if n <= MOST_LINES:
+    if n <= RESPONSES.most_lines:
         return np.arange(n)
     weight = np.zeros(n)
     for data in group:
         power = np.log(np.maximum(np.sum(np.abs(data.H) ** 2, axis=1), 1e-300))
         change = median_filter(np.abs(np.gradient(power)), 3)
         weight += change / max(float(change.mean()), 1e-300) + 2.0
-    covered = np.cumsum(weight) / weight.sum() * MOST_LINES
-    return np.unique(np.searchsorted(covered, np.arange(0.5, MOST_LINES)))
+    covered = np.cumsum(weight) / weight.sum() * RESPONSES.most_lines
+    return np.unique(np.searchsorted(covered, np.arange(0.5, RESPONSES.most_lines)))
 
 
 def _response(case: Case, table: FrfTable, name: str) -> Response:
@@ -235,7 +218,7 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
         freq=freq,
         H=H,
         noise=noise,
-        spread=np.hypot(noise, SLOPE * change),
+        spread=np.hypot(noise, RESPONSES.slope * change),
         is_magnitude=read.is_magnitude,
         level=table.level,
     )
@@ -285,7 +268,7 @@ def _roughness(freq: Array, H: ComplexArray) -> Array:
     around = np.stack([H[:-4], H[1:-3], H[3:-1], H[4:]], axis=1)
     apart = np.abs(H[2:-2] - np.einsum("nk,nko->no", weights, around)) ** 2 / (1 + np.sum(weights**2, axis=1))[:, None]
     apart = np.concatenate([apart[:1], apart[:1], apart, apart[-1:], apart[-1:]])
-    middle = median_filter(apart, size=(min(AROUND, len(freq) // 2), 1), mode="nearest") / np.log(2)
+    middle = median_filter(apart, size=(min(RESPONSES.around, len(freq) // 2), 1), mode="nearest") / np.log(2)
     return np.asarray(middle + 1e-12 * np.mean(np.abs(H) ** 2, axis=0))
 
 
@@ -305,9 +288,9 @@ def _modes(table: ModalTable, name: str) -> Modes:
     largest = np.abs(shapes).max(axis=1, keepdims=True) if shapes.size else np.ones((n, 1))
     if np.any(largest == 0):
         raise BadCase("a modal table has a shape of zeros; leave out that mode or its shape")
-    freq_sd = np.array(table.frequency_sd_hz) / freq if table.frequency_sd_hz else np.full(n, FREQUENCY_SD)
-    zeta_sd = np.array(table.zeta_sd) / zeta if table.zeta_sd else np.full(n, ZETA_SD)
-    shape_sd = np.array(table.shape_sd) / largest[:, 0] if table.shape_sd else np.full(n, SHAPE_SD)
+    freq_sd = np.array(table.frequency_sd_hz) / freq if table.frequency_sd_hz else np.full(n, RESPONSES.frequency_sd)
+    zeta_sd = np.array(table.zeta_sd) / zeta if table.zeta_sd else np.full(n, RESPONSES.zeta_sd)
+    shape_sd = np.array(table.shape_sd) / largest[:, 0] if table.shape_sd else np.full(n, RESPONSES.shape_sd)
     return Modes(
         name=name,
         role=table.role,
@@ -315,7 +298,7 @@ def _modes(table: ModalTable, name: str) -> Modes:
         zeta=zeta[order],
         at=table.at if table.shape else (),
         shapes=(shapes / largest)[order],
-        freq_sd=np.hypot(freq_sd, FREQUENCY_ERROR)[order],
-        zeta_sd=np.hypot(zeta_sd, ZETA_ERROR)[order],
-        shape_sd=np.hypot(shape_sd, SHAPE_ERROR)[order],
+        freq_sd=np.hypot(freq_sd, RESPONSES.frequency_error)[order],
+        zeta_sd=np.hypot(zeta_sd, RESPONSES.zeta_error)[order],
+        shape_sd=np.hypot(shape_sd, RESPONSES.shape_error)[order],
     )

@@ -10,21 +10,12 @@ from scipy import signal
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
 from vlab.cases.replay import before
-from vlab.diagnose.data.noise import NOISE_BAND, noise_level
+from vlab.diagnose.data.noise import noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
+from vlab.diagnose.settings import NOISE, RUNS
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-POINTS_PER_CYCLE = 14.0
-"""Samples of the search per cycle of the fastest motion that carries power: phase errors of its laws stay below 2 %."""
-ENOUGH_SAMPLES = 6000
-"""A run is not thinned below this length."""
-MOST_SAMPLES = 8000
-"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
-FIRST_WILL_DO = 0.25
-"""It is the first part, whose start is known best, where that has this share of the power of any other."""
-POWER_SHARE = 0.99
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,17 +131,6 @@ class Feedthrough:
         return out + np.outer(np.gradient(now, h), self.moving[:, column])
 
 
-WINDOWS = 16
-"""A run is cut into this many windows for the first fits."""
-CYCLES = 3.0
-"""A window holds at least this many cycles of the slowest mode that oscillates; whole runs say more of it."""
-LEAST_WINDOW = 150
-PREROLL = 120
-"""Samples of smoothed motion that a law with memory sees before a window, and of commands, which may come out late."""
-LONG_PREROLL = 2000
-"""The same of laws that are linear in what they remember, which costs them nothing: a light oscillator rings for that long."""
-
-
 def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> list[Signals]:
     """Cut a run into windows that start from known states, so that a fit cannot lose the phase over a long record.
 
@@ -164,7 +144,7 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
         Frequency of the slowest mode; 0 where nothing oscillates.
     """
     n = len(run)
-    length = max(n // WINDOWS, LEAST_WINDOW, int(CYCLES / (slowest_hz * run.h)) if slowest_hz > 0 else 0)
+    length = max(n // RUNS.windows, RUNS.least_window, int(RUNS.cycles / (slowest_hz * run.h)) if slowest_hz > 0 else 0)
     count = max(1, n // length)
     edges = np.linspace(0, n, count + 1).astype(int)
     out = []
@@ -181,9 +161,9 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
                 at_rest=run.at_rest and i == 0,
                 t0=run.t0 + float(a * run.h),
                 start=states[a],
-                before=states[max(a - LONG_PREROLL, 0) : a],
+                before=states[max(a - RUNS.long_preroll, 0) : a],
                 shown=shown[:a],
-                led=run.u[max(a - PREROLL, 0) : a],
+                led=run.u[max(a - RUNS.preroll, 0) : a],
             )
         )
     return out
@@ -205,19 +185,19 @@ def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
     out = 0.0
     for column, order in zip(y.T, orders, strict=True):
         freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
-        floor = np.median(power[freq > NOISE_BAND / (2 * h)]) if freq.size > 8 else 0.0
+        floor = np.median(power[freq > NOISE.noise_band / (2 * h)]) if freq.size > 8 else 0.0
         power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
         total = np.cumsum(power)
         if total[-1] > 0:
-            out = max(out, float(freq[np.searchsorted(total, POWER_SHARE * total[-1])]))
+            out = max(out, float(freq[np.searchsorted(total, RUNS.power_share * total[-1])]))
     return out
 
 
-def thinning(count: int, h: float, highest_hz: float, enough: int = ENOUGH_SAMPLES) -> int:
+def thinning(count: int, h: float, highest_hz: float, enough: int = RUNS.enough_samples) -> int:
     """Return by how much a run of `count` samples can be thinned; below `enough` it is not."""
     if highest_hz <= 0 or count <= enough:
         return 1
-    by_band = int(1.0 / (h * POINTS_PER_CYCLE * highest_hz))
+    by_band = int(1.0 / (h * RUNS.points_per_cycle * highest_hz))
     return max(1, min(by_band, count // enough))
 
 
@@ -327,7 +307,7 @@ def signals_of(
             add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
     u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
     usable = on_clock(run, is_informative(run, compared), grid)
-    part = liveliest(recorded, MOST_SAMPLES)
+    part = liveliest(recorded, RUNS.most_samples)
     recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
     scale = np.std(recorded, axis=0)
     scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
@@ -359,5 +339,5 @@ def liveliest(y: Array, most: int) -> slice:
     total = np.concatenate([[0.0], np.cumsum(power)])
     starts = np.append(np.arange(0, n - most, max(most // 8, 1)), n - most)
     held = total[starts + most] - total[starts]
-    start = 0 if held[0] >= FIRST_WILL_DO * held.max() else int(starts[np.argmax(held)])
+    start = 0 if held[0] >= RUNS.first_will_do * held.max() else int(starts[np.argmax(held)])
     return slice(start, start + most)

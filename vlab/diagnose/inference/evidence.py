@@ -6,19 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.settings import EVIDENCE
 from vlab.physics.effect import Effect
-
-MODEL_ERROR_SAMPLES = 40.0
-"""Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
-is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
-
-UNHELD = 40.0
-"""Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as
-a difference smaller by a factor of e, all of it the model's own error."""
-OF_ONE, ALL_ALIKE = ("clearance", "saturation"), 4.0
-"""Families of effects that a single drive may have as well as all of them, and the logarithm of the odds against all of them."""
-NOISE_KNOWN = 0.03
-"""The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +36,7 @@ class Hypothesis:
     normalised_residual: float
     log_rms_residual: float
     negative_log_prior: float
-    effective_samples: float = MODEL_ERROR_SAMPLES
+    effective_samples: float = EVIDENCE.model_error_samples
     log_likelihood_gain: float = 0.0
     whole: Fit | None = None
 
@@ -113,7 +102,7 @@ def scored(
         negative_log_prior=0.5 * (fit.chi2 - fit.cost)
         + len(fit.terms) * float(np.log(max(tried, 1)))
         + _implausible(fit),
-        effective_samples=min(effective_samples, MODEL_ERROR_SAMPLES),
+        effective_samples=min(effective_samples, EVIDENCE.model_error_samples),
         log_likelihood_gain=log_likelihood_gain,
     )
 
@@ -123,8 +112,8 @@ def _implausible(fit: Fit) -> float:
     no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion; and where one drive alone
     comes to its limit, all of them may have the same."""
     free_starts = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
-    alike = sum(bool(t.place.also) and t.effect.family in OF_ONE for t in fit.terms)
-    return UNHELD * free_starts + ALL_ALIKE * alike
+    alike = sum(bool(t.place.also) and t.effect.family in EVIDENCE.of_one for t in fit.terms)
+    return EVIDENCE.unheld * free_starts + EVIDENCE.all_alike * alike
 
 
 def _needs_rest(effect: Effect) -> bool:
@@ -134,8 +123,8 @@ def _needs_rest(effect: Effect) -> bool:
 def effective_sample_size(noise: float, error: float, samples: float) -> float:
     """Return as how many independent values recordings count whose noise averages out and whose model's own error does not.
 
-    With noise of variance f and an error of the model of variance m spread over `MODEL_ERROR_SAMPLES` directions, the log-likelihood that a
-    smaller difference gains is its decrease over twice f/n + m/`MODEL_ERROR_SAMPLES`, n the samples.
+    With noise of variance f and an error of the model of variance m spread over `EVIDENCE.model_error_samples` directions, the log-likelihood that a
+    smaller difference gains is its decrease over twice f/n + m/`EVIDENCE.model_error_samples`, n the samples.
 
     Parameters
     ----------
@@ -144,7 +133,7 @@ def effective_sample_size(noise: float, error: float, samples: float) -> float:
     samples : float
         Independent values that the recordings hold.
     """
-    return float((noise + error) / (noise / samples + error / MODEL_ERROR_SAMPLES))
+    return float((noise + error) / (noise / samples + error / EVIDENCE.model_error_samples))
 
 
 def weighed(
@@ -152,7 +141,7 @@ def weighed(
 ) -> list[Hypothesis]:
     """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
 
-    So all samples count where noise is all that the best hypothesis leaves, and no more than `MODEL_ERROR_SAMPLES` where the model's error is;
+    So all samples count where noise is all that the best hypothesis leaves, and no more than `EVIDENCE.model_error_samples` where the model's error is;
     see `effective_sample_size`.
 
     Parameters
@@ -166,10 +155,10 @@ def weighed(
     least_error : float
         Variance of what integration alone leaves: to leave less than noise and that is no merit.
     """
-    if not hypotheses or samples <= MODEL_ERROR_SAMPLES:
+    if not hypotheses or samples <= EVIDENCE.model_error_samples:
         return list(hypotheses)
     least = min(h.normalised_residual for h in hypotheses)
-    error = max(error, least**2 - (1.0 + NOISE_KNOWN) * noise)
+    error = max(error, least**2 - (1.0 + EVIDENCE.noise_known) * noise)
     effective_samples = effective_sample_size(noise, error, samples)
     floor = 0.5 * float(np.log(max(noise + least_error, 1e-300))) if least_error else -np.inf
     return [

@@ -5,24 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlab.diagnose.data.responses import MODEL_ERROR, Measured, Response
+from vlab.diagnose.data.responses import Measured, Response
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency import Shared
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.frequency_residual import Residual, residual
+from vlab.diagnose.settings import FREQUENCY_FIT, RESPONSES
 from vlab.signals import Array
-
-PRIOR_BOUND = 3.0
-"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
-
-ITERATIONS = 25
-COARSE = (0.25, 0.08)
-"""Widths of the bands in which responses are compared first."""
-COARSE_ITERATIONS = 5
-LOOSE = 3.0
-"""Spread of the logarithm of an effect's parameter that its standard deviation never exceeds."""
-STILL = 1e-4
-"""Relative fall of the cost below which a fit has ended."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +49,7 @@ class Fitter:
         for data in self.measured:
             if isinstance(data, Response):
                 seen = np.isfinite(data.H)
-                size = data.spread**2 + MODEL_ERROR**2 * np.abs(data.H) ** 2
+                size = data.spread**2 + RESPONSES.model_error**2 * np.abs(data.H) ** 2
                 shares.append(float(np.mean(data.noise[seen] ** 2 / np.maximum(size[seen], 1e-300))))
                 counts.append(int(seen.sum()))
             else:
@@ -87,13 +76,15 @@ class Fitter:
             for data in self.measured
         ]
 
-    def fit(self, terms: Sequence[Term] = (), start: Array | None = None, *, iterations: int = ITERATIONS) -> Fit:
+    def fit(
+        self, terms: Sequence[Term] = (), start: Array | None = None, *, iterations: int = FREQUENCY_FIT.iterations
+    ) -> Fit:
         """Fit a hypothesis from its terms' values; without a start from the model as given, by way of the coarse view."""
         theta = np.zeros(len(self.sd)) if start is None else np.array(start)
         point = Point(theta=theta, terms=tuple(terms))
         if start is None and any(isinstance(d, Response) for d in self.measured):
-            for bands in COARSE:
-                point = self._descend(point, COARSE_ITERATIONS, bands)
+            for bands in FREQUENCY_FIT.coarse:
+                point = self._descend(point, FREQUENCY_FIT.coarse_iterations, bands)
         return self._result(self._descend(point, iterations, 0.0))
 
     def _descend(self, point: Point, iterations: int, bands: float) -> Point:
@@ -116,7 +107,7 @@ class Fitter:
                 break
             fallen, cost, point = cost - new, new, trial
             damping = max(damping * 0.2, 1e-9)
-            if fallen < STILL * max(cost, 1e-9):
+            if fallen < FREQUENCY_FIT.still * max(cost, 1e-9):
                 break
         return point
 
@@ -149,7 +140,9 @@ class Fitter:
 
     def _moved(self, point: Point, step: Array) -> Point:
         n = len(self.sd)
-        theta = np.clip(point.theta + self.sd * step[:n], -PRIOR_BOUND * self.sd, PRIOR_BOUND * self.sd)
+        theta = np.clip(
+            point.theta + self.sd * step[:n], -FREQUENCY_FIT.prior_bound * self.sd, FREQUENCY_FIT.prior_bound * self.sd
+        )
         moves = iter(step[n:])
         terms = []
         for term in point.terms:
@@ -172,7 +165,7 @@ class Fitter:
         _, jacobian = self._stacked(point, 0.0)
         n = len(self.sd)
         normal = jacobian.T @ jacobian
-        normal[n:, n:] += np.eye(len(normal) - n) / LOOSE**2
+        normal[n:, n:] += np.eye(len(normal) - n) / FREQUENCY_FIT.loose**2
         level = max(float(np.sqrt(cost / effective_samples)), 1.0)
         spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(normal)), 0.0))[n:] * level * self._sizes(point)
         labels = [f"{t.label}:{p.name}" for t in point.terms for p in t.effect.parameters]

@@ -6,26 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis, scored
-from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
+from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
+from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
 from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array
-
-QUICK, FINISHED = 5, 4
-"""Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
-FIRST = 2
-"""Iterations that tell which of few values a parameter has."""
-WHOLE_ITERATIONS, WHOLE_FINISHED = 5, 3
-"""The same over whole runs."""
-NEARLY_AS_LITTLE = 1.25
-"""Whole runs are fitted on where they leave this multiple of the least mean square at most."""
-PLACES = 5
-"""Places at which the chosen effect is fitted again."""
-ENOUGH = 1.3
-"""What leaves no more than this multiple of the noise lacks nothing that is worth much time."""
-HOPELESS = 12.0
-"""Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
 
 
 def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
@@ -55,7 +41,11 @@ def is_hysteretic(effect: Effect) -> bool:
 
 
 def fitted(
-    refiner: LeastSquares, terms: Sequence[Term], start: Fit, iterations: int = QUICK, log_likelihood_gain: float = 0.0
+    refiner: LeastSquares,
+    terms: Sequence[Term],
+    start: Fit,
+    iterations: int = HYPOTHESIS_FITS.quick,
+    log_likelihood_gain: float = 0.0,
 ) -> Hypothesis:
     """Return a hypothesis fitted from another fit on, with its score."""
     own = refiner.beside(terms)
@@ -65,7 +55,9 @@ def fitted(
 def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
     """Return quick fits of candidates, each alone."""
     told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
-    first = side_by_side(lambda c: fitted(refiner, terms_of([c]), start, FIRST, c.log_likelihood_gain), told)
+    first = side_by_side(
+        lambda c: fitted(refiner, terms_of([c]), start, HYPOTHESIS_FITS.first, c.log_likelihood_gain), told
+    )
     best: dict[str, Hypothesis] = {}
     for h in by_score(first):
         best.setdefault(h.label, h)
@@ -113,19 +105,19 @@ def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def hopeful(order: Sequence[Hypothesis]) -> int:
     """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
-    if not order or min(h.normalised_residual for h in order) > ENOUGH:
+    if not order or min(h.normalised_residual for h in order) > HYPOTHESIS_FITS.enough:
         return len(order)
-    return sum(h.score > order[0].score - HOPELESS for h in order)
+    return sum(h.score > order[0].score - HYPOTHESIS_FITS.hopeless for h in order)
 
 
 def finished(refiner: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return hypotheses by score, the best of them fitted to the end."""
     order = by_score(hypotheses)
-    most = min(FINISHED, hopeful(order))
+    most = min(HYPOTHESIS_FITS.finished, hopeful(order))
 
     def fit(item: tuple[int, Hypothesis]) -> Hypothesis:
         place, h = item
-        return fitted(refiner, h.terms, h.fit, ITERATIONS if place < most else 0, h.log_likelihood_gain)
+        return fitted(refiner, h.terms, h.fit, FIT.iterations if place < most else 0, h.log_likelihood_gain)
 
     return by_score(side_by_side(fit, list(enumerate(order))))
 
@@ -134,9 +126,9 @@ def on_whole_runs(
     whole: LeastSquares,
     narrow: LeastSquares,
     hypotheses: Sequence[Hypothesis],
-    most: int = WHOLE_FINISHED,
+    most: int = HYPOTHESIS_FITS.whole_finished,
     thetas: Sequence[Array] = (),
-    iterations: int = WHOLE_ITERATIONS,
+    iterations: int = HYPOTHESIS_FITS.whole_iterations,
     screened: Sequence[Candidate] = (),
     start: Fit | None = None,
 ) -> list[Hypothesis]:
@@ -163,7 +155,7 @@ def on_whole_runs(
     def fitted_on(h: Hypothesis) -> Fit:
         own = whole.fit(h.terms, h.fit, iterations, thetas)
         fresh = told.get(h.label)
-        if fresh is None or scored_by(whole, own).normalised_residual <= ENOUGH:
+        if fresh is None or scored_by(whole, own).normalised_residual <= HYPOTHESIS_FITS.enough:
             return own
         return min(own, whole.fit(terms_of([fresh]), start), key=whole.negative_log_posterior)
 
@@ -212,12 +204,12 @@ def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:
     if len(fits) < 2:
         return list(fits)
     best = min(fits, key=lambda fit: fit.cost)
-    near = [i for i, fit in enumerate(fits) if fit.cost <= NEARLY_AS_LITTLE * best.cost]
+    near = [i for i, fit in enumerate(fits) if fit.cost <= HYPOTHESIS_FITS.nearly_as_little * best.cost]
     if len(near) < 2:
         return list(fits)
 
     def on(i: int) -> Fit:
-        again = whole.fit(fits[i].terms, _as_in(best, fits[i]), WHOLE_ITERATIONS)
+        again = whole.fit(fits[i].terms, _as_in(best, fits[i]), HYPOTHESIS_FITS.whole_iterations)
         return min(fits[i], again, key=whole.negative_log_posterior)
 
     better = dict(zip(near, side_by_side(on, near), strict=True))
@@ -241,7 +233,7 @@ def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:
     terms = tuple(of_element(t) for t in old.terms)
     if not is_meant(terms):
         return hypothesis
-    fit = whole.fit(terms, replace(old, terms=terms), WHOLE_ITERATIONS)
+    fit = whole.fit(terms, replace(old, terms=terms), HYPOTHESIS_FITS.whole_iterations)
     was, now = scored_by(whole, old), scored_by(whole, fit)
     return replace(
         hypothesis,
@@ -267,9 +259,12 @@ def other_places(
     """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
     first, others = best.terms[0], best.terms[1:]
     elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
-    chosen = elsewhere[: PLACES - 1]
+    chosen = elsewhere[: HYPOTHESIS_FITS.places - 1]
     found = side_by_side(
-        lambda c: fitted(refiner, [*terms_of([c]), *others], start, QUICK + 2, c.log_likelihood_gain), chosen
+        lambda c: fitted(refiner, [*terms_of([c]), *others], start, HYPOTHESIS_FITS.quick + 2, c.log_likelihood_gain),
+        chosen,
     )
-    here = fitted(refiner, best.terms, best.fit, QUICK + 2, best.log_likelihood_gain)  # as the others: in windows only
+    here = fitted(
+        refiner, best.terms, best.fit, HYPOTHESIS_FITS.quick + 2, best.log_likelihood_gain
+    )  # as the others: in windows only
     return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

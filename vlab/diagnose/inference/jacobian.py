@@ -8,13 +8,8 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.parameter_vector import ParameterVector
 from vlab.diagnose.predictors.modal import NONSMOOTH
+from vlab.diagnose.settings import JACOBIAN
 from vlab.signals import Array
-
-SMOOTH_STEP = 1e-4
-"""Step of slopes along uncertain parameters, in their standard deviations, where no law has edges."""
-MOVED, WIDEST = 0.25, (100.0, 5.0)
-"""Root mean square of the weighted difference by which their steps move it, and how much wider than usual they may be: of uncertain
-parameters up to a standard deviation, of a law's to a twentieth."""
 
 
 class Simulated(Protocol):
@@ -46,7 +41,7 @@ def forward_differences(of: Simulated, vector: ParameterVector, x: Array, raw: A
     """
     steps = vector.steps(x)
     if not is_nonsmooth(vector):
-        steps[: vector.priors] = SMOOTH_STEP
+        steps[: vector.priors] = JACOBIAN.smooth_step
     offsets = np.arange(vector.r, vector.priors) if not of.free_starts else np.zeros(0, dtype=int)
     others = np.setdiff1d(np.arange(x.size), offsets)
     moved = of.residual(vector, x + np.diag(steps)[others])
@@ -82,10 +77,10 @@ def differences_by_strength(of: Simulated, vector: ParameterVector, x: Array, ra
     steps = vector.steps(x)
     _, _, across = np.linalg.svd(np.linalg.qr(slopes * steps, mode="r"))
     data = (slopes * steps)[vector.priors :] @ across.T
-    widest = np.full(x.size, WIDEST[1])
-    widest[: vector.r] = WIDEST[0]
+    widest = np.full(x.size, JACOBIAN.widest[1])
+    widest[: vector.r] = JACOBIAN.widest[0]
     most = np.min(widest / np.maximum(np.abs(across), 1e-300), axis=1)
-    size = np.clip(MOVED / np.maximum(np.sqrt(np.mean(data**2, axis=0)), 1e-300), 1.0, most)
+    size = np.clip(JACOBIAN.moved / np.maximum(np.sqrt(np.mean(data**2, axis=0)), 1e-300), 1.0, most)
     moved = of.residual(vector, x + size[:, None] * across * steps)
     return np.asarray(((moved - raw) / size[:, None]).T @ across / steps)
 

@@ -12,8 +12,8 @@ from functools import cached_property, partial
 import numpy as np
 from scipy import linalg
 
-from vlab.diagnose.data.runs import POINTS_PER_CYCLE, Signals
-from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES, effective_sample_size
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.evidence import effective_sample_size
 from vlab.diagnose.inference.impedance_scale import exponent, motion_scale
 from vlab.diagnose.inference.jacobian import (
     by_period,
@@ -27,44 +27,9 @@ from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, of_element
 from vlab.diagnose.predictors.modal import channels, mix
-from vlab.diagnose.problem import INTEGRATION_ERROR
+from vlab.diagnose.settings import EVIDENCE, FIT, PROBLEM, RUNS
 from vlab.physics.effect import SETTLING, PickUp, SensorEffect
 from vlab.signals import Array
-
-ITERATIONS = 12
-FROZEN = 2
-"""Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
-at once moves to where the law does nothing."""
-EXPLAINED, DISTANT = 1.7, 1.5
-"""Mean square of the weighted difference below which a fit needs no second start, and square of the uncertain parameters' distance
-from their priors' means over what is usual, above which it has one all the same."""
-NEAR_ENOUGH, EXACT = 1.0, 0.02
-"""Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
-and for the values of parameters."""
-CHEAPER = 0.5
-"""Decrease of the cost above which a descent goes on although what is left is noise."""
-MORE = 12
-"""Steps that such a descent may take beyond those it was given."""
-NOISE = 0.95
-"""Mean square of what is left below which it is noise, in its squared standard deviations."""
-UNDAMPED, PARTS = 1e-10, (1.0, 0.3, 0.1)
-"""Damping of a step that goes all the way, and the parts of it that are tried: where parameters make up for each other, damped
-ones leave them as far from their priors' means as the first steps took them; and such valleys bend."""
-PASSES = 2
-"""The last slopes are taken anew so often, along directions that the ones before show."""
-REUSED = 3
-"""Steps for which slopes are carried on while they keep half of their promise."""
-LOOSE_START = 0.03
-"""Spread of the states that windows start from, as a share of their rms over all windows."""
-MOST_DIRECTIONS = 100
-MOST_STARTED = 6
-"""Modes whose first state is fitted."""
-INFORMED = 0.005
-"""Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
-error, root mean square, stay at the prior's mean."""
-PROBE = 0.3
-LARGEST = 1e8
-"""What residuals that ran away are cut off at."""
 
 
 class LeastSquares:
@@ -111,14 +76,14 @@ class LeastSquares:
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
-        self.effective_samples = samples * min(1.0, 2.0 / POINTS_PER_CYCLE)
+        self.effective_samples = samples * min(1.0, 2.0 / RUNS.points_per_cycle)
         noise = np.array([run.noise for run in self.runs])
         scale = np.array([run.scale for run in self.runs])
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
-        self.integration_share = float(np.mean((INTEGRATION_ERROR * scale / self.sigma) ** 2))
+        self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
         self.effective_share = self.effective_samples
-        if self.problem.case.structure is not None and self.effective_samples > MODEL_ERROR_SAMPLES:
+        if self.problem.case.structure is not None and self.effective_samples > EVIDENCE.model_error_samples:
             # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
             self.effective_share = effective_sample_size(self.noise_share, self.error_share, self.effective_samples)
 
@@ -134,7 +99,7 @@ class LeastSquares:
         together move the channels by little beside noise and model error stay at the prior's mean.
         """
         sd, n = self.reduced_model.prior, len(self.reduced_model.prior)
-        theta = np.vstack([self.screen.theta, self.screen.theta + PROBE * np.diag(sd)])
+        theta = np.vstack([self.screen.theta, self.screen.theta + FIT.probe * np.diag(sd)])
         starts = np.zeros((n + 1, len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):
             if not run.at_rest:
@@ -146,7 +111,7 @@ class LeastSquares:
             for j, i in enumerate(index):
                 run = self.runs[i]
                 part = y[: len(run), :, j] / self.sigma[i]
-                columns = ((part[:, 1:] - part[:, :1]) / PROBE).transpose(0, 2, 1).reshape(-1, n)
+                columns = ((part[:, 1:] - part[:, :1]) / FIT.probe).transpose(0, 2, 1).reshape(-1, n)
                 gram += columns.T @ columns
                 samples += run.y.size
         scale = self._common_scale()
@@ -155,8 +120,8 @@ class LeastSquares:
             known = linalg.null_space(unknown)
             gram = known @ (known.T @ gram @ known) @ known.T
         size, vectors = np.linalg.eigh(gram / samples)
-        order = np.argsort(-size)[:MOST_DIRECTIONS]
-        keep = order[np.sqrt(np.maximum(size[order], 0.0)) > INFORMED]
+        order = np.argsort(-size)[: FIT.most_directions]
+        keep = order[np.sqrt(np.maximum(size[order], 0.0)) > FIT.informed]
         self.unidentifiable = sd[:, None] * np.delete(vectors, keep, axis=1)
         return np.asarray(sd[:, None] * vectors[:, keep])
 
@@ -183,7 +148,7 @@ class LeastSquares:
             theta = np.repeat(self.screen.theta[None], m2, axis=0)
             free = self.simulate([quiet], (), theta, (), starts)[:, :, 0]  # (n, 2m, p)
             states = np.array([self.runs[i].start for i in index])
-            spread = LOOSE_START * np.maximum(np.sqrt(np.mean(states**2, axis=0)), 1e-12)
+            spread = FIT.loose_start * np.maximum(np.sqrt(np.mean(states**2, axis=0)), 1e-12)
             for i in index:
                 n = len(self.runs[i])
                 seen = free[:n] * self.runs[i].usable[:, None, :]
@@ -202,7 +167,7 @@ class LeastSquares:
             m = self.reduced_model.m
             energy = x[m:] ** 2 + (self.reduced_model.omega * x[:m]) ** 2
             size = np.maximum(size, energy / max(energy.max(), 1e-300))
-        largest = np.argsort(-size, kind="stable")[:MOST_STARTED]
+        largest = np.argsort(-size, kind="stable")[: FIT.most_started]
         return np.sort(largest[size[largest] > 1e-6])
 
     def first_state(self, run: Signals) -> Array:
@@ -297,9 +262,9 @@ class LeastSquares:
         self,
         terms: Sequence[Term] = (),
         start: Fit | None = None,
-        iterations: int = ITERATIONS,
+        iterations: int = FIT.iterations,
         thetas: Sequence[Array] = (),
-        tolerance: float = NEAR_ENOUGH,
+        tolerance: float = FIT.near_enough,
     ) -> Fit:
         """Fit a hypothesis.
 
@@ -320,7 +285,7 @@ class LeastSquares:
         for x in (
             others
         ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
-            if best.cost < EXPLAINED * samples and best.chi2 - best.cost < DISTANT * vector.r:
+            if best.cost < FIT.explained * samples and best.chi2 - best.cost < FIT.distant * vector.r:
                 break
             best = min(best, self._descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
@@ -340,18 +305,18 @@ class LeastSquares:
         """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
         return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = NEAR_ENOUGH) -> Fit:
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
         damping, raw = 1e-3, self.residual(vector, x[None])[0]
         if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
             return self._result(vector, x, raw, np.zeros((0, 0)))
-        slopes, age = np.zeros((raw.size, x.size)), REUSED
+        slopes, age = np.zeros((raw.size, x.size)), FIT.reused
         small, done, last = 0, -1, iterations
         while (done := done + 1) < last:
-            shapes_too = done >= FROZEN or iterations <= FROZEN
+            shapes_too = done >= FIT.frozen or iterations <= FIT.frozen
             weight = self._weight(vector, raw)
             best = raw * weight
             cost = float(best @ best)
-            if age >= REUSED:
+            if age >= FIT.reused:
                 slopes, age = forward_differences(self, vector, x, raw), 0
             normal, gradient = self._normal(vector, slopes, weight), slopes.T @ (weight * best)
             if not shapes_too:
@@ -359,8 +324,8 @@ class LeastSquares:
                 normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
-            steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (UNDAMPED, *lams)]
-            trials = x - np.array([*(part * steps[0] for part in PARTS), *steps[1:]])
+            steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (FIT.undamped, *lams)]
+            trials = x - np.array([*(part * steps[0] for part in FIT.parts), *steps[1:]])
             if is_nonsmooth(vector):
                 trials = np.vstack([trials, self._rescaled(vector, x)])
             trials = vector.bounded(trials)
@@ -369,7 +334,7 @@ class LeastSquares:
             pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
             if not costs[pick] < cost:
                 if age:  # the slopes are old: new ones before smaller steps
-                    age = REUSED
+                    age = FIT.reused
                     continue
                 damping *= 1e4
                 if damping > 1e6:
@@ -379,23 +344,25 @@ class LeastSquares:
             step, change = trials[pick] - x, residuals[pick] - raw
             promised = -float(step @ (2.0 * gradient + normal @ step))
             slopes = update_broyden(slopes, step, change)
-            age = age + 1 if cost - costs[pick] > 0.5 * promised else REUSED
+            age = age + 1 if cost - costs[pick] > 0.5 * promised else FIT.reused
             x, raw = trials[pick], residuals[pick]
-            is_damped = len(PARTS) <= pick < len(PARTS) + len(lams)
-            damping = max(0.1 * (lams[pick - len(PARTS)] if is_damped else damping), 1e-8)
-            is_cheap = cost - costs[pick] < CHEAPER  # no longer do the uncertain parameters come nearer to their priors
+            is_damped = len(FIT.parts) <= pick < len(FIT.parts) + len(lams)
+            damping = max(0.1 * (lams[pick - len(FIT.parts)] if is_damped else damping), 1e-8)
+            is_cheap = (
+                cost - costs[pick] < FIT.cheaper
+            )  # no longer do the uncertain parameters come nearer to their priors
             if small >= 2 and shapes_too:
                 break
-            if tolerance <= EXACT:
+            if tolerance <= FIT.exact:
                 continue
             if is_cheap and self._is_noise(vector, raw):
                 break
-            if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < EXPLAINED:
-                last = min(max(last, done + 2), iterations + MORE)
-        if tolerance <= EXACT:  # what is carried on is good for steps, not for intervals
+            if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < FIT.explained:
+                last = min(max(last, done + 2), iterations + FIT.more)
+        if tolerance <= FIT.exact:  # what is carried on is good for steps, not for intervals
             vector, x, raw = self._with_unidentifiable(vector, x, raw)
             slopes = forward_differences(self, vector, x, raw)
-            for _ in range(PASSES):
+            for _ in range(FIT.passes):
                 slopes = differences_by_strength(self, vector, x, raw, slopes)
             common = self._common_scale()
             if common is not None:
@@ -437,7 +404,9 @@ class LeastSquares:
         """
         at = vector.priors
         for size in (self.runs[i].y.size for i in by_period(self.runs)):
-            if np.mean(raw[at : at + size] ** 2) > NOISE + 4.0 * np.sqrt(2.0 / size):  # four standard deviations of it
+            if np.mean(raw[at : at + size] ** 2) > FIT.noise + 4.0 * np.sqrt(
+                2.0 / size
+            ):  # four standard deviations of it
                 return False
             at += size
         return True
@@ -486,7 +455,7 @@ class LeastSquares:
         costs = self._costs(vector, X)
         together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
         first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
-        if start is None or start.chi2 - start.cost < DISTANT * vector.r:
+        if start is None or start.chi2 - start.cost < FIT.distant * vector.r:
             return first
         # far from its priors the other fit has made up for what is missing
         own = [known.get(term.label, term).values for term in terms]
@@ -617,6 +586,6 @@ class LeastSquares:
 
 def _cut_off(residual: Array) -> None:
     """Bring a residual that ran away back to large numbers, in place."""
-    if residual.min() >= -LARGEST and residual.max() <= LARGEST:  # not of what is no number
+    if residual.min() >= -FIT.largest and residual.max() <= FIT.largest:  # not of what is no number
         return
-    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -LARGEST, LARGEST), LARGEST)
+    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -FIT.largest, FIT.largest), FIT.largest)

@@ -5,33 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vlab.diagnose.data.mains_interference import HARMONICS, MAINS_HZ
 from vlab.diagnose.inference.evidence import Found, Hypothesis
+from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE
 from vlab.physics.effect import LinearPortEffect
-
-EXPLAINED = 0.5
-"""An effect must explain this share of what stood above the noise before it."""
-TOGETHER = 0.75
-"""Two effects of which neither alone explains enough must explain this share of it."""
-SECOND_SHARE = 0.005
-"""A second effect must explain this share of what stood above the noise without any, too."""
-ABOVE_NOISE = 1.3
-"""Below this multiple of the noise there is nothing to explain."""
-BEYOND_PRIOR, OF_LINEAR = 10.0, 6.0
-"""An effect is also accepted where it gains this much in log-likelihood, priors of the uncertain parameters included, and 2 more for
-every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
-is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
-shapes are looked at at all places, but only a dozen linear ones."""
-OF_PAIRS = 6.0
-"""...and this much more for two of them at once: of a thousand pairs the best one gains 7 by chance."""
-LAPSE = 0.04
-"""Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere. All
-that was tried shares the rest. Counted on the named effects of an earlier campaign of concealed cases."""
-NEAR_MAINS = 0.5
-"""A force [Hz] so near the mains' frequency or a multiple is not believed in for the likelihood alone: hum within the noise of every
-sensor adds up to one over all recordings."""
-ALIKE = 3.0
-"""Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,13 +72,17 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     added = [t for t in more.terms if t.label not in known]
     count = sum(len(t.effect.parameters) for t in added)
     is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in added)
-    enough = (OF_LINEAR if is_linear else BEYOND_PRIOR) + 2.0 * max(count - 1, 0)
-    enough += OF_PAIRS if len(added) > 1 else 0.0
+    enough = (MODEL_CHOICE.of_linear if is_linear else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
+    enough += MODEL_CHOICE.of_pairs if len(added) > 1 else 0.0
     return more.score - less.score + more.complexity - less.complexity - enough
 
 
 def _is_mains_frequency(frequency: float) -> bool:
-    return any(abs(frequency - k * mains) < NEAR_MAINS for mains in MAINS_HZ for k in HARMONICS)
+    return any(
+        abs(frequency - k * mains) < MODEL_CHOICE.near_mains
+        for mains in INTERFERENCE.mains_hz
+        for k in INTERFERENCE.harmonics
+    )
 
 
 def choose_model(found: Found) -> Choice:
@@ -112,26 +92,30 @@ def choose_model(found: Found) -> Choice:
     best = before
     if singles:
         one = singles[0]
-        explains = before.normalised_residual > ABOVE_NOISE and _excess(before) - _excess(one) >= EXPLAINED * _excess(
-            before
-        )
+        explains = before.normalised_residual > MODEL_CHOICE.above_noise and _excess(before) - _excess(
+            one
+        ) >= MODEL_CHOICE.explained * _excess(before)
         if explains or _beyond(one, before) > 0:
             best = one
     if best is not before and doubles:
         two = doubles[0]
         gained = _excess(one) - _excess(two)
-        first_is_enough = one.normalised_residual <= ABOVE_NOISE
-        explains = gained >= EXPLAINED * _excess(one) and gained >= SECOND_SHARE * _excess(before)
+        first_is_enough = one.normalised_residual <= MODEL_CHOICE.above_noise
+        explains = gained >= MODEL_CHOICE.explained * _excess(one) and gained >= MODEL_CHOICE.second_share * _excess(
+            before
+        )
         if (explains and not first_is_enough) or _beyond(two, one) > 0:
             best = two
-    elif doubles and before.normalised_residual > ABOVE_NOISE:  # of two effects one alone may explain nothing
+    elif (
+        doubles and before.normalised_residual > MODEL_CHOICE.above_noise
+    ):  # of two effects one alone may explain nothing
         two = doubles[0]
-        if _excess(before) - _excess(two) >= TOGETHER * _excess(before) and _beyond(two, before) > 0:
+        if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and _beyond(two, before) > 0:
             best = two
     if best is before:
         return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
-    alike = tuple(h for h in same if h.score >= best.score - ALIKE)
+    alike = tuple(h for h in same if h.score >= best.score - MODEL_CHOICE.alike)
     probability, ranking = _probabilities(found, best)
     options = [(best, probability), *ranking]
     return Choice(
@@ -164,7 +148,7 @@ def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[H
     for h in [best, *sorted(same, key=lambda h: -h.score)]:
         by_effect.setdefault(_names(h), h)
     options = [*by_effect.values(), found.before]
-    weights = [(1.0 - LAPSE) * weight for weight in _shares(options)]
+    weights = [(1.0 - MODEL_CHOICE.lapse) * weight for weight in _shares(options)]
     ranking = sorted(zip(options[1:], weights[1:], strict=True), key=lambda pair: -pair[1])
     return weights[0], tuple(ranking)
 

@@ -7,18 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.effect import Parameter
 from vlab.signals import Array
-
-PRIOR_BOUND = 6.0
-"""Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration. Their priors
-alone are what a score counts; a bound at work stops a descent."""
-FURTHEST = 9.0
-"""An effect's parameter without a sign stays within a factor of e to this power of where it starts."""
-STEP, START_STEP, LEAST_STEP = 1e-2, 0.1, 1e-12
-"""Steps of slopes: along uncertain parameters, offsets and effects' parameters, of these relative; along first states; the least."""
-START_SIZE = 0.01
-"""First states are fitted in this share of the largest one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +84,7 @@ class ParameterVector:
             return np.zeros(0)
         speed = max(float(np.max(np.abs(np.concatenate([x[a] * omega, x[m + a]])))) for x in self.firsts)
         speed = max(speed, 1e-9)
-        return START_SIZE * np.concatenate([speed / omega, np.full(len(a), speed)])
+        return PARAMETER_VECTOR.start_size * np.concatenate([speed / omega, np.full(len(a), speed)])
 
     def project_prior(self, theta: Array) -> Array:
         """Return log-factors along the directions, in standard deviations of their prior; the rest is left out."""
@@ -124,10 +115,14 @@ class ParameterVector:
 
     def steps(self, x: Array) -> Array:
         """Return the steps of slopes at a vector."""
-        out = np.full(x.size, STEP)
-        out[self.priors : self.first_effect] = START_STEP
+        out = np.full(x.size, PARAMETER_VECTOR.step)
+        out[self.priors : self.first_effect] = PARAMETER_VECTOR.start_step
         for k, (_, parameter) in enumerate(self.parameters, start=self.first_effect):
-            out[k] = STEP if not parameter.signed else max(STEP * abs(x[k]), LEAST_STEP)
+            out[k] = (
+                PARAMETER_VECTOR.step
+                if not parameter.signed
+                else max(PARAMETER_VECTOR.step * abs(x[k]), PARAMETER_VECTOR.least_step)
+            )
         return out
 
     def bounded(self, X: Array) -> Array:
@@ -135,7 +130,7 @@ class ParameterVector:
         out = X.copy()
         for k, (low, high) in enumerate(self.limits, start=self.first_effect):
             out[:, k] = np.clip(out[:, k], low, high)
-        out[:, : self.r] = np.clip(out[:, : self.r], -PRIOR_BOUND, PRIOR_BOUND)
+        out[:, : self.r] = np.clip(out[:, : self.r], -PARAMETER_VECTOR.prior_bound, PARAMETER_VECTOR.prior_bound)
         return out
 
 
@@ -153,7 +148,7 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
         most = np.inf if parameter.reference else parameter.high
         return -most, most
     centre = to_unbounded(parameter, value)
-    low, high = centre - FURTHEST, centre + FURTHEST
+    low, high = centre - PARAMETER_VECTOR.furthest, centre + PARAMETER_VECTOR.furthest
     if parameter.reference in ("displacement", "velocity"):
         of = reference(parameter.reference)
         low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))

@@ -27,6 +27,7 @@ from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impuls
 from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import SCORE_TEST
 from vlab.physics.effect import (
     ActuatorEffect,
     Effect,
@@ -37,37 +38,6 @@ from vlab.physics.effect import (
     SensorEffect,
 )
 from vlab.signals import Array
-
-SLOW = 1e-3
-"""Trust in the model, as a factor in the unknown forces, of an observer that forgets slowly and sees what only adds up over many
-cycles: where something is to be explained, it looks as well."""
-REFITS = 4
-"""The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
-
-
-OFFSET_SD = (0.005, 0.05, 0.05)
-"""Prior standard deviation of a channel's zero, as a share of its rms: of displacements, where a constant force shows as well,
-of velocities and of accelerations, where it does not."""
-TONES, TONE_WIDTH = 3, 4.0
-"""Frequencies that are read off what is left of the recordings, and how far apart they lie at least, in lines of a recording."""
-HIGHEST_TONE = 0.3
-"""...and up to what share of the sample rate they are looked for."""
-TONE_STANDS_OUT, TONE_NEIGHBOURS = 8.0, 30.0
-"""A tone has more power than this multiple of the median of so many lines to both sides; noise alone has it once in 3000 lines. What
-is left of a contact or a coarse step has none that stand out."""
-MODEL_ERROR_SAMPLES = 500.0
-"""Independent values that the innovations count as in the estimate of the uncertain parameters."""
-SHARES = 2
-"""Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
-ZOOM = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
-"""Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
-one where the step is off by a part in the number of steps."""
-COARSE_ZOOM = 4
-"""How many of them are enough for a law that remembers."""
-NO_GAIN = 1e-3
-"""Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
-MOST_ROWS = 60_000
-"""Samples times channels that the screening works on."""
 
 
 def _inverse(normal: Array) -> Array:
@@ -130,7 +100,7 @@ class ScoreTest:
         self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
         start = np.zeros(len(self.reduced_model.changes)) if like is None else like.theta
         self.theta = start if theta is None else theta
-        for _ in range(REFITS if like is None else 1):
+        for _ in range(SCORE_TEST.refits if like is None else 1):
             self._linearise()
             step = self._step
             if np.all(np.abs(step) <= 0.02 * self.reduced_model.prior + 1e-4):
@@ -140,8 +110,8 @@ class ScoreTest:
             self._linearise()
 
     def _shortened(self, runs: list[Signals]) -> list[Signals]:
-        """Return the first parts of runs that together hold no more than `MOST_ROWS` values."""
-        most = MOST_ROWS // (len(runs) * len(self.reduced_model.rows.at_q))
+        """Return the first parts of runs that together hold no more than `SCORE_TEST.most_rows` values."""
+        most = SCORE_TEST.most_rows // (len(runs) * len(self.reduced_model.rows.at_q))
         return [run if len(run) <= most else run.first(most) for run in runs]
 
     def _linearise(self) -> None:
@@ -170,7 +140,7 @@ class ScoreTest:
         What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
         taken at their number, directions that scale nearly everything drift many standard deviations away.
         """
-        share = MODEL_ERROR_SAMPLES / len(self.e) / max(self.variance, 1.0)
+        share = SCORE_TEST.model_error_samples / len(self.e) / max(self.variance, 1.0)
         normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
         return np.asarray(_inverse(normal) @ (share * (self.nuisance.T @ self.e) - pull))
 
@@ -350,7 +320,7 @@ class ScoreTest:
     @property
     def offset_sd(self) -> Array:
         """Prior standard deviation of the channels' zeros."""
-        share = np.array([OFFSET_SD[order] for order in self.problem.orders])
+        share = np.array([SCORE_TEST.offset_sd[order] for order in self.problem.orders])
         return np.asarray(share * np.max([run.scale for run in self.runs], axis=0))
 
     def _left(self, columns: Array) -> Array:
@@ -439,7 +409,7 @@ class ScoreTest:
         if self.keeps_plans:
             found = [at([place]) for place in places]
         else:
-            found = side_by_side(at, [places[i::SHARES] for i in range(SHARES)])
+            found = side_by_side(at, [places[i :: SCORE_TEST.shares] for i in range(SCORE_TEST.shares)])
         return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
 
     def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
@@ -515,7 +485,9 @@ class ScoreTest:
         best = candidate
         shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
         is_hysteretic = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
-        widths = ZOOM[:COARSE_ZOOM] if is_hysteretic else ZOOM  # such laws are smooth in their shapes, and slow
+        widths = (
+            SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if is_hysteretic else SCORE_TEST.zoom
+        )  # such laws are smooth in their shapes, and slow
         for width in widths if shapes else ():
             values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
             tried = [
@@ -523,7 +495,7 @@ class ScoreTest:
             ]
             found = self._regressed(candidate.place, self._columns(candidate.place, tried))
             other = max(found, key=lambda c: c.log_likelihood_gain)
-            best = other if other.log_likelihood_gain > best.log_likelihood_gain + NO_GAIN else best
+            best = other if other.log_likelihood_gain > best.log_likelihood_gain + SCORE_TEST.no_gain else best
         return best
 
     def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:
@@ -620,15 +592,17 @@ class ScoreTest:
         answer = self._answer(group, place, frequency)
         seen = np.abs(np.einsum("fp,frp->fr", answer.conj(), left)) ** 2
         power = seen.sum(axis=1) / np.maximum(np.sum(np.abs(answer) ** 2, axis=1), 1e-300)
-        apart = TONE_WIDTH / (len(group.e) * group.h)
-        power[(frequency < apart) | (frequency > HIGHEST_TONE / group.h)] = 0.0
+        apart = SCORE_TEST.tone_width / (len(group.e) * group.h)
+        power[(frequency < apart) | (frequency > SCORE_TEST.highest_tone / group.h)] = 0.0
         out = []
         whole = power.copy()
-        for _ in range(TONES):
+        for _ in range(SCORE_TEST.tones):
             top = int(np.argmax(power))
             far = np.abs(frequency - frequency[top])
-            beside = whole[(far > apart) & (far < TONE_NEIGHBOURS / TONE_WIDTH * apart) & (whole > 0)]
-            stands_out = bool(beside.size and power[top] > TONE_STANDS_OUT * np.median(beside))
+            beside = whole[
+                (far > apart) & (far < SCORE_TEST.tone_neighbours / SCORE_TEST.tone_width * apart) & (whole > 0)
+            ]
+            stands_out = bool(beside.size and power[top] > SCORE_TEST.tone_stands_out * np.median(beside))
             out.append((float(frequency[top]) or apart, stands_out))
             power[far < apart] = 0.0
         self._tones[place.name] = tuple(out)

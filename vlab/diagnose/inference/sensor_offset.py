@@ -7,12 +7,8 @@ import numpy as np
 
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import SENSOR_OFFSET
 from vlab.signals import Array
-
-BENIGN_OFFSET = 0.01
-"""A zero that is off by less than this share of its channel's rms is what every laboratory has..."""
-OVER_ERROR = 1.0
-"""...and one that is off by less than this multiple of what the fit leaves of the channel may be made up by what is wrong there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,4 +56,4 @@ def _benign(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     """Return how far off every channel's zero may be, and what a fit leaves of it, (n_channels,) each."""
     scale = np.max([run.scale for run in problem.signals], axis=0)
     error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
-    return np.maximum(BENIGN_OFFSET * scale, OVER_ERROR * error), error
+    return np.maximum(SENSOR_OFFSET.benign_offset * scale, SENSOR_OFFSET.over_error * error), error

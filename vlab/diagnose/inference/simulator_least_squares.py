@@ -7,23 +7,15 @@ import numpy as np
 
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
-from vlab.diagnose.inference.least_squares import ITERATIONS, NEAR_ENOUGH
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.settings import FIT, SIMULATOR_FIT
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-CORRECTIONS, STEPS = 2, 5
-"""How often the difference between MuJoCo's run and the system along the motion is taken off the recordings, and the steps of
-the fit after each."""
-ENOUGH = 0.97
-"""A correction that leaves more than this share of the last one's rms ends the fit."""
-FOLLOWS = 0.5
-"""Share of a recording's rms by which MuJoCo's run may miss it for the correction to mean anything."""
 
 
 class SimulatorLeastSquares(TrajectoryLeastSquares):
@@ -41,23 +33,23 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         self,
         terms: Sequence[Term] = (),
         start: Fit | None = None,
-        iterations: int = ITERATIONS,
+        iterations: int = FIT.iterations,
         thetas: Sequence[Array] = (),
-        tolerance: float = NEAR_ENOUGH,
+        tolerance: float = FIT.near_enough,
     ) -> Fit:
         """See `LeastSquares`."""
         self._compare_with(self.recorded)
         best = super().fit(terms, start, iterations, thetas, tolerance)
         left, bias = self._missed(best)
-        for _ in range(CORRECTIONS):
+        for _ in range(SIMULATOR_FIT.corrections):
             if bias is None:
                 break
             self._compare_with([y - b for y, b in zip(self.recorded, bias, strict=True)])
-            tried = super().fit(best.terms, best, STEPS, tolerance=tolerance)
+            tried = super().fit(best.terms, best, SIMULATOR_FIT.steps, tolerance=tolerance)
             missed, more = self._missed(tried)
             if not missed < left:
                 break
-            is_enough = missed > ENOUGH * left
+            is_enough = missed > SIMULATOR_FIT.enough * left
             best, left, bias = tried, missed, more
             if is_enough:
                 break
@@ -85,7 +77,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             left += float(np.sum((missed / self.sigma[i]) ** 2))
             worst = max(worst, float(np.max(np.sqrt(np.mean(missed**2, axis=0)) / run.scale)))
             bias.append(y - system[i])
-        return left, bias if worst < FOLLOWS else None
+        return left, bias if worst < SIMULATOR_FIT.follows else None
 
     def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
         """Return what MuJoCo's run of a plant gives at a course's samples."""

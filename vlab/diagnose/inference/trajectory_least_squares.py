@@ -13,33 +13,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.least_squares import NEAR_ENOUGH, LeastSquares
+from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
 from vlab.diagnose.inference.trajectory_score_test import Lines, TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.predictors.trajectory import FINE, pad_and_stack
-from vlab.diagnose.predictors.trajectory_integration import CHECK_EVERY, FAR, integrate_trajectory, trace_laws
+from vlab.diagnose.predictors.trajectory import pad_and_stack
+from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
+from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
-
-WINDOWS, LEAST_WINDOW = 12, 60
-"""A run is cut into this many windows, of this many samples at least."""
-PREROLL = 120
-"""Samples of smoothed motion that a law with memory sees before a window."""
-LOOSE = 6.0
-"""Windows start within this multiple of the predictions' standard deviation: what the nominal model lacks may act there."""
-SETTLED = 20
-"""Samples after which the predictions' standard deviation is that of a known motion."""
-PROBE = 0.02
-"""Share of it by which starts are moved to see what they can explain."""
-PAD = 400
-"""Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
-SETTLINGS, MOST_MOVE = 2, 3.0
-"""Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""
-EVEN = 1e-6
-"""Intervals that differ by no more than this share are the same."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +63,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.parts: list[Part] = []
         runs: list[Signals] = []
         for i, run in enumerate(screen.runs):
-            count = 1 if whole else max(1, min(WINDOWS, len(run) // LEAST_WINDOW))
+            count = 1 if whole else max(1, min(TRAJECTORY_FIT.windows, len(run) // TRAJECTORY_FIT.least_window))
             edges = np.linspace(0, len(run), count + 1).astype(int)
             for j, (a, b) in enumerate(pairwise(edges)):
                 self.parts.append(Part(i, int(a), int(b)))
@@ -113,7 +97,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.fine_A, self.fine_G = self._cut(s.fine_A), self._cut(s.fine_G)
         self.defect, self.h = self._cut(s.defect), self._cut(s.h)
         inside = self.h > 0
-        self.even = float(self.h[0, 0]) if np.ptp(self.h[inside]) <= EVEN * self.h[0, 0] else None
+        self.even = float(self.h[0, 0]) if np.ptp(self.h[inside]) <= TRAJECTORY_FIT.even * self.h[0, 0] else None
         self.h[~inside] = 1.0
         self.t = self._cut(pad_and_stack([c.time for c in screen.moving.trajectories]))
         self.read = self._cut(pad_and_stack([a.read for a in screen.systems]))
@@ -133,9 +117,9 @@ class TrajectoryLeastSquares(LeastSquares):
         out = []
         for part in self.parts:
             at_rest = part.first == 0 and self.moving.moving.trajectories[part.run].at_rest
-            sample = part.first if at_rest else max(part.first, min(SETTLED, part.end - 1))
+            sample = part.first if at_rest else max(part.first, min(TRAJECTORY_FIT.settled, part.end - 1))
             size, vectors = np.linalg.eigh(self.moving.gains.P[sample, part.run])
-            out.append((1.0 if at_rest else LOOSE) * vectors * np.sqrt(np.maximum(size, 0.0)))
+            out.append((1.0 if at_rest else TRAJECTORY_FIT.loose) * vectors * np.sqrt(np.maximum(size, 0.0)))
         return out
 
     def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
@@ -150,10 +134,14 @@ class TrajectoryLeastSquares(LeastSquares):
         middle = np.array([run.start for run in self.runs])
         starts = np.repeat(middle[None], m2 + 1, axis=0)
         for w, spread in enumerate(self.start_scale):
-            starts[1:, w] += PROBE * spread.T
+            starts[1:, w] += TRAJECTORY_FIT.probe * spread.T
         own = [{k: np.full(m2 + 1, v) for k, v in p.items()} for p in values]
         y = self.simulate(self.runs, terms, np.repeat(theta[None], m2 + 1, axis=0), own, starts)
-        moved = np.clip(np.nan_to_num((y[:, 1:] - y[:, :1]) / PROBE), -FAR, FAR)
+        moved = np.clip(
+            np.nan_to_num((y[:, 1:] - y[:, :1]) / TRAJECTORY_FIT.probe),
+            -TRAJECTORY_INTEGRATION.far,
+            TRAJECTORY_INTEGRATION.far,
+        )
         out = {}
         for w, run in enumerate(self.runs):
             seen = moved[: len(run), :, w] * run.usable[:, None, :] / self.sigma[w]
@@ -161,7 +149,7 @@ class TrajectoryLeastSquares(LeastSquares):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = NEAR_ENOUGH) -> Fit:
+    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
         theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
         self.move_starts(vector.terms, theta[0], own, offsets[0])
@@ -176,12 +164,14 @@ class TrajectoryLeastSquares(LeastSquares):
         """
         self.runs = [replace(run, start=start) for run, start in zip(self.runs, self.first_starts, strict=True)]
         y, self.free_starts = self._free_starts(terms, theta, values)
-        for _ in range(SETTLINGS if self.whole else 0):
+        for _ in range(TRAJECTORY_FIT.settlings if self.whole else 0):
             starts = []
             for w, run in enumerate(self.runs):
                 missed = ((y[: len(run), w] + offsets - run.y) * run.usable / self.sigma[w]).ravel()
-                move = self.free_starts[w][1] @ np.clip(missed, -FAR, FAR)
-                starts.append(run.start - self.start_scale[w] @ np.clip(move, -MOST_MOVE, MOST_MOVE))
+                move = self.free_starts[w][1] @ np.clip(missed, -TRAJECTORY_INTEGRATION.far, TRAJECTORY_INTEGRATION.far)
+                starts.append(
+                    run.start - self.start_scale[w] @ np.clip(move, -TRAJECTORY_FIT.most_move, TRAJECTORY_FIT.most_move)
+                )
             self.runs = [replace(run, start=start) for run, start in zip(self.runs, starts, strict=True)]
             y, self.free_starts = self._free_starts(terms, theta, values)
         return y
@@ -208,7 +198,7 @@ class TrajectoryLeastSquares(LeastSquares):
         """Return what the channels are before sensor effects, (n, n_sets, n_windows, p)."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = FINE if any(term.effect.family == "friction" for term, _ in acting) else 1
+        steps = TRAJECTORY.fine if any(term.effect.family == "friction" for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, own, G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
@@ -224,7 +214,13 @@ class TrajectoryLeastSquares(LeastSquares):
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
             y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
-        return np.asarray(np.clip(np.nan_to_num(y, nan=FAR), -FAR, FAR))
+        return np.asarray(
+            np.clip(
+                np.nan_to_num(y, nan=TRAJECTORY_INTEGRATION.far),
+                -TRAJECTORY_INTEGRATION.far,
+                TRAJECTORY_INTEGRATION.far,
+            )
+        )
 
     def _as_written(
         self, laws: Sequence[Law], A: Array, drive: Array, starts: Array, forces: Array, steps: int, *, seen: bool
@@ -242,8 +238,12 @@ class TrajectoryLeastSquares(LeastSquares):
                         forces[k] += push
                 x = free
             x = x - self.defect[k]
-            if k % CHECK_EVERY == 0:
-                x = np.clip(np.nan_to_num(x, nan=FAR), -FAR, FAR)
+            if k % TRAJECTORY_INTEGRATION.check_every == 0:
+                x = np.clip(
+                    np.nan_to_num(x, nan=TRAJECTORY_INTEGRATION.far),
+                    -TRAJECTORY_INTEGRATION.far,
+                    TRAJECTORY_INTEGRATION.far,
+                )
         return states
 
     def _drive(
@@ -275,7 +275,7 @@ class TrajectoryLeastSquares(LeastSquares):
         assert isinstance(effect, PortEffect)
         p = {name: np.asarray(value)[:, None] for name, value in own.items()}
         memory = effect.memory((len(next(iter(own.values()))), len(self.parts)))
-        longest = min(PREROLL, max(part.first for part in self.parts))
+        longest = min(TRAJECTORY_FIT.preroll, max(part.first for part in self.parts))
         if memory is None or longest == 0:
             return memory
         lines, nv = s.lines_of(term.place), self.reduced_model.m
@@ -351,7 +351,7 @@ def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_ev
     grid = t if is_even else np.linspace(t[0], t[-1], len(t))
     step = h if is_even else float(grid[1] - grid[0])
     even = x if is_even else CubicSpline(t, x)(grid)
-    pad = min(PAD, len(even) - 1)
+    pad = min(TRAJECTORY_FIT.pad, len(even) - 1)
     longer = np.concatenate([2 * even[0] - even[pad:0:-1], even])
     times = grid[0] + step * (np.arange(len(longer)) - pad)
     out = np.asarray(effect.sense(longer, p, step, times))[pad:]

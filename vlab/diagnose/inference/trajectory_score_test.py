@@ -31,20 +31,14 @@ from vlab.diagnose.predictors.trajectory import (
 )
 from vlab.diagnose.predictors.trajectory_data import with_signals
 from vlab.diagnose.predictors.trajectory_problem import Trajectories
-from vlab.diagnose.predictors.unit_effects import RUNAWAY, commands_changed, unit_amplitudes
+from vlab.diagnose.predictors.unit_effects import commands_changed, unit_amplitudes
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
 from vlab.physics.attach import port_at
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step
 from vlab.plants.base import Plant, Port
 from vlab.plants.mjcf import AXES
 from vlab.signals import Array
-
-SETTLED = 10
-"""Samples after which innovations count."""
-OFTEN = 25.0
-"""Points per cycle of the fastest motion at which the forces of uncertain parameters are found."""
-CHANGE = 1e-4
-"""Step of the log-factors of uncertain parameters in differences of forces."""
 
 
 class Lines:
@@ -152,7 +146,7 @@ class TrajectoryScoreTest(ScoreTest):
         group = Group(
             runs, last, steady, states, u, np.zeros((*y.shape[:2], self.reduced_model.m)), y, lengths, s.usable, e=left
         )
-        group.first = min(SETTLED, int(lengths.min()) // 4)
+        group.first = min(TRAJECTORY_SCORE_TEST.settled, int(lengths.min()) // 4)
         group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
         return group
 
@@ -192,7 +186,7 @@ class TrajectoryScoreTest(ScoreTest):
         def column(parameter: Uncertain) -> Array:
             if not parameter.fields:
                 return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
-            pair = [_changed(plant, parameter, sign * CHANGE) for sign in (1.0, -1.0)]
+            pair = [_changed(plant, parameter, sign * TRAJECTORY_SCORE_TEST.change) for sign in (1.0, -1.0)]
             return pad_and_stack([_slope(pair, m, self._stride()) for m in middles])
 
         out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
@@ -204,7 +198,7 @@ class TrajectoryScoreTest(ScoreTest):
     def _stride(self) -> int:
         """Return at which n-th samples forces that vary smoothly are found; splines go between."""
         h = float(np.median(self.stack.h[self.stack.h > 0]))
-        return int(np.clip(1.0 / (OFTEN * self.problem.highest_hz * h), 1, 4))
+        return int(np.clip(1.0 / (TRAJECTORY_SCORE_TEST.often * self.problem.highest_hz * h), 1, 4))
 
     def commands(self, actuator: int) -> Array:
         """Return what reaches an actuator's gain along the runs, (n, n_runs): its command, or its state where it has one."""
@@ -336,7 +330,7 @@ class TrajectoryScoreTest(ScoreTest):
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
-        series = [x if np.all(np.abs(x) < RUNAWAY) else 0.0 * z[0] for x in laws]
+        series = [x if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
     def _series(
@@ -397,7 +391,7 @@ def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int)
     n = len(middle[0])
     at = np.unique(np.append(np.arange(0, n, stride), n - 1))
     part = [x[at] for x in middle]
-    slope = (_inverse(pair[1], *part) - _inverse(pair[0], *part)) / (2 * CHANGE)
+    slope = (_inverse(pair[1], *part) - _inverse(pair[0], *part)) / (2 * TRAJECTORY_SCORE_TEST.change)
     return slope if stride == 1 or len(at) < 4 else np.asarray(CubicSpline(at, slope)(np.arange(n)))
 
 

@@ -8,10 +8,9 @@ from vlab.diagnose.data.runs import Signals, windows
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.settings import WINDOW_FIT
 from vlab.physics.effect import SensorEffect
 
-WHOLE = 3000
-"""Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
 GOLDEN = 0.6180339887
 """Multiples of it are spread evenly and without a period."""
 
@@ -43,7 +42,7 @@ class WindowLeastSquares(LeastSquares):
 
 
 def _cut(screen: ScoreTest, every: int, without: Sequence[Term]) -> Sequence[Signals]:
-    if max(len(run) for run in screen.runs) <= WHOLE:
+    if max(len(run) for run in screen.runs) <= WINDOW_FIT.whole:
         return screen.runs
     omega = np.abs(screen.reduced_model.omega)
     moving = omega[omega > 0.1]

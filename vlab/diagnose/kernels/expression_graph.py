@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.kernels.compilation import compiled
+from vlab.diagnose.settings import KERNELS
 from vlab.physics.expression import CODE, SIGNALS, ExpressionGraph
 from vlab.signals import Array
 
-RUNAWAY = 1e12
-"""Forces and states beyond this have run away."""
-CHECKED = 8
-"""Every so many samples states are looked at whether they ran away."""
-MOST = 1e9
-"""What such states are brought back to."""
+CHECKED = KERNELS.checked
+MOST = KERNELS.most
+RUNAWAY = KERNELS.runaway
+"""Settings that compiled loops read."""
+
 
 _COPY, _ADD, _SUBTRACT, _MULTIPLY = (CODE[f] for f in (np.positive, np.add, np.subtract, np.multiply))
 _DIVIDE, _NEGATIVE, _ABSOLUTE = (CODE[f] for f in (np.divide, np.negative, np.absolute))

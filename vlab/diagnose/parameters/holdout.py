@@ -8,7 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.replay import plan_clock
-from vlab.diagnose.parameters.recorded_runs import LEAST_SAMPLES
+from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 
 
@@ -57,9 +57,11 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
         if not moves(run):
             notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
             continue
-        if len(run.measured) < LEAST_SAMPLES:
+        if len(run.measured) < RECORDED_RUNS.least_samples:
             few = len(run.measured)
-            notes.append(f"{run.name}: {few} samples verify nothing, so it is left out; at least {LEAST_SAMPLES} do")
+            notes.append(
+                f"{run.name}: {few} samples verify nothing, so it is left out; at least {RECORDED_RUNS.least_samples} do"
+            )
             continue
         runs.append(run)
         absent = [name for name in names if name not in run.measured.names]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vlab.diagnose.parameters.reduced_model import ReducedModel
+from vlab.diagnose.settings import LOCATIONS
 from vlab.physics.attach import port_at
 from vlab.physics.effect import Effect, PickUp
 from vlab.physics.running import tap_index
@@ -13,13 +14,6 @@ from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-SAME = 1e-6
-"""Two ports are one where their rows differ by less than this share."""
-MOST_PORTS = 80
-MOST_PICKED_UP = 16
-"""Beyond this many sensors none is taken to see what another one sees."""
-FREE = 0.1
-"""Angular frequency [rad/s] below which a mode is free motion."""
 SHARED = ("timing", "resolution", "gain", "clearance", "saturation")
 """Families of effects that all actuators can have together: they share delay, filter and converters, and drives of one make have one
 limit and one dead zone."""
@@ -149,12 +143,13 @@ def places_of(
     names, data = list(plant.ports), plant.new_data()
     rows = plant.port_rows(names) @ reduced_model.shapes
     scale = np.abs(rows).max(initial=0.0)
-    free = np.eye(len(reduced_model.omega))[:, np.abs(reduced_model.omega) < FREE] if free is None else free
+    free = np.eye(len(reduced_model.omega))[:, np.abs(reduced_model.omega) < LOCATIONS.free] if free is None else free
     for name, row in zip(names, rows, strict=True):
         if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
             continue
         reduced_model_port = next(
-            (i for i, p in enumerate(ports) if np.abs(p.rows[0] - row).max() <= SAME * np.abs(row).max()), None
+            (i for i, p in enumerate(ports) if np.abs(p.rows[0] - row).max() <= LOCATIONS.same * np.abs(row).max()),
+            None,
         )
         if reduced_model_port is not None and not plant.ports[name].tag:
             known = ports[reduced_model_port]
@@ -173,7 +168,7 @@ def places_of(
                 is_held=bool(np.abs(row @ free).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
             )
         )
-    ports = ports[:MOST_PORTS]
+    ports = ports[: LOCATIONS.most_ports]
     straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
     out = [*ports, *_points(plant, reduced_model, straight)]
     out += [
@@ -195,7 +190,7 @@ def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], dri
         for i in own
         for k in driven
     ]
-    if len(channels) > MOST_PICKED_UP:
+    if len(channels) > LOCATIONS.most_picked_up:
         return out
     return out + [
         Place(name=f"{sensors[i]}/{sensors[k].partition(':')[2]}", kind="pick-up", index=i, other=k, tag="sensor")
@@ -234,9 +229,9 @@ def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> li
         if any(p.rows.shape == moving.shape and _is_parallel(p.rows, moving) for p in out):
             continue  # a site at a body's centre
         out.append(Place(name=name, kind="body", rows=moving))
-    return out[:MOST_PORTS]
+    return out[: LOCATIONS.most_ports]
 
 
 def _is_parallel(a: Array, b: Array) -> bool:
     """Return whether rows are the same but for their sense."""
-    return bool(np.abs(np.abs(a) - np.abs(b)).max() <= SAME * np.abs(b).max())
+    return bool(np.abs(np.abs(a) - np.abs(b)).max() <= LOCATIONS.same * np.abs(b).max())

@@ -7,6 +7,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.parameters.recorded_runs import read_runs
+from vlab.diagnose.settings import MESH_CORRECTION
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.build import build_plant
@@ -14,11 +15,6 @@ from vlab.structure.model import Structure, Tuning
 
 PHYSICAL = "composite"
 """The plant whose mesh is coarse."""
-WIDER = 2.0
-"""Modes up to this multiple of the highest frequency recorded are those of the FE model: pulses and edges go beyond the others."""
-
-SOFT = 0.01
-"""Share of the cables' stiffness along their length that leaves nothing of what their stretching adds: tension and modes stay."""
 
 
 def with_modes_of_fe(case: Case) -> Case:
@@ -36,7 +32,7 @@ def with_modes_of_fe(case: Case) -> Case:
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
     freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
     recorded = read_runs(case, ("fit",))
-    count = int(np.sum(freq <= WIDER * recorded.highest_hz))
+    count = int(np.sum(freq <= MESH_CORRECTION.wider * recorded.highest_hz))
     if count == 0:
         return case
     of_fe = replace(structure.tuning or Tuning(), of_fe=count, at_step=recorded.step(case.plant))
@@ -52,7 +48,9 @@ def with_soft_cables(case: Case) -> Case | None:
     structure = case.structure
     if structure is None or case.table.model.plant != PHYSICAL or not structure.cable:
         return None
-    soft = tuple(replace(cable, youngs_modulus=SOFT * cable.youngs_modulus) for cable in structure.cable)
+    soft = tuple(
+        replace(cable, youngs_modulus=MESH_CORRECTION.soft * cable.youngs_modulus) for cable in structure.cable
+    )
     return _rebuilt(case, replace(structure, cable=soft))
 
 

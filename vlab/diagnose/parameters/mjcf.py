@@ -10,31 +10,16 @@ import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.parameters.reduced_model import Change, Part
+from vlab.diagnose.settings import MJCF_PRIORS
 from vlab.plants.base import Plant
 from vlab.plants.equilibrium import settle
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-DEFAULT_SD = {
-    "stiffness": 0.05,
-    "damping": 0.3,
-    "friction": 0.3,
-    "mass": 0.03,
-    "armature": 0.05,
-    "gain": 0.05,
-    "sensor": 0.01,
-}
-"""Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping and
-friction are known to a third, sensors are calibrated."""
 ELEMENTS = ("stiffness", "damping", "friction", "mass", "armature")
 """Kinds that elements of a model have."""
-COMMON, OWN = 0.25**0.5, 0.75**0.5
-"""Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
-drawing have some error in common, and every element deviates by just what is stated."""
 IMPEDANCE = (*ELEMENTS, "inertia")
 """Kinds of what a force is needed for."""
-MOST_ELEMENTS = 12
-"""Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
 
 
 Number = tuple[str, int | tuple[int, int]]
@@ -84,20 +69,22 @@ def uncertain_parameters(
     for kind in ELEMENTS:
         elements = _elements(plant.model, kind)
         also = "inertia" if kind == "mass" else kind
-        out += of_kind(kind, elements, given.get(kind, DEFAULT_SD[kind]), given, also)
+        out += of_kind(kind, elements, given.get(kind, MJCF_PRIORS.default_sd[kind]), given, also)
     for i in actuators:
         name = plant.actuators[i].name
         sd = gain_sd(given, name)
         out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, fields=_returned(plant, i), actuator=i))
     for i, name in enumerate(channels):
-        sd = given.get(f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", DEFAULT_SD["sensor"]))
+        sd = given.get(
+            f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", MJCF_PRIORS.default_sd["sensor"])
+        )
         out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
     return out
 
 
 def gain_sd(given: Mapping[str, float], actuator: str) -> float:
     """Return the relative standard deviation of an actuator's gain, by ``[model.uncertain]`` or the default."""
-    return given.get(f"actuator:{actuator}:gain", given.get("gain", DEFAULT_SD["gain"]))
+    return given.get(f"actuator:{actuator}:gain", given.get("gain", MJCF_PRIORS.default_sd["gain"]))
 
 
 def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
@@ -191,13 +178,15 @@ def of_kind(
     every = tuple(field for fields in elements.values() for field in fields)
     if not every:
         return []
-    is_split = 1 < len(elements) <= MOST_ELEMENTS
+    is_split = 1 < len(elements) <= MJCF_PRIORS.most_elements
     is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's is what they have in common
-    out = [Uncertain(name=kind, kind=kind, sd=COMMON * sd if is_split and not is_named else sd, fields=every)]
+    out = [
+        Uncertain(name=kind, kind=kind, sd=MJCF_PRIORS.common * sd if is_split and not is_named else sd, fields=every)
+    ]
     own = {name: given.get(f"{name}:{kind}") or given.get(f"{name}:{also}") for name in elements}
     if is_split:
         out += [
-            Uncertain(name=f"{name}:{kind}", kind=kind, sd=OWN * sd, fields=fields)
+            Uncertain(name=f"{name}:{kind}", kind=kind, sd=MJCF_PRIORS.own * sd, fields=fields)
             for name, fields in elements.items()
             if not own[name]
         ]

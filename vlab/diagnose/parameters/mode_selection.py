@@ -7,25 +7,13 @@ import mujoco
 import numpy as np
 from scipy.linalg import logm
 
-from vlab.diagnose.parameters.locations import FREE
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.reduced_model import observable
+from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION
 from vlab.fe.second_order import SecondOrderModel
 from vlab.physics.running import STAGGERED
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-MOST_MODES = 24
-FEW = 8
-"""So many modes are all followed, as far as samples tell: a gap or a slip feels how a place yields beside it."""
-BAND_MARGIN = 2.0
-"""Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
-SEEN = 0.45
-"""Share of the sample rate beyond which no mode is followed."""
-NO_PHASE = 1e-12
-"""A step whose eigenvalues are real and negative turns a motion round at once, as no continuous one does."""
-LAGGING = 30.0
-"""A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,14 +65,14 @@ def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, r
     """
     omega, shapes = linear.eigen
     kept = observable(rows.onto(np.eye(len(omega))), shapes, omega)
-    widest = 2 * np.pi * SEEN * rate_hz
-    band = min(2 * np.pi * max(BAND_MARGIN * highest_hz, 1.5 * _lowest(omega, kept)), widest)
-    if np.sum(kept & (np.abs(omega) < widest)) <= FEW:
+    widest = 2 * np.pi * MODE_SELECTION.seen * rate_hz
+    band = min(2 * np.pi * max(MODE_SELECTION.band_margin * highest_hz, 1.5 * _lowest(omega, kept)), widest)
+    if np.sum(kept & (np.abs(omega) < widest)) <= MODE_SELECTION.few:
         band = widest
     kept &= np.abs(omega) < band
     damping = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes)
     kept |= lags(omega, damping, band)  # damping couples them to what is seen
-    kept &= np.cumsum(kept) <= MOST_MODES
+    kept &= np.cumsum(kept) <= MODE_SELECTION.most_modes
     return KeptModes(linear=linear, rows=rows, omega=omega, shapes=shapes, kept=kept, band=float(band))
 
 
@@ -98,7 +86,9 @@ def lags(omega: Array, damping: Array, band: float) -> Array:
     """
     half = 0.5 * damping
     slow = omega**2 / np.maximum(half + np.sqrt(np.maximum(half**2 - omega**2, 0.0)), 1e-300)
-    return np.asarray((half > np.abs(omega)) & (slow < LAGGING * band) & (np.abs(omega) > FREE))
+    return np.asarray(
+        (half > np.abs(omega)) & (slow < MODE_SELECTION.lagging * band) & (np.abs(omega) > LOCATIONS.free)
+    )
 
 
 def _lowest(omega: Array, kept: Array) -> float:
@@ -152,7 +142,7 @@ def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array,
     step[m : 2 * m] += yields @ np.hstack([-K, -C, np.eye(m)])
     step[:m] += h * step[m : 2 * m]
     poles = np.linalg.eigvals(step)
-    if np.any((poles.real <= 0.0) & (np.abs(poles.imag) < NO_PHASE)):
+    if np.any((poles.real <= 0.0) & (np.abs(poles.imag) < MODE_SELECTION.no_phase)):
         own = _one_by_one(np.diag(C), np.diag(K), np.diag(at_end), h)
         return own[0], own[1] + C - np.diag(np.diag(C)), own[2]
     with warnings.catch_warnings():
@@ -175,5 +165,5 @@ def _one_by_one(c: Array, k: Array, at_end: Array, h: float) -> tuple[Array, Arr
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h
     damping, stiffness = -s.sum(axis=1).real, s.prod(axis=1).real
-    mass = np.divide(k, stiffness, out=np.ones_like(k), where=(0.25 * c**2 > k) & (k > FREE**2))
+    mass = np.divide(k, stiffness, out=np.ones_like(k), where=(0.25 * c**2 > k) & (k > LOCATIONS.free**2))
     return np.diag(mass), np.diag(mass * damping), np.diag(mass * stiffness)

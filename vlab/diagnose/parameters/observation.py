@@ -8,11 +8,9 @@ import numpy as np
 
 from vlab.cases.channel_map import Compared
 from vlab.cases.replay import Bench, State
+from vlab.diagnose.settings import OBSERVATION
 from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array
-
-STEP = 1e-6
-"""Step of the central differences [largest joint motion, m or rad, or their rates]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,11 +59,11 @@ def channel_rows(plant: Plant, compared: Sequence[Compared]) -> ChannelRows:
         out = np.zeros((len(channels), nv))
         for j in range(nv):
             step = np.zeros(nv)
-            step[j] = STEP
+            step[j] = OBSERVATION.step
             moves = [(sign * step, zero) if which == 0 else (zero, sign * step) for sign in (1.0, -1.0)]
             pair = [_evaluate(bench, channels, move, velocity, zero) for move, velocity in moves]
             change = (pair[0][0] - pair[1][0]) - at_a @ (pair[0][1] - pair[1][1])
-            out[:, j] = change / (2 * STEP)
+            out[:, j] = change / (2 * OBSERVATION.step)
         maps.append(_clean(out))
     return ChannelRows(at_q=maps[0], at_v=maps[1], at_a=_clean(at_a), rest=rest - at_a @ rest_qacc)
 

@@ -12,12 +12,10 @@ from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay import bench_for, plan_clock
 from vlab.diagnose.data.runs import fastest, uniform
 from vlab.diagnose.parameters.observation import within_limits
+from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-LEAST_SAMPLES = 64
-"""What a spectrum takes from which the noise is read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,10 +71,10 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
     if not runs:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
-    short = next((run for run in runs if len(run.measured) < LEAST_SAMPLES), None)
+    short = next((run for run in runs if len(run.measured) < RECORDED_RUNS.least_samples), None)
     if short is not None:
         raise BadCase(
-            f"{case.path}: {short.name} has {len(short.measured)} samples; at least {LEAST_SAMPLES} tell motion from noise"
+            f"{case.path}: {short.name} has {len(short.measured)} samples; at least {RECORDED_RUNS.least_samples} tell motion from noise"
         )
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:

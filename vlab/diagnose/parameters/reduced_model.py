@@ -8,15 +8,9 @@ import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.parameters.observation import ChannelRows
+from vlab.diagnose.settings import REDUCED_MODEL
 from vlab.fe.damping import driven_modes
 from vlab.signals import Array
-
-MOST = 3.0
-"""Log-factors beyond this size are taken for it."""
-SLOPE = 0.01
-"""Step of the derivatives of damping, in standard deviations of the priors."""
-LEAST_SEEN = 3e-4
-"""Share of the fastest mode's motion that a channel must see of another one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +138,7 @@ class ModalDamping:
         return _modes(self.M[None], self.K[None])[1]
 
     def _matrix(self, M: Array, K: Array, theta: Array) -> Array:
-        theta = np.clip(theta, -MOST, MOST)
+        theta = np.clip(theta, -REDUCED_MODEL.most, REDUCED_MODEL.most)
         squares, shapes, momenta = _modes(M, K)
         if self.follows_shapes:
             nominal = self._nominal_shapes
@@ -240,7 +234,9 @@ class ReducedModel:
         """
         out = [np.repeat(x[None], len(theta), axis=0) for x in (self.M, self.C, self.K)]
         for part in self.parts:
-            more = np.expm1(np.clip(theta[:, part.by].sum(axis=1), -MOST, MOST))[:, None, None]
+            more = np.expm1(np.clip(theta[:, part.by].sum(axis=1), -REDUCED_MODEL.most, REDUCED_MODEL.most))[
+                :, None, None
+            ]
             for whole, own in zip(out, part.matrices, strict=True):
                 if own is not None:
                     whole += more * own
@@ -252,7 +248,9 @@ class ReducedModel:
     def gains(self, theta: Array) -> tuple[Array, Array]:
         """Return actuator gains and channel gains (n_sets, ...) for parameter sets (n_sets, n_changes)."""
         actuators, channels = (np.ones((len(theta), k)) for k in (self.forces.shape[1], len(self.rows.at_q)))
-        for change, factor in zip(self.changes, np.exp(np.clip(theta, -MOST, MOST)).T, strict=True):
+        for change, factor in zip(
+            self.changes, np.exp(np.clip(theta, -REDUCED_MODEL.most, REDUCED_MODEL.most)).T, strict=True
+        ):
             if change.actuator is not None:
                 actuators[:, change.actuator] *= factor
             if change.sensor is not None:
@@ -277,7 +275,7 @@ class ReducedModel:
         """Return the derivatives of M, C and K by every uncertain parameter at (n_changes,) log-factors."""
         out: list[list[Array | None]] = [[None, None, None] for _ in self.changes]
         for part in self.parts:
-            factor = float(np.exp(np.clip(theta[list(part.by)].sum(), -MOST, MOST)))
+            factor = float(np.exp(np.clip(theta[list(part.by)].sum(), -REDUCED_MODEL.most, REDUCED_MODEL.most)))
             for i in part.by:
                 for k, own in enumerate(part.matrices):
                     if own is not None:
@@ -285,9 +283,9 @@ class ReducedModel:
                         out[i][k] = factor * own if before is None else before + factor * own
         if self.damping is not None:
             n = len(self.changes)
-            step = SLOPE * np.diag(self.prior)
+            step = REDUCED_MODEL.slope * np.diag(self.prior)
             C = self.matrices(np.vstack([theta + step, theta - step]))[1]
-            for i, change in enumerate((C[:n] - C[n:]) / (2.0 * SLOPE)):
+            for i, change in enumerate((C[:n] - C[n:]) / (2.0 * REDUCED_MODEL.slope)):
                 if self.prior[i] > 0 and np.any(change):
                     out[i][1] = change / self.prior[i]
         return [(M, C, K) for M, C, K in out]
@@ -349,4 +347,4 @@ def observable(rows: ChannelRows, shapes: Array, omega: Array) -> Array:
     size = size + np.abs(rows.at_a @ shapes) * np.maximum(omega**2, 1.0)
     moved = size / np.maximum(np.abs(omega), 1.0)
     largest = moved.max(axis=1, keepdims=True)
-    return np.asarray((moved > LEAST_SEEN * np.maximum(largest, 1e-300)).any(axis=0))
+    return np.asarray((moved > REDUCED_MODEL.least_seen * np.maximum(largest, 1e-300)).any(axis=0))

@@ -9,16 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.parameters.locations import FREE
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.recorded_runs import read_runs
+from vlab.diagnose.settings import LOCATIONS, STATIC_OFFSET
 from vlab.errors import BadStructure
 from vlab.signals import Array
 
-STANDS_OFF = 3.0
-"""A channel stands off where its mean is further from rest than this multiple of its standard deviation, in every recording..."""
-ALIKE = 1.0
-"""...and the means differ by less than this multiple of it."""
 ANGLES = ("angle",)
 """Kinds that are believed: a pendulum may stand on its head."""
 
@@ -60,7 +56,7 @@ def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
         return case, ()  # no rest to stand off from
     rows = channel_rows(case.plant, recorded.channels)
     omega, shapes = linear.eigen
-    moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < FREE]) > 0, axis=1)
+    moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < LOCATIONS.free]) > 0, axis=1)
     measured = recorded.runs[0].measured
     found = []
     for i, compared in enumerate(recorded.channels):
@@ -76,7 +72,11 @@ def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
 
 def _static_offset(columns: list[Array]) -> float:
     means, spread = np.array([c.mean() for c in columns]), max(float(c.std()) for c in columns)
-    stands = spread > 0 and np.all(np.abs(means) > STANDS_OFF * spread) and np.ptp(means) < ALIKE * spread
+    stands = (
+        spread > 0
+        and np.all(np.abs(means) > STATIC_OFFSET.stands_off * spread)
+        and np.ptp(means) < STATIC_OFFSET.alike * spread
+    )
     return float(np.mean(means)) if stands else 0.0
 
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from vlab.diagnose.parameters.mjcf import COMMON, DEFAULT_SD, OWN, Uncertain
+from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.mode_selection import as_stepped
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
+from vlab.diagnose.settings import MJCF_PRIORS, STRUCTURE_PRIORS
 from vlab.errors import unknown_name
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -22,13 +23,6 @@ from vlab.structure.model import Structure, Tuning
 Edit = Callable[[Structure, float], Structure]
 """A structure and a factor to the structure with something multiplied by it; or a distance, and the structure with a sensor so far
 beside its point."""
-STEP = 1e-3
-STRUCTURE_SD = {"tension": 0.05, "frequency": 0.003, "place": 1e-3}
-"""The same of what only structures have, and how far a sensor may stand beside its point [m]. No mesh has every frequency to a part in a thousand (composites of 16 links miss by
-up to 0.2 % up to 50 Hz), and with damping ratios of a thousandth that is the width of a resonance."""
-OF_FE_SD = 0.001
-"""The same of frequencies that the plant has from the FE model, which misses a hundred-thousandth: what the twin, linear in all that
-is uncertain, misses of a plant that is some per cent off. With more room they take what belongs to stiffness and mass."""
 SCALED = ("stiffness", "mass", "tension", "gain")
 """Kinds of what is larger in a structure that moves just as much under forces as much larger."""
 FREQUENCY, PLACE = "frequency:mode", "place:"
@@ -86,9 +80,9 @@ def structure_parameters(
     UnknownName
         Something is stated of a parameter that there is none of.
     """
-    usual = {**DEFAULT_SD, **STRUCTURE_SD}
+    usual = {**MJCF_PRIORS.default_sd, **STRUCTURE_PRIORS.structure_sd}
     if structure.tuning is not None and structure.tuning.of_fe:
-        usual["frequency"] = OF_FE_SD
+        usual["frequency"] = STRUCTURE_PRIORS.of_fe_sd
     sd = {kind: given.get(kind, default) for kind, default in usual.items()}
     out = []
     for name in structure.section:
@@ -108,9 +102,13 @@ def structure_parameters(
     if structure.plate:
         out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
         out.append(StructureUncertain(name="plates:inertia", kind="mass", sd=sd["mass"], edit=_inertia))
-    out.append(StructureUncertain(name=ALL_DAMPING, kind="damping", sd=COMMON * sd["damping"], edit=_damping(None)))
+    out.append(
+        StructureUncertain(name=ALL_DAMPING, kind="damping", sd=MJCF_PRIORS.common * sd["damping"], edit=_damping(None))
+    )
     out += [
-        StructureUncertain(name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=OWN * sd["damping"], edit=_damping(i))
+        StructureUncertain(
+            name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=MJCF_PRIORS.own * sd["damping"], edit=_damping(i)
+        )
         for i in range(len(structure.damping.ratios))
     ]
     out += [
@@ -272,10 +270,10 @@ def common_scale_of_structure(
     if loaded or any(p.sd <= 0 for p in parameters if p.kind in SCALED):
         return None
     scale = np.array([float(p.kind in SCALED) for p in parameters])
-    alike = edited(structure, parameters, STEP * scale)
+    alike = edited(structure, parameters, STRUCTURE_PRIORS.step * scale)
     larger, own = (build_fe_model(s, variant).linear for s in (alike, structure))
-    heavier = np.allclose(larger.M, np.exp(STEP) * own.M, rtol=0, atol=1e-9 * np.abs(own.M).max())
-    return scale if heavier and np.allclose(larger.eigen[0], own.eigen[0], rtol=1e-3 * STEP) else None
+    heavier = np.allclose(larger.M, np.exp(STRUCTURE_PRIORS.step) * own.M, rtol=0, atol=1e-9 * np.abs(own.M).max())
+    return scale if heavier and np.allclose(larger.eigen[0], own.eigen[0], rtol=1e-3 * STRUCTURE_PRIORS.step) else None
 
 
 def frequencies_of_reduced_model(
@@ -337,8 +335,13 @@ def structure_parts(
             own[mode, mode] = 1.0 if mode >= 0 else 0.0
             out.append(Part(by=(i, i), K=omega[mode] ** 2 * own))  # the square of a frequency
             continue
-        high, low = (build_fe_model(edit(structure, np.exp(s)), variant).linear for s in (STEP, -STEP))
-        M, K = (carry.T @ ((a - b) / (2 * STEP)) @ carry for a, b in ((high.M, low.M), (high.K, low.K)))
+        high, low = (
+            build_fe_model(edit(structure, np.exp(s)), variant).linear
+            for s in (STRUCTURE_PRIORS.step, -STRUCTURE_PRIORS.step)
+        )
+        M, K = (
+            carry.T @ ((a - b) / (2 * STRUCTURE_PRIORS.step)) @ carry for a, b in ((high.M, low.M), (high.K, low.K))
+        )
         out.append(Part(by=(i,), M=M if np.abs(M).max() > 1e-9 else None, K=K))
     return tuple(out)
 

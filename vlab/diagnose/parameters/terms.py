@@ -4,15 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.settings import TERMS
 from vlab.physics.effect import Effect, Parameter, PortEffect
 from vlab.signals import Array
-
-UNIDENTIFIABLE = 1.0
-"""Standard deviation of a size's logarithm beyond which it may as well be none."""
-
-
-NOTHING = 1e-3
-"""A part of a law is nothing where it is this share of another one in its unit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,11 +128,11 @@ class Fit:
 
     def _is_nothing(self, term: Term, parameter: Parameter) -> bool:
         alike = [abs(term.values[p.name]) for p in term.effect.amplitudes if p.unit == parameter.unit]
-        return self._may_be_none(term, parameter) or abs(term.values[parameter.name]) < NOTHING * max(alike)
+        return self._may_be_none(term, parameter) or abs(term.values[parameter.name]) < TERMS.nothing * max(alike)
 
     def _may_be_none(self, term: Term, parameter: Parameter) -> bool:
         sd = self.sd.get(f"{term.label}:{parameter.name}", 0.0)
-        return sd > (abs(term.values[parameter.name]) if parameter.signed else UNIDENTIFIABLE)
+        return sd > (abs(term.values[parameter.name]) if parameter.signed else TERMS.unidentifiable)
 
 
 def _sizes(effect: Effect) -> Sequence[Parameter]:

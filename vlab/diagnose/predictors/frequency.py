@@ -9,12 +9,10 @@ from vlab.diagnose.data.responses import Response
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency_model import View, Wires
+from vlab.diagnose.settings import FREQUENCY
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect, Values
 from vlab.physics.small_signal import SmallSignal, channel_response, small_signal
 from vlab.signals import Array, ComplexArray
-
-STEP = 1e-4
-"""Step of the derivatives by an effect's parameters, as a share of them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -295,7 +293,7 @@ def _by_term(
 ) -> list[ComplexArray]:
     out = []
     for parameter in term.effect.parameters:
-        moved, by = stepped(term, parameter.name, STEP)
+        moved, by = stepped(term, parameter.name, FREQUENCY.step)
         if is_port(term):
             omega = response.omega
             z = [at_port(t, t.values, float(omega[-1])).impedance(1j * omega) for t in (term, moved)]

@@ -12,17 +12,13 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces, channel_rows
 from vlab.diagnose.parameters.reduced_model import observable
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.settings import FREQUENCY_MODEL
 from vlab.errors import BadCase
 from vlab.physics.effect import LinearPortEffect
 from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
 from vlab.physics.small_signal import is_linear
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-MOST_MODES = 40
-"""Modes that are kept of a large model, from the lowest on."""
-UNSTABLE = 1e-3
-"""A mode with negative stiffness above this circular frequency [rad/s] makes a model unstable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +144,7 @@ def view_of(plant: Plant, wires: Wires) -> View:
     """
     linear = plant.linearise()
     omega, shapes = linear.eigen
-    if omega[0] < -UNSTABLE:
+    if omega[0] < -FREQUENCY_MODEL.unstable:
         raise BadCase(
             f"the model is unstable at rest: its first mode has a negative stiffness ({omega[0]:.3g} rad/s); "
             "it has no frequency response"
@@ -156,7 +152,7 @@ def view_of(plant: Plant, wires: Wires) -> View:
     rows = _output_rows(plant, wires)
     seen = _seeing(plant, wires, rows)
     kept = observable(seen, shapes, np.maximum(omega, 0.0))
-    kept &= np.cumsum(kept) <= MOST_MODES
+    kept &= np.cumsum(kept) <= FREQUENCY_MODEL.most_modes
     if not kept.any():
         raise BadCase("the places that were measured see no mode of the model")
     basis = shapes[:, kept]

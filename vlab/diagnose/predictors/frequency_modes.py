@@ -7,11 +7,9 @@ import numpy as np
 
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency import State, at_port, is_port
+from vlab.diagnose.settings import FREQUENCY_MODES
 from vlab.physics.small_signal import SmallSignal
 from vlab.signals import Array, ComplexArray
-
-LEAST_PART = 0.02
-"""Share of a mode that the structure must have for it to count as one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +93,7 @@ def model_modes(A: Array, m: int) -> ModelModes:
     poles, right = np.linalg.eig(A)
     left = np.linalg.inv(right)
     part = np.abs(2 * poles * np.einsum("im,mi->i", left[:, m : 2 * m], right[:m]))
-    index = np.flatnonzero((poles.imag > 1e-6 * np.abs(poles) + 1e-9) & (part > LEAST_PART))
+    index = np.flatnonzero((poles.imag > 1e-6 * np.abs(poles) + 1e-9) & (part > FREQUENCY_MODES.least_part))
     index = index[np.argsort(np.abs(poles[index]))]
     return ModelModes(s=poles[index], left=left, right=right, poles=poles, index=index, m=m, part=part[index])
 

@@ -14,25 +14,13 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from vlab.diagnose.data.responses import MODEL_ERROR, SMALLEST_ZETA, Measured, Modes, Response
+from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.frequency import STEP, Answer, Shared, State, answer, at_port, is_port, stepped
+from vlab.diagnose.predictors.frequency import Answer, Shared, State, answer, at_port, is_port, stepped
 from vlab.diagnose.predictors.frequency_model import View, Wires
 from vlab.diagnose.predictors.frequency_modes import ModelModes, by_parameter, matrix_changes, model_modes, state_matrix
+from vlab.diagnose.settings import FREQUENCY, FREQUENCY_RESIDUAL, RESPONSES
 from vlab.signals import Array, ComplexArray
-
-INDEPENDENT = 40.0
-"""Independent numbers that one response counts as, however many lines it has: what a model leaves is its own error, which is
-alike on neighbouring lines."""
-BAND_ERROR = 0.15
-"""Error of the logarithm of the power in a band that the coarse view allows."""
-SKIPPED = 6.0
-"""What a mode of the model that the table does not list costs, in standard deviations."""
-OWN_PART, PART_COST = 0.3, 3.0
-"""A table lists modes of the structure: one that is mostly the resonance of something on it, less than this share the
-structure's, costs so many standard deviations for every factor of e that it is below."""
-FAR = 30.0
-"""Difference in standard deviations beyond which a pairing of modes costs no more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,11 +80,11 @@ def response_residual(data: Response, found: Answer, bands: float = 0.0) -> Resi
     """Return the difference between an answer of the model and a measured response."""
     if bands:
         return _in_bands(data, found, bands)
-    effective_samples = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
+    effective_samples = min(FREQUENCY_RESIDUAL.independent, len(data.freq)) * len(data.outputs)
     weight = np.sqrt(effective_samples / data.H.size)
     measured: ComplexArray = data.H
     H = np.abs(found.H) if data.is_magnitude else found.H
-    size = np.sqrt(data.spread**2 + MODEL_ERROR**2 * 0.5 * (np.abs(measured) ** 2 + np.abs(found.H) ** 2))
+    size = np.sqrt(data.spread**2 + RESPONSES.model_error**2 * 0.5 * (np.abs(measured) ** 2 + np.abs(found.H) ** 2))
     e = (measured - H) / size
 
     def moved(parts: ComplexArray) -> Array:
@@ -104,7 +92,7 @@ def response_residual(data: Response, found: Answer, bands: float = 0.0) -> Resi
             return np.zeros((_count(data), 0))
         along = np.real(np.conj(found.H) * parts)
         change = along / np.maximum(np.abs(found.H), 1e-300) if data.is_magnitude else parts
-        rate = -change / size - e * (0.5 * MODEL_ERROR**2 * along / size**2)
+        rate = -change / size - e * (0.5 * RESPONSES.model_error**2 * along / size**2)
         return np.asarray(_real(rate, data).T * weight)
 
     return Residual(
@@ -130,15 +118,15 @@ def _in_bands(data: Response, found: Answer, width: float) -> Residual:
     window = _windows(data.freq.tobytes(), width)
     power, own = window @ np.abs(data.H) ** 2, window @ np.abs(found.H) ** 2
     floor = window @ data.noise**2
-    effective_samples = min(INDEPENDENT, len(data.freq)) * len(data.outputs)
+    effective_samples = min(FREQUENCY_RESIDUAL.independent, len(data.freq)) * len(data.outputs)
     weight = np.sqrt(effective_samples / power.size)
-    e = np.log((power + floor) / (own + floor)) / (2 * BAND_ERROR)
+    e = np.log((power + floor) / (own + floor)) / (2 * FREQUENCY_RESIDUAL.band_error)
 
     def moved(parts: ComplexArray) -> Array:
         if not len(parts):
             return np.zeros((power.size, 0))
         change = 2 * np.real(np.conj(found.H) * parts)
-        rate = -(window @ change) / (own + floor) / (2 * BAND_ERROR)
+        rate = -(window @ change) / (own + floor) / (2 * FREQUENCY_RESIDUAL.band_error)
         return np.asarray(rate.reshape(len(parts), -1).T * weight)
 
     return Residual(
@@ -185,7 +173,7 @@ def modal_residual(
     by_term = []
     for k, term in enumerate(terms):
         for parameter in term.effect.parameters:
-            moved, by = stepped(term, parameter.name, STEP)
+            moved, by = stepped(term, parameter.name, FREQUENCY.step)
             others = [*view.fixed, *terms[:k], moved, *terms[k + 1 :]]
             change = (state_matrix(state, others, fastest) - A) / by
             by_term.append(np.append(_modal_rate(modes, data, rows, pairs, change), 0.0))
@@ -232,7 +220,7 @@ def shape_rows(view: View, data: Modes) -> Array:
 
 def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
     """Return which mode of the model each mode of a table is, -1 for none left."""
-    freq, zeta = modes.freq, np.maximum(modes.zeta, SMALLEST_ZETA)
+    freq, zeta = modes.freq, np.maximum(modes.zeta, RESPONSES.smallest_zeta)
     if not len(freq):
         return np.full(data.n, -1)
     cost = (np.log(freq[None, :] / data.freq[:, None]) / data.freq_sd[:, None]) ** 2
@@ -246,18 +234,21 @@ def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
         mac = alike / np.maximum(size, 1e-300)
         # a frequency may be far off; a shape says which mode it is
         cost = (
-            np.minimum(cost, FAR**2) + np.sum(data.shapes**2, axis=1)[:, None] * (1 - mac) / data.shape_sd[:, None] ** 2
+            np.minimum(cost, FREQUENCY_RESIDUAL.far**2)
+            + np.sum(data.shapes**2, axis=1)[:, None] * (1 - mac) / data.shape_sd[:, None] ** 2
         )
         out = np.full(data.n, -1)
         a, b = linear_sum_assignment(cost)
         out[a] = b
         return out
-    return _in_order(np.minimum(cost, FAR**2), freq, data)
+    return _in_order(np.minimum(cost, FREQUENCY_RESIDUAL.far**2), freq, data)
 
 
 def _little(part: Array) -> Array:
     """Return what modes cost in which the structure takes little part."""
-    return np.asarray(PART_COST * np.maximum(np.log(OWN_PART / np.maximum(part, 1e-9)), 0.0))
+    return np.asarray(
+        FREQUENCY_RESIDUAL.part_cost * np.maximum(np.log(FREQUENCY_RESIDUAL.own_part / np.maximum(part, 1e-9)), 0.0)
+    )
 
 
 def _in_order(cost: Array, freq: Array, data: Modes) -> Array:
@@ -267,7 +258,7 @@ def _in_order(cost: Array, freq: Array, data: Modes) -> Array:
         out = np.full(n, -1)
         out[:k] = np.arange(k)
         return out
-    skip, number = SKIPPED**2, np.arange(k)
+    skip, number = FREQUENCY_RESIDUAL.skipped**2, np.arange(k)
     best = cost[0] + skip * number
     came = np.zeros((n, k), dtype=int)
     for i in range(1, n):
@@ -289,13 +280,19 @@ def _modal_difference(modes: ModelModes, data: Modes, rows: Array, pairs: Array)
     at = np.where(found, pairs, 0)
     has = len(modes.freq) > 0
     freq = modes.freq[at] if has else np.ones(data.n)
-    zeta = np.maximum(modes.zeta[at], SMALLEST_ZETA) if has else np.ones(data.n)
-    parts = [np.where(found, np.log(data.freq / freq) / data.freq_sd, FAR)]
+    zeta = np.maximum(modes.zeta[at], RESPONSES.smallest_zeta) if has else np.ones(data.n)
+    parts = [np.where(found, np.log(data.freq / freq) / data.freq_sd, FREQUENCY_RESIDUAL.far)]
     known = np.isfinite(data.zeta)
-    parts.append(np.where(found, np.log(np.where(known, data.zeta, 1.0) / zeta) / data.zeta_sd, FAR)[known])
+    parts.append(
+        np.where(found, np.log(np.where(known, data.zeta, 1.0) / zeta) / data.zeta_sd, FREQUENCY_RESIDUAL.far)[known]
+    )
     if len(rows):
         own = rows @ modes.shapes[:, at]
-        parts.append(np.where(found[:, None], _apart(data.shapes, own.T) / data.shape_sd[:, None], FAR).ravel())
+        parts.append(
+            np.where(
+                found[:, None], _apart(data.shapes, own.T) / data.shape_sd[:, None], FREQUENCY_RESIDUAL.far
+            ).ravel()
+        )
     return np.concatenate(parts)
 
 
@@ -305,7 +302,12 @@ def _odd(modes: ModelModes, pairs: Array) -> float:
     if not len(found):
         return 0.0
     passed_over = max(int(found.max()) + 1 - len(found), 0)
-    return float(min(SKIPPED**2 * passed_over + np.sum(_little(modes.part[found]) ** 2), FAR**2))
+    return float(
+        min(
+            FREQUENCY_RESIDUAL.skipped**2 * passed_over + np.sum(_little(modes.part[found]) ** 2),
+            FREQUENCY_RESIDUAL.far**2,
+        )
+    )
 
 
 def _apart(measured: Array, own: ComplexArray) -> Array:
@@ -324,7 +326,7 @@ def _modal_rate(modes: ModelModes, data: Modes, rows: Array, pairs: Array, chang
     damped = -rate.real / size - modes.zeta[at] * grown
     parts = [np.where(found, -grown / data.freq_sd, 0.0)]
     known = np.isfinite(data.zeta)
-    ratio = np.maximum(modes.zeta[at], SMALLEST_ZETA)
+    ratio = np.maximum(modes.zeta[at], RESPONSES.smallest_zeta)
     parts.append(np.where(found, -damped / ratio / data.zeta_sd, 0.0)[known])
     if len(rows):
         own, shift = (rows @ modes.shapes[:, at]).T, (rows @ moved).T

@@ -9,10 +9,8 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.recursion import states_of
 from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel
 from vlab.diagnose.predictors.kalman import FilterGains, Smoothed
+from vlab.diagnose.settings import INNOVATIONS
 from vlab.signals import Array
-
-FORGOTTEN = 1e-7
-"""Share of its largest value below which an impulse response has ended: the precision of the columns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +108,9 @@ def impulses_of(system: Discrete, gain: Array, n: int) -> Array:
 def convolved(impulses: Array, series: Array) -> Array:
     """Return what signals (n, n_runs, q, k) become by impulse responses (n, p, q), (n, n_runs, p, k)."""
     n, size = len(series), np.abs(impulses).max(axis=(1, 2))
-    find_permanent_changes = 1 + int(np.flatnonzero(size > FORGOTTEN * size.max())[-1]) if np.any(size) else 1
+    find_permanent_changes = (
+        1 + int(np.flatnonzero(size > INNOVATIONS.forgotten * size.max())[-1]) if np.any(size) else 1
+    )
     length = next_fast_len(n + find_permanent_changes - 1, real=True)
     answer = rfft(impulses[:find_permanent_changes].astype(series.dtype), length, axis=0)[:, None]
     seen = rfft(series, length, axis=0)

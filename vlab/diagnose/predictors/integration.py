@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.data.runs import LONG_PREROLL, PREROLL, Signals
-from vlab.diagnose.kernels.expression_graph import CHECKED, MOST, RUNAWAY
+from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, integrate_modes
+from vlab.diagnose.settings import KERNELS, RUNS
 from vlab.physics.effect import PortEffect, Step
 from vlab.physics.expression import trace_expression
 from vlab.signals import Array
@@ -212,8 +212,12 @@ class _Marcher:
                     if sub == 0:
                         out[k] += force[..., None] * law.direct[:, None, :]
                 state = new
-            if k % CHECKED == 0 and not np.abs(state[..., :width]).max() < RUNAWAY:
-                x = np.clip(np.nan_to_num(state[..., :width], nan=MOST, posinf=MOST, neginf=-MOST), -MOST, MOST)
+            if k % KERNELS.checked == 0 and not np.abs(state[..., :width]).max() < KERNELS.runaway:
+                x = np.clip(
+                    np.nan_to_num(state[..., :width], nan=KERNELS.most, posinf=KERNELS.most, neginf=-KERNELS.most),
+                    -KERNELS.most,
+                    KERNELS.most,
+                )
                 state, last = np.concatenate([x, x @ self.seen], axis=-1), {j: np.zeros(()) for j, _ in laws}
         return out
 
@@ -256,7 +260,7 @@ def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequ
     """Return a law's memory after the smoothed motion that stands before every window."""
     memory = effect.memory((n_sets, len(runs)))
     is_linear = effect.response == "linear"
-    most = LONG_PREROLL if is_linear else PREROLL
+    most = RUNS.long_preroll if is_linear else RUNS.preroll
     longest = min(max((0 if run.before is None else len(run.before)) for run in runs), most)
     if memory is None or longest == 0:
         return memory

@@ -15,14 +15,13 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.compilation import compiled
 from vlab.diagnose.kernels.recursion import states_of
 from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel, discretise
+from vlab.diagnose.settings import KALMAN
 from vlab.signals import Array
 
-MOST_RICCATI, FEW = 4000, 64
-"""Samples after which covariances are taken as settled, and those that there is room for at first: a hundred modes fill 320 kB each."""
-SETTLED = 1e-6
-"""Change of the covariance from one sample to the next, as a share of its largest entry, at which it has settled."""
-TUNING_SAMPLES = 2500
-"""Samples of every run on which the intensity is tuned."""
+FEW = KALMAN.few
+MOST_RICCATI = KALMAN.most_riccati
+SETTLED = KALMAN.settled
+"""Settings that compiled loops read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,7 +238,7 @@ def tune(
     near : float
         An intensity near which the best one is looked for; everywhere by default.
     """
-    n = min(len(y), TUNING_SAMPLES)
+    n = min(len(y), KALMAN.tuning_samples)
     short = np.minimum(lengths, n)
     part = None if usable is None else usable[:n]
     start = start_covariance(system, y)

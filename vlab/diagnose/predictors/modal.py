@@ -9,12 +9,10 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate
+from vlab.diagnose.settings import MODAL
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
-STEPS_PER_CYCLE, FINER = 22.0, 2
-"""Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
-more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round, a gap closes within a step."""
 NONSMOOTH = ("friction", "hysteresis", "contact", "clearance")
 """Families of such laws."""
 
@@ -53,8 +51,8 @@ def channels(
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
     ports = acting_order(terms)
-    finer = FINER if not is_rough and any(terms[i].effect.family in NONSMOOTH for i in ports) else 1
-    substeps = finer * max(1, int(np.ceil(STEPS_PER_CYCLE * highest_hz * h))) if ports else 1
+    finer = MODAL.finer if not is_rough and any(terms[i].effect.family in NONSMOOTH for i in ports) else 1
+    substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
     inputs = np.concatenate(
         [
             reduced_model.forces[None] * actuator_gain[:, None, :],

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_free, integrate_with_laws, loaded
+from vlab.diagnose.settings import MODAL_INTEGRATION
 from vlab.physics.expression import ExpressionGraph
 from vlab.signals import Array
-
-MOST_ALIKE = 1e8
-"""Condition of a step's own directions up to which states are marched along them: half of all digits are left."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +37,7 @@ def modes_of(step: Array) -> Modes:
     n_sets, width, _ = step.shape
     can = bool(np.isfinite(step).all())  # a trial may be far beyond what a number holds
     values, vectors = np.linalg.eig(step) if can else (step[:, 0], step)
-    if not (can and np.linalg.cond(vectors).max() < MOST_ALIKE):
+    if not (can and np.linalg.cond(vectors).max() < MODAL_INTEGRATION.most_alike):
         one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
         return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
     inverse = np.linalg.inv(vectors)

@@ -10,7 +10,7 @@ from vlab.diagnose.data.mains_interference import find_mains_interference, remov
 from vlab.diagnose.data.runs import Feedthrough, signals_of, uniform
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
-from vlab.diagnose.parameters.mode_selection import SEEN, KeptModes, as_stepped, kept_modes
+from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
@@ -22,15 +22,13 @@ from vlab.diagnose.parameters.structure import (
     structure_shifts,
 )
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import MODAL_PROBLEM, MODE_SELECTION
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.base import Plant
 from vlab.signals import Array
 from vlab.structure import Structure
-
-BAND = 1.1
-"""Modes of a structure up to this multiple of the highest frequency recorded have an uncertain frequency of their own."""
 
 
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
@@ -46,7 +44,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     rate = min(1 / uniform(run.measured.time) for run in recorded.runs)
     modes = kept_modes(plant.linearise(), rows, recorded.highest_hz, rate)
     if not modes.kept.any():
-        raise BadCase(f"{case.path}: the recorded channels see no mode of the model below {SEEN * rate:.3g} Hz")
+        raise BadCase(
+            f"{case.path}: the recorded channels see no mode of the model below {MODE_SELECTION.seen * rate:.3g} Hz"
+        )
     parameters, parts, shifts = _uncertain(case, recorded, modes)
     pushes = np.hstack([actuator_forces(plant), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
     reduced_model = replace(_reduced_model(case, recorded, modes, pushes, parameters, parts), shifts=shifts)
@@ -106,7 +106,7 @@ def _uncertain_of_structure(case: Case, structure: Structure, recorded: Recorded
     among = np.cumsum(kept) - 1
     tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
     # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
-    in_band = modes.omega[kept] <= 2 * np.pi * BAND * recorded.highest_hz
+    in_band = modes.omega[kept] <= 2 * np.pi * MODAL_PROBLEM.band * recorded.highest_hz
     last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
     given, sensors = case.table.model.uncertain, [channel.sensor for channel in recorded.channels]
     parameters = structure_parameters(structure, given, recorded.names, recorded.driven, last, sensors)

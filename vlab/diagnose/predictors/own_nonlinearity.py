@@ -18,15 +18,9 @@ from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.predictors.kalman import smoothed_states
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import OWN_NONLINEARITY
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-SMALL = 1e-5
-"""Displacements, velocities and accelerations at which the model is taken for linear."""
-LEAST_OMEGA = 1.0
-"""Slower modes that no channel sees stay where they are [rad/s]."""
-PASSES = 2
-"""The first gives the slaves' motion, the second the forces with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +43,7 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
             q, v = x[:, : reduced_model.m], x[:, reduced_model.m :]
             motion = ModalMotion(q, v, np.gradient(v, h, axis=0))
             slaves = np.zeros((len(x), own.slaves.shape[1]))
-            for _ in range(PASSES):
+            for _ in range(OWN_NONLINEARITY.passes):
                 extra = own.extra(motion, slaves, h)
                 slaves = own.followed(extra[:, reduced_model.m :], h)
             signals[i] = replace(signals[i], load=np.hstack([signals[i].load, -_held(extra[:, : reduced_model.m])]))
@@ -80,18 +74,18 @@ class Inverse:
         linear = plant.linearise()
         omega, every = linear.eigen
         is_kept = np.abs(every.T @ linear.M @ shapes).max(axis=1) > 0.5
-        chosen = ~is_kept & (omega > LEAST_OMEGA)
+        chosen = ~is_kept & (omega > OWN_NONLINEARITY.least_omega)
         self.shapes, self.slaves, self.omega = shapes, every[:, chosen], omega[chosen]
         self.damping = np.einsum("ij,ik,kj->j", self.slaves, linear.C, self.slaves)
         self.basis = np.hstack([shapes, self.slaves])
         nv = self.model.nv
         self._still = self._forces(self.model, *np.zeros((3, nv)))
-        units, none = SMALL * np.eye(nv), np.zeros(nv)
+        units, none = OWN_NONLINEARITY.small * np.eye(nv), np.zeros(nv)
         smooth = copy.copy(self.model)  # as `linearise` has it: a stop at rest is no spring
         smooth.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._linear = [
             np.array([self._forces(smooth, *there) - self._forces(smooth, *back) for there, back in motions])
-            / (2.0 * SMALL)
+            / (2.0 * OWN_NONLINEARITY.small)
             for motions in (
                 [((u, none, none), (-u, none, none)) for u in units],
                 [((none, u, none), (none, -u, none)) for u in units],

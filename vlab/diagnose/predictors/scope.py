@@ -14,29 +14,12 @@ from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.predictors.trajectory_data import Motion
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import SCOPE
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
 from vlab.plants.linearise import check_free
 from vlab.signals import Array
-
-FAR = 0.02
-"""Share of the accelerations that the linear model may miss on the recorded motion; beyond it the search goes along the
-motion. A pendulum gets there at 20 degrees."""
-EXACT = 1e-7
-"""A model whose accelerations stay linear to this share under large displacements is linear: no recording is needed."""
-LARGE = 0.3
-"""Those displacements [rad or m], and velocities [per second]."""
-SLOWEST = 1e-3
-"""Accelerations as small as those of a motion this slow [rad/s] count as none: a mass that nothing holds has no others."""
-PART = 1200
-"""Samples of a recording that its states are found on."""
-LOOKS = 60
-"""States of a recording at which the accelerations are compared."""
-MOST_COORDINATES = 30
-"""Degrees of freedom of a model that the search along the motion takes on."""
-GROWN = 6.0
-"""An unstable model whose motion grows by this log-factor over a recording was held by something."""
 
 
 def linear_problem(case: Case) -> Problem | None:
@@ -53,8 +36,8 @@ def linear_problem(case: Case) -> Problem | None:
         return prepare(case, ("fit",))
     if case.structure is not None:  # flexible structures bend little: the search never goes along their motion
         problem, departure = prepare(case, ("fit",)), _departure(plant, plant.linearise(), *_large(plant))
-        return problem if departure < EXACT else with_own_nonlinearity(problem)
-    if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > MOST_COORDINATES:
+        return problem if departure < SCOPE.exact else with_own_nonlinearity(problem)
+    if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > SCOPE.most_coordinates:
         return prepare(case, ("fit",))
     if plant.model.na:
         return None  # actuators with states of their own: no linear twin has them
@@ -63,14 +46,14 @@ def linear_problem(case: Case) -> Problem | None:
     except BadStructure:
         return None  # no equilibrium to be linear about
     problem = prepare(case, ("fit",))
-    if _departure(plant, linear, *_large(plant)) < EXACT:
+    if _departure(plant, linear, *_large(plant)) < SCOPE.exact:
         _check_stable(case, problem, linear)
         return problem
     try:
         q, v = (part @ problem.reduced_model.shapes.T for part in _states(problem))
     except np.linalg.LinAlgError:  # no filter follows a linear model that grows this fast
         return None
-    if _departure(plant, linear, q, v) > FAR:
+    if _departure(plant, linear, q, v) > SCOPE.far:
         return None
     _check_stable(case, problem, linear)
     return with_own_nonlinearity(problem)
@@ -80,7 +63,7 @@ def _large(plant: Plant) -> tuple[Array, Array]:
     """Return displacements and velocities that are large, the same ones every time."""
     rng = np.random.default_rng(0)
     shape = (8, plant.model.nv)
-    return LARGE * rng.uniform(-1, 1, shape), LARGE * rng.uniform(-1, 1, shape)
+    return SCOPE.large * rng.uniform(-1, 1, shape), SCOPE.large * rng.uniform(-1, 1, shape)
 
 
 def _states(problem: Problem) -> tuple[Array, Array]:
@@ -95,7 +78,7 @@ def _states(problem: Problem) -> tuple[Array, Array]:
 def _loudest(run: Signals) -> Signals:
     """Return the part of a run around its largest motion."""
     peak = int(np.argmax(np.max(np.abs(run.y) / run.scale, axis=1)))
-    part = slice(max(peak - PART // 4, 0), peak + 3 * PART // 4)
+    part = slice(max(peak - SCOPE.part // 4, 0), peak + 3 * SCOPE.part // 4)
     return replace(run, u=run.u[part], load=run.load[part], y=run.y[part], valid=None)
 
 
@@ -106,7 +89,7 @@ def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> fl
     """
     data, rest = mujoco.MjData(plant.model), plant.new_data()
     off, size = 0.0, 0.0
-    for k in np.unique(np.linspace(0, len(q) - 1, LOOKS).astype(int)):
+    for k in np.unique(np.linspace(0, len(q) - 1, SCOPE.looks).astype(int)):
         data.qpos[:] = rest.qpos
         mujoco.mj_integratePos(plant.model, data.qpos, q[k], 1.0)
         data.qvel[:] = v[k]
@@ -115,7 +98,7 @@ def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> fl
         error = data.qacc - expected
         off += float(error @ linear.M @ error)
         size += float(expected @ linear.M @ expected)
-        size += SLOWEST**4 * float(q[k] @ linear.M @ q[k]) + SLOWEST**2 * float(v[k] @ linear.M @ v[k])
+        size += SCOPE.slowest**4 * float(q[k] @ linear.M @ q[k]) + SCOPE.slowest**2 * float(v[k] @ linear.M @ v[k])
     return float(np.sqrt(off / size)) if size > 0 else (0.0 if off == 0 else np.inf)
 
 
@@ -126,7 +109,7 @@ def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> Non
         return
     rate = float(np.max(growth))
     for run, signals in zip(problem.runs, problem.signals, strict=True):
-        if run.law is None and not run.drives and rate * len(signals) * signals.h > GROWN:
+        if run.law is None and not run.drives and rate * len(signals) * signals.h > SCOPE.grown:
             raise BadCase(
                 f"{case.path}: {run.name} stays near an equilibrium that is unstable in the model (it grows by e in "
                 f"{1 / rate:.3g} s), and no input of it is recorded; record the commands that hold it, or the law in the loop"
@@ -167,9 +150,9 @@ def check_scope(case: Case) -> None:
         raise BadCase(
             f"{label} [[model.effect]] {names} has no element of MuJoCo's; put it into the model file or leave it out"
         )
-    if model.nv > MOST_COORDINATES:
+    if model.nv > SCOPE.most_coordinates:
         raise BadCase(
-            f"{label} the model has {model.nv} degrees of freedom; at most {MOST_COORDINATES} are searched along the motion"
+            f"{label} the model has {model.nv} degrees of freedom; at most {SCOPE.most_coordinates} are searched along the motion"
         )
 
 
@@ -185,7 +168,7 @@ def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
     pairs: dict[tuple[str, str], int] = {}
     looks = 0
     for motion in motions:
-        for k in range(0, len(motion.q), max(1, len(motion.q) // LOOKS)):
+        for k in range(0, len(motion.q), max(1, len(motion.q) // SCOPE.looks)):
             data.qpos[:] = motion.q[k]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)

@@ -10,16 +10,9 @@ import numpy as np
 from vlab.cases.channel_map import Compared
 from vlab.cases.initial_state import joint_of
 from vlab.diagnose.predictors.actuator_states import lags_of
+from vlab.diagnose.settings import STEP_JACOBIAN
 from vlab.plants.base import Plant, Port
 from vlab.signals import Array
-
-STEP = 1e-6
-"""Step of the forward differences [rad, m, or their rates]."""
-SHORT = 1e-4
-"""Length of the step that derivatives of the motion are read off [s]."""
-ACCURATE = 1e-5
-"""Change of a sample interval's motion, beside its largest, that a finer step may still make."""
-MOST_SUBSTEPS = 64
 
 
 class Stepper:
@@ -54,7 +47,7 @@ class Stepper:
             for c in self.channels
         )
         self._short = copy.copy(self.model)
-        self._short.opt.integrator, self._short.opt.timestep = mujoco.mjtIntegrator.mjINT_EULER, SHORT
+        self._short.opt.integrator, self._short.opt.timestep = mujoco.mjtIntegrator.mjINT_EULER, STEP_JACOBIAN.short
         self._short.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
         self._short_data = mujoco.MjData(self._short)
         size = 2 * self.nv + int(self.model.na)
@@ -122,13 +115,13 @@ class Stepper:
 
         They are read off the finite differences of one short semi-implicit step, v+ = v + h a and q+ = q + h v+.
         """
-        nv, h = self.nv, SHORT
+        nv, h = self.nv, STEP_JACOBIAN.short
         self._set(q, v, u, load, act, None)
         d, model, mine = self._short_data, self._short, self.data
         d.qpos[:], d.qvel[:], d.ctrl[:], d.qfrc_applied[:] = mine.qpos, mine.qvel, mine.ctrl, mine.qfrc_applied
         if act is not None:
             d.act[:] = act
-        mujoco.mjd_transitionFD(model, d, STEP, False, self._A, self._B, self._C, None)
+        mujoco.mjd_transitionFD(model, d, STEP_JACOBIAN.step, False, self._A, self._B, self._C, None)
         L = np.zeros((2 * nv, 2 * nv))
         at_q, at_v = self._A[nv : 2 * nv, :nv], self._A[nv : 2 * nv, nv : 2 * nv]
         L[nv:, :nv] = at_q / h
@@ -168,9 +161,9 @@ class Stepper:
             C = np.zeros((len(here), 2 * nv))
             for i in range(nv):
                 change = np.zeros(nv)
-                change[i] = STEP
-                C[:, i] = (self.read(self.moved(q, change), v, u, load, act) - here) / STEP
-                C[:, nv + i] = (self.read(q, v + change, u, load, act) - here) / STEP
+                change[i] = STEP_JACOBIAN.step
+                C[:, i] = (self.read(self.moved(q, change), v, u, load, act) - here) / STEP_JACOBIAN.step
+                C[:, nv + i] = (self.read(q, v + change, u, load, act) - here) / STEP_JACOBIAN.step
         if self._sees_forces:
             force = np.maximum(np.diag(M), 1e-300)  # sensors are linear in accelerations: no small step is needed
             for i in range(nv):
@@ -182,7 +175,7 @@ class Stepper:
     def find_substeps(self, states: Sequence[tuple[Array, Array, Array, Array, float]]) -> int:
         """Find and keep the fewest substeps of an interval that are as good as the model's own step."""
         largest = max(h for *_, h in states)
-        finest = min(max(1, int(np.ceil(largest / self.plant.timestep - 1e-9))), MOST_SUBSTEPS)
+        finest = min(max(1, int(np.ceil(largest / self.plant.timestep - 1e-9))), STEP_JACOBIAN.most_substeps)
         self.substeps = finest
         exact = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
         size = np.array([np.abs(self._difference(s[0], s[1], *e)) for s, e in zip(states, exact, strict=True)])
@@ -193,7 +186,7 @@ class Stepper:
             self.substeps = count
             tried = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
             off = [np.abs(self._difference(*e, *t)) / scale for e, t in zip(exact, tried, strict=True)]
-            if np.max(off) <= ACCURATE:
+            if np.max(off) <= STEP_JACOBIAN.accurate:
                 return count
         self.substeps = finest
         return finest

@@ -8,16 +8,8 @@ import numpy as np
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, sampled
+from vlab.diagnose.settings import TRAJECTORY
 from vlab.signals import Array
-
-FINE = 4
-"""Steps of a sample interval where dry friction acts: it may stop or reverse anywhere in it."""
-TUNING_SAMPLES = 600
-"""Samples of every run on which the intensity of the unknown forces is tuned."""
-AT_REST = 1e-3
-"""Spread of a first state that is at rest, as a share of the largest motion of its kind."""
-UNKNOWN = 0.3
-"""Spread of a first state otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +23,7 @@ class TimeVaryingSystem:
     G : (n, 2 nv, nv) array
         What generalised forces that are held over the interval add.
     fine_A, fine_G : array
-        The same of one of `FINE` equal parts of the interval.
+        The same of one of `TRAJECTORY.fine` equal parts of the interval.
     C, D : (n, p, 2 nv), (n, p, nv) array
         Channels per deviation and force.
     M : (n, nv, nv) array
@@ -78,9 +70,9 @@ def linearise_along(
         if k + 1 < n:
             defect[k] = np.concatenate([stepper.between(q1, motion.q[k + 1]), motion.v[k + 1] - v1])
     later = np.minimum(np.arange(1, n + 1), n - 1)
-    fine_A, fine_G = sampled(0.5 * (L + L[later]), 0.5 * (M + M[later]), trajectory.h / FINE)
+    fine_A, fine_G = sampled(0.5 * (L + L[later]), 0.5 * (M + M[later]), trajectory.h / TRAJECTORY.fine)
     A, G = fine_A, fine_G
-    for _ in range(FINE - 1):
+    for _ in range(TRAJECTORY.fine - 1):
         A, G = fine_A @ A, fine_A @ G + fine_G
     return TimeVaryingSystem(
         motion=motion, A=A, G=G, fine_A=fine_A, fine_G=fine_G, C=C, D=D, M=M, defect=defect, read=read, drives=drives
@@ -140,7 +132,7 @@ def stack(trajectories: Sequence[TrajectoryData], systems: Sequence[TimeVaryingS
             [np.ptp(along.motion.q, axis=0).max(keepdims=True), np.abs(along.motion.v).max(axis=0)]
         )
         size = np.concatenate([np.full(along.M.shape[1], largest[0]), np.maximum(largest[1:], 1e-6)])
-        spread.append((AT_REST if trajectory.at_rest else UNKNOWN) * np.maximum(size, 1e-9))
+        spread.append((TRAJECTORY.at_rest if trajectory.at_rest else TRAJECTORY.unknown) * np.maximum(size, 1e-9))
     return SystemBatch(
         **{
             name: pad_and_stack([getattr(a, name) for a in systems])
@@ -240,10 +232,10 @@ def tuned(s: SystemBatch, near: float | None = None) -> float:
     inertia = np.sqrt(np.einsum("krii->kri", s.M).max(axis=2))[:-1, :, None]
     seen = np.where(s.alive[1:, :, None], response * inertia, np.nan)
     reference = float(np.median(s.noise / np.maximum(np.nanmedian(seen, axis=(0, 1)), 1e-300)) ** 2)
-    alive = s.alive[:TUNING_SAMPLES]
+    alive = s.alive[: TRAJECTORY.tuning_samples]
 
     def likeliest(grid: Array) -> float:
-        gains = gains_of(s, grid[:, None], TUNING_SAMPLES)
+        gains = gains_of(s, grid[:, None], TRAJECTORY.tuning_samples)
         left, _ = innovations(s, gains)
         squared = np.einsum("kbrp,kbrp->kbr", left, np.linalg.solve(gains.S, left[..., None])[..., 0])
         values = -0.5 * np.sum((squared + np.linalg.slogdet(gains.S)[1]) * alive[:, None, :], axis=(0, 2))

@@ -13,13 +13,9 @@ from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid, uniform
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.settings import TRAJECTORY_DATA
 from vlab.errors import Diverged
 from vlab.signals import Array
-
-MOST_SAMPLES = 2500
-"""The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
-WIDE = 0.5
-"""Spread of an unknown first state, as a share of the largest motion of its kind."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +96,9 @@ def read_trajectory_data(
     else:
         grid = time
     y = np.column_stack([column[: len(grid)] for column in columns])
-    part = liveliest(y, MOST_SAMPLES) if not stepper.model.na else slice(0, MOST_SAMPLES)  # its states start at zero
+    part = (
+        liveliest(y, TRAJECTORY_DATA.most_samples) if not stepper.model.na else slice(0, TRAJECTORY_DATA.most_samples)
+    )  # its states start at zero
     grid, y = grid[part], y[part]
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
     u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
@@ -213,7 +211,7 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
 def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
     """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
     nv = stepper.nv
-    spread = np.concatenate([np.full(nv, WIDE), np.full(nv, 5 * WIDE)])
+    spread = np.concatenate([np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, 5 * TRAJECTORY_DATA.wide)])
     for dof in known:
         spread[dof] *= 0.1
     P = np.diag(spread**2) if not trajectory.at_rest else 1e-8 * np.eye(2 * nv)

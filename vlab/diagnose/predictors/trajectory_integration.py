@@ -17,12 +17,15 @@ from vlab.diagnose.kernels.expression_graph import (
     loaded,
 )
 from vlab.diagnose.predictors.trajectory_laws import Law
+from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
 from vlab.physics.effect import PortEffect
 from vlab.physics.expression import SIGNALS, ExpressionGraph, trace_expression
 from vlab.signals import Array
 
-FAR, CHECK_EVERY = 1e6, 8
-"""Deviations stop growing here: such a trial is worth its large residual, and no more; and steps between two looks for such trials."""
+CHECK_EVERY = TRAJECTORY_INTEGRATION.check_every
+FAR = TRAJECTORY_INTEGRATION.far
+"""Settings that compiled loops read."""
+
 _SEEN = tuple(name for name in SIGNALS if name != "first_velocity")
 
 

@@ -11,27 +11,18 @@ from vlab.cases.replay import Bench
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning, uniform
 from vlab.diagnose.kernels.parallel import side_by_side
-from vlab.diagnose.parameters.locations import FREE, places_of
+from vlab.diagnose.parameters.locations import places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.step_jacobian import Stepper
-from vlab.diagnose.predictors.trajectory_data import (
-    MOST_SAMPLES,
-    Motion,
-    TrajectoryData,
-    first_motion,
-    read_trajectory_data,
-)
+from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, first_motion, read_trajectory_data
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import LOCATIONS, TRAJECTORY_DATA, TRAJECTORY_PRIORS
 from vlab.errors import BadStructure
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-GEOMETRY_SD = {"inertia": 0.03, "length": 0.003}
-"""Relative standard deviations of moments of inertia and of lengths where a case says nothing: drawings are good to that.
-Near rest they act like masses and stiffnesses; far from it they do not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +68,7 @@ def trajectory_parameters(
         for i in bodies:
             name = f"body:{model.body(i).name or f'body{i}'}"
             each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
-        out += of_kind(kind, each, given.get(kind, GEOMETRY_SD[kind]), given, kind)
+        out += of_kind(kind, each, given.get(kind, TRAJECTORY_PRIORS.geometry_sd[kind]), given, kind)
     return out
 
 
@@ -153,7 +144,7 @@ def _free_motion(plant: Plant) -> Array:
         stiff = [plant.own_stiffness(name) for name in plant.ports]
         held = plant.port_rows([name for name, k in zip(plant.ports, stiff, strict=True) if k > 0])
         return np.eye(plant.model.nv)[:, ~np.any(held.reshape(-1, plant.model.nv), axis=0)]
-    return np.asarray(shapes[:, np.abs(omega) < FREE])
+    return np.asarray(shapes[:, np.abs(omega) < LOCATIONS.free])
 
 
 def _interference(recorded: RecordedRuns) -> tuple[MainsInterference, ...]:
@@ -173,7 +164,7 @@ def _trajectories(
             rest,
             len(plant.actuators),
             recorded.load_ports,
-            thinning(longest, uniform(run.measured.time), recorded.highest_hz, MOST_SAMPLES),
+            thinning(longest, uniform(run.measured.time), recorded.highest_hz, TRAJECTORY_DATA.most_samples),
             recorded_commands(plant, run),
         )
         for run in recorded.runs

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import RUNAWAY, series
+from vlab.diagnose.kernels.expression_graph import series
+from vlab.diagnose.settings import KERNELS
 from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
 from vlab.physics.expression import trace_expression
 from vlab.signals import Array
@@ -47,4 +48,4 @@ def port_series(
             out = np.zeros(z.shape)
             for k in range(len(z)):
                 out[k], memory = effect.force(z[k], v[k], values, Step(h=h, t=t[k]), memory)
-        return np.asarray(np.where(np.all(np.abs(out) < RUNAWAY, axis=0), out, 0.0))
+        return np.asarray(np.where(np.all(np.abs(out) < KERNELS.runaway, axis=0), out, 0.0))

@@ -7,18 +7,15 @@ from functools import partial
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.inference.hypothesis_fits import ENOUGH, WHOLE_ITERATIONS
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
-from vlab.diagnose.search.sampling_convention import GAIN, MUCH_LESS, describe_hold, open_holds, with_hold
+from vlab.diagnose.search.sampling_convention import describe_hold, open_holds, with_hold
 from vlab.diagnose.search.selection import TimeFound
-
-NO_MORE = 1.01
-"""What leaves this multiple of a mean square leaves no more."""
+from vlab.diagnose.settings import ALTERNATIVE_CONVENTIONS, HYPOTHESIS_FITS, SAMPLING_CONVENTION
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +64,7 @@ def choose_convention(
     best = choose_model(found).best.long_fit
     left = best.cost / _samples(found.whole)
     of_clock = any(_is_of_clock(t) for t in best.terms)
-    if left <= ENOUGH**2 and not of_clock:
+    if left <= HYPOTHESIS_FITS.enough**2 and not of_clock:
         return None
     chosen, least = None, np.inf
     for other in list_conventions(model_class.problem):
@@ -76,8 +73,12 @@ def choose_convention(
             continue
         costs = _costs(refiner, best)
         now, timeless = min(costs) / _samples(refiner), costs[-1] / _samples(refiner)
-        is_likelier = of_clock and 0.5 * found.whole.effective_samples * np.log(left / now) > GAIN
-        if now < least and (now < MUCH_LESS * left or is_likelier or (of_clock and timeless < NO_MORE * left)):
+        is_likelier = of_clock and 0.5 * found.whole.effective_samples * np.log(left / now) > SAMPLING_CONVENTION.gain
+        if now < least and (
+            now < SAMPLING_CONVENTION.much_less * left
+            or is_likelier
+            or (of_clock and timeless < ALTERNATIVE_CONVENTIONS.no_more * left)
+        ):
             chosen, least = other, now
     return chosen
 
@@ -86,7 +87,9 @@ def _costs(refiner: LeastSquares, best: Fit) -> list[float]:
     """Return what a fit's terms leave, fitted on from it, and where some of them say when commands act, what the others do."""
     timeless = tuple(t for t in best.terms if not _is_of_clock(t))
     options = [best.terms] if len(timeless) == len(best.terms) else [best.terms, timeless]
-    fits = side_by_side(lambda own: refiner.fit(own, replace(best, terms=own), WHOLE_ITERATIONS), options)
+    fits = side_by_side(
+        lambda own: refiner.fit(own, replace(best, terms=own), HYPOTHESIS_FITS.whole_iterations), options
+    )
     return [fit.cost for fit in fits]
 
 

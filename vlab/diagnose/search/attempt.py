@@ -12,11 +12,9 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
+from vlab.diagnose.settings import ATTEMPT
 from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.physics.effect import Effect
-
-MOST_ATTEMPTS = 3
-"""Hypotheses besides the chosen one that are tried until one is an attempt."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +81,7 @@ def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
     """
     if first.findings and first.holds:
         return first
-    return next((attempt for attempt in islice(others, MOST_ATTEMPTS) if attempt.holds), None)
+    return next((attempt for attempt in islice(others, ATTEMPT.most_attempts) if attempt.holds), None)
 
 
 def _same(model: ExtendedModel) -> ExtendedModel:

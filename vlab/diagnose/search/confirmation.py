@@ -7,21 +7,17 @@ from functools import cached_property
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
-from vlab.diagnose.inference.least_squares import EXACT, ITERATIONS, LeastSquares
-from vlab.diagnose.inference.model_choice import ALIKE, Choice, choose_model, is_prior_driven
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.model_choice import Choice, choose_model, is_prior_driven
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
 from vlab.diagnose.search.selection import TimeFound
-from vlab.diagnose.validation.gap import NO_WORSE, gap_closed, total
+from vlab.diagnose.settings import CONFIRMATION, FIT, GAP, MODEL_CHOICE, VERDICT
+from vlab.diagnose.validation.gap import gap_closed, total
 from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
-from vlab.diagnose.verdict import LEAST_TO_NOISE, errors_of
+from vlab.diagnose.verdict import errors_of
 from vlab.physics.effect import Effect
-
-STEPS_ALONG_MOTION = 6
-"""Steps of the last fit along a motion, before those that MuJoCo's own run corrects."""
-MOST_TRIED = 3
-"""Hypotheses that are tried in MuJoCo until it confirms one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +65,7 @@ class Confirmation:
         rejected: list[tuple[str, str]] = []
         simplified: set[str] = set()
         unconfirmed = 0
-        while unconfirmed < MOST_TRIED:
+        while unconfirmed < CONFIRMATION.most_tried:
             choice = choose_model(found)
             best = choice.best
             before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
@@ -120,8 +116,8 @@ class Confirmation:
 
     def _exactly(self, best: Hypothesis) -> Fit:
         """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
-        iterations = ITERATIONS if self.is_linear else STEPS_ALONG_MOTION
-        return self.whole.fit(best.terms, best.long_fit, iterations, tolerance=EXACT)
+        iterations = FIT.iterations if self.is_linear else CONFIRMATION.steps_along_motion
+        return self.whole.fit(best.terms, best.long_fit, iterations, tolerance=FIT.exact)
 
     def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
         """Return what was found with the plainer law that a hypothesis' law is at its last fit's values; the same where it is none.
@@ -130,12 +126,12 @@ class Confirmation:
         it stands beside the hypothesis: that this scores less for what it has in vain is left to the choice.
         """
         lesser = fit.nested_model(self.effects)
-        options = [(lesser, ITERATIONS)] if lesser != fit.terms else []
+        options = [(lesser, FIT.iterations)] if lesser != fit.terms else []
         was = scored_by(self.whole, fit)
         for terms, iterations in [*options, *((terms, 0) for terms in fit.nested(self.effects))]:
             plain = self.whole.fit(terms, fit, iterations)
             now = scored_by(self.whole, plain)
-            if best.effective_samples * (now.log_rms_residual - was.log_rms_residual) < ALIKE:
+            if best.effective_samples * (now.log_rms_residual - was.log_rms_residual) < MODEL_CHOICE.alike:
                 own = replace(
                     best,
                     fit=plain,
@@ -152,7 +148,7 @@ class Confirmation:
         """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
         if not terms:
             return found
-        fit = self.whole.fit(terms, start, ITERATIONS)
+        fit = self.whole.fit(terms, start, FIT.iterations)
         own = replace(scored_by(self.whole, fit), whole=fit, effective_samples=found.before.effective_samples)
         worse = [h for h in found.hypotheses if h.label == own.label]
         return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
@@ -174,7 +170,7 @@ class Confirmation:
         left = []
         for which in (confirmed, one):
             left.append(total(check(self.problem.runs, *self._models(which)), "after"))
-        if not left[1] <= NO_WORSE * left[0]:
+        if not left[1] <= GAP.no_worse * left[0]:
             return confirmed
         why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
@@ -184,7 +180,7 @@ class Confirmation:
         checked = check(loudest_and_quietest(self.problem), *self._models(confirmed), self.seen.benign_interferences)
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
-        return gap is None or gap >= LEAST_TO_NOISE
+        return gap is None or gap >= VERDICT.least_to_noise
 
     def _models(self, confirmed: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
         """Return the refitted and the amended model, both with what the recordings show without a model."""

@@ -9,12 +9,9 @@ from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.settings import CROSS_VALIDATION
 from vlab.diagnose.validation.frequency import apart, modal_answer, modal_errors, noise_apart
 from vlab.diagnose.validation.gap import gap_closed
-
-LEFT_OUT = 12
-"""Most parts of the data that are left out one after the other."""
-REFITTED = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +45,7 @@ def cross_validate(problem: FrequencyProblem, fitter: Fitter, before: Fit, after
         parts += [(i, k) for k in range(count)]
     if len(parts) < 3:
         return None
-    chosen = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, LEFT_OUT).astype(int))]
+    chosen = [parts[i] for i in np.unique(np.linspace(0, len(parts) - 1, CROSS_VALIDATION.left_out).astype(int))]
     squares = []
     for i, k in chosen:
         data = problem.measured[i]
@@ -60,7 +57,7 @@ def cross_validate(problem: FrequencyProblem, fitter: Fitter, before: Fit, after
         part = Fitter(problem, rest)
         row = []
         for fit in (before, after):
-            again = part.fit(fit.terms, fit.theta, iterations=REFITTED)
+            again = part.fit(fit.terms, fit.theta, iterations=CROSS_VALIDATION.refitted)
             row.append(_predicted(fitter, again, data, k))
         squares.append((*row, _noise(data, k)))
     means = np.sqrt(np.mean(np.array(squares), axis=0))

@@ -15,32 +15,16 @@ from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import remove_mains_interference
 from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.quality import is_informative
-from vlab.diagnose.inference.evidence import MODEL_ERROR_SAMPLES
 from vlab.diagnose.inference.jacobian import update_broyden
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import from_unbounded, to_unbounded
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import EVIDENCE, FINAL_FIT
 from vlab.diagnose.validation.simulation import extended
 from vlab.errors import VlabError
 from vlab.signals import Array, Recording
-
-WORSE = 1.5
-"""The fit is done again where MuJoCo leaves this multiple of what the twin left."""
-LEAST_EXCESS = 0.02
-"""...and at least this share of a channel's rms."""
-MOST_DIRECTIONS = 5
-STEPS, STEP, WORTHWHILE = 6, 0.02, 0.97
-"""Most steps; the move that slopes are taken with, as a logarithm or share; a step that leaves more than this share of the cost is
-not worth another one, each takes seconds."""
-DAMPINGS = (1e-3, 0.3, 10.0)
-LONGEST, MOST_WORK = 10_000, 300_000
-"""Samples of a recording that are simulated in every trial; samples times degrees of freedom at most."""
-LEAST_PART = 0.1
-"""Share of a recording that must be simulated: of a large model's first moments, noise is what most is left of."""
-FAR = 1e4
-"""Residual of a trial that MuJoCo cannot follow, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,28 +57,30 @@ def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandL
         Of the commands of a law in the loop.
     """
     targets = _targets(problem, limit)
-    if any(len(target.measured) < LEAST_PART * len(target.whole) for target in targets):
+    if any(len(target.measured) < FINAL_FIT.least_part * len(target.whole) for target in targets):
         return fit
     first = _difference(problem, fit, targets[0])
-    agreed = max(WORSE * float(np.sqrt(np.mean(fit.error**2))), LEAST_EXCESS)
+    agreed = max(FINAL_FIT.worse * float(np.sqrt(np.mean(fit.error**2))), FINAL_FIT.least_excess)
     if targets[0].left(first) <= agreed:
         return fit
-    moves = _Moves(fit, refiner.directions[:, :MOST_DIRECTIONS])
+    moves = _Moves(fit, refiner.directions[:, : FINAL_FIT.most_directions])
     x = np.zeros(moves.count)
     prior = np.zeros(moves.count)
     prior[: moves.r] = refiner.vector(fit.terms).project_prior(fit.theta)[: moves.r]
     is_prior = np.arange(moves.count) < moves.r
     base = np.concatenate([first, *(_difference(problem, fit, target) for target in targets[1:])])
     slopes, age = np.zeros((len(base), moves.count)), -1
-    for _ in range(STEPS):
+    for _ in range(FINAL_FIT.steps):
         if age < 0:
-            moved = _residuals(problem, targets, [moves.at(x + STEP * unit) for unit in np.eye(moves.count)])
-            slopes, age = np.stack([(m - base) / STEP for m in moved], axis=1), 0
-        scale = min(refiner.effective_samples, MODEL_ERROR_SAMPLES * len(targets)) / max(float(base @ base), base.size)
+            moved = _residuals(problem, targets, [moves.at(x + FINAL_FIT.step * unit) for unit in np.eye(moves.count)])
+            slopes, age = np.stack([(m - base) / FINAL_FIT.step for m in moved], axis=1), 0
+        scale = min(refiner.effective_samples, EVIDENCE.model_error_samples * len(targets)) / max(
+            float(base @ base), base.size
+        )
         normal = scale * slopes.T @ slopes + np.diag(is_prior.astype(float))
         gradient = scale * slopes.T @ base + np.where(is_prior, prior + x, 0.0)
         size = np.diag(np.diag(normal) + 1e-12)
-        trials = [x - np.clip(np.linalg.solve(normal + lam * size, gradient), -1.0, 1.0) for lam in DAMPINGS]
+        trials = [x - np.clip(np.linalg.solve(normal + lam * size, gradient), -1.0, 1.0) for lam in FINAL_FIT.dampings]
         tried = _residuals(problem, targets, [moves.at(t) for t in trials])
         costs = [
             scale * float(r @ r) + float(np.sum((prior + t)[is_prior] ** 2)) for r, t in zip(tried, trials, strict=True)
@@ -107,7 +93,7 @@ def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandL
             x, base = trials[pick], tried[pick]
             if targets[0].left(base[: len(first)]) <= agreed:
                 break
-        if not costs[pick] < WORTHWHILE * before:
+        if not costs[pick] < FINAL_FIT.worthwhile * before:
             if not is_old:
                 break
             age = -1  # the slopes are old: new ones before it is given up
@@ -143,7 +129,7 @@ def loudest_and_quietest(problem: Problem) -> list[Run]:
 
 def _targets(problem: Problem, limit: CommandLimit | None) -> list[_Target]:
     chosen = loudest_and_quietest(problem)
-    most = min(LONGEST, MOST_WORK // problem.plant.model.nv)
+    most = min(FINAL_FIT.longest, FINAL_FIT.most_work // problem.plant.model.nv)
     wholes = [run if limit is None else limit.on(run) for run in chosen]
     return [_target(problem, whole.measured, _shortened(whole, most)) for whole in wholes]
 
@@ -180,6 +166,6 @@ def _difference(problem: Problem, fit: Fit, target: _Target) -> Array:
     try:
         simulated = extended(problem, fit).simulated(target.run).data[:, list(target.columns)]
     except VlabError:  # it ran away, or no start was found
-        return np.full(int(target.counts.sum()), FAR)
+        return np.full(int(target.counts.sum()), FINAL_FIT.far)
     out = ((simulated - target.measured) / target.sigma)[target.counts]
-    return np.asarray(np.clip(np.where(np.isfinite(out), out, FAR), -FAR, FAR))
+    return np.asarray(np.clip(np.where(np.isfinite(out), out, FINAL_FIT.far), -FINAL_FIT.far, FINAL_FIT.far))

@@ -27,13 +27,9 @@ from vlab.diagnose.predictors.frequency import (
 from vlab.diagnose.predictors.frequency_model import View
 from vlab.diagnose.predictors.frequency_residual import modal_residual, quick_modal_residual, response_residual
 from vlab.diagnose.search.trial_values import trials
+from vlab.diagnose.settings import FREQUENCY_SCREENING
 from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array, ComplexArray
-
-SHARES = 8
-"""Parts of the work that go to the processes."""
-MODES_TRIED = 8
-"""Modes beyond those of a table with which trials are made."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +127,7 @@ class ScoreTest:
         if not tables:
             return None
         view, state = self.fitter.problem.view, self.state
-        keep = max(d.n for d in tables) + MODES_TRIED
+        keep = max(d.n for d in tables) + FREQUENCY_SCREENING.modes_tried
         if keep >= view.m:
             return view, state
         return cut(view, keep), State(
@@ -223,6 +219,6 @@ def _apart(a: Term, b: Term) -> bool:
 
 def screened(screen: ScoreTest, pairs: Sequence[tuple[Effect, Place]]) -> list[Trial]:
     """Return the best trial of every effect at every place, best first."""
-    shares = [list(pairs[k::SHARES]) for k in range(SHARES)]
+    shares = [list(pairs[k :: FREQUENCY_SCREENING.shares]) for k in range(FREQUENCY_SCREENING.shares)]
     found = side_by_side(lambda share: [screen.best(effect, place) for effect, place in share], shares)
     return sorted((t for part in found for t in part if t is not None), key=lambda t: -t.log_likelihood_gain)

@@ -8,29 +8,15 @@ import numpy as np
 from vlab.diagnose.data.responses import Response
 from vlab.diagnose.inference.evidence import Found, Hypothesis, scored
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
-from vlab.diagnose.inference.hypothesis_fits import ENOUGH
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
 from vlab.diagnose.search.trial_values import candidates
+from vlab.diagnose.settings import FREQUENCY_SELECTION, HYPOTHESIS_FITS
 from vlab.physics.effect import Effect
 from vlab.signals import Array
-
-SHORTLIST = 10
-"""Trials that are fitted because they gained most, in each of the two views."""
-FAR = 6
-"""Best trials of the coarse view that are fitted from the model as given, too."""
-FINISHED = 8
-"""Best of them that are fitted to the end."""
-COARSE = 0.08
-"""Width of the bands of the coarse view, about the model as given."""
-SEEDS, SECONDS = 3, 5
-"""Single effects on which a second one is tried, and how many second ones are fitted on each."""
-PLACES = 10
-"""Places at which the best effect is fitted again."""
-QUICK = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,22 +60,22 @@ def search_frequency(
     by_lines = screened(ScoreTest(fitter, Point(theta=before_fit.theta, terms=())), pairs)
     by_bands: list[Trial] = []
     if any(isinstance(d, Response) for d in problem.measured):
-        by_bands = screened(ScoreTest(fitter, Point(theta=zero, terms=()), COARSE), pairs)
+        by_bands = screened(ScoreTest(fitter, Point(theta=zero, terms=()), FREQUENCY_SELECTION.coarse), pairs)
     shortlist = _shortlist(by_lines, by_bands)
     progress(0.35, "fitting single effects")
-    from_afar = {t.label for t in by_bands[:FAR]}
+    from_afar = {t.label for t in by_bands[: FREQUENCY_SELECTION.far]}
     fits = side_by_side(lambda item: _quick_fit(fitter, item, before_fit.theta, from_afar), shortlist)
     singles = sorted(
         (penalised(fit, t[0].log_likelihood_gain) for fit, t in zip(fits, shortlist, strict=True)),
         key=lambda h: -h.score,
     )
-    fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[:FINISHED])
+    fits = side_by_side(lambda h: fitter.fit(h.terms, h.fit.theta), singles[: FREQUENCY_SELECTION.finished])
     singles = [penalised(fit, h.log_likelihood_gain) for fit, h in zip(fits, singles, strict=False)] + singles[
-        FINISHED:
+        FREQUENCY_SELECTION.finished :
     ]
     singles.sort(key=lambda h: -h.score)
     hypotheses = list(singles)
-    if singles and singles[0].normalised_residual > ENOUGH:
+    if singles and singles[0].normalised_residual > HYPOTHESIS_FITS.enough:
         progress(0.55, "fitting pairs of effects")
         hypotheses += [penalised(fit) for fit in _pairs(fitter, singles, pairs)]
         hypotheses.sort(key=lambda h: -h.score)
@@ -112,7 +98,7 @@ def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[lis
         families: set[str] = set()
         for i, tried in enumerate(ranked):
             family = tried.term.effect.family
-            if tried.log_likelihood_gain > 0 and (i < SHORTLIST or family not in families):
+            if tried.log_likelihood_gain > 0 and (i < FREQUENCY_SELECTION.shortlist or family not in families):
                 chosen.setdefault(tried.label, [])
             families.add(family)
     for tried in (*by_lines, *by_bands):
@@ -124,9 +110,9 @@ def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[lis
 def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar: Collection[str]) -> Fit:
     """Fit an effect for a few steps from its trials: about the refitted model, and some about the model as given."""
     terms = [trials[0].term, *trials[0].others]
-    fits = [fitter.fit([term], theta, iterations=QUICK) for term in terms]
+    fits = [fitter.fit([term], theta, iterations=FREQUENCY_SELECTION.quick) for term in terms]
     if trials[0].label in from_afar:
-        fits.append(fitter.fit([trials[-1].term], None, iterations=QUICK))
+        fits.append(fitter.fit([trials[-1].term], None, iterations=FREQUENCY_SELECTION.quick))
     return min(fits, key=lambda fit: fit.chi2)
 
 
@@ -134,7 +120,9 @@ def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[
     """Fit a second effect on top of each of the best single ones, effects of several kinds among them."""
     seeds = list(singles[:1])
     for h in singles[1:]:  # of other kinds
-        if len(seeds) < SEEDS and all(h.terms[0].effect.family != s.terms[0].effect.family for s in seeds):
+        if len(seeds) < FREQUENCY_SELECTION.seeds and all(
+            h.terms[0].effect.family != s.terms[0].effect.family for s in seeds
+        ):
             seeds.append(h)
     work: dict[frozenset[str], tuple[Hypothesis, Term]] = {}
     for seed in seeds:
@@ -142,16 +130,19 @@ def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[
         own = seed.terms[0]
         count = 0
         for tried in rest:
-            if tried.label == own.label or tried.log_likelihood_gain <= 0 or count >= SECONDS:
+            if tried.label == own.label or tried.log_likelihood_gain <= 0 or count >= FREQUENCY_SELECTION.seconds:
                 continue
             key = frozenset((own.label, tried.label))
             if key not in work:
                 work[key] = (seed, tried.term)
                 count += 1
     items = list(work.values())
-    fits = side_by_side(lambda item: fitter.fit([*item[0].terms, item[1]], item[0].fit.theta, iterations=QUICK), items)
+    fits = side_by_side(
+        lambda item: fitter.fit([*item[0].terms, item[1]], item[0].fit.theta, iterations=FREQUENCY_SELECTION.quick),
+        items,
+    )
     fits.sort(key=lambda fit: fit.chi2)
-    return side_by_side(lambda fit: fitter.fit(fit.terms, fit.theta), fits[:FINISHED])
+    return side_by_side(lambda fit: fitter.fit(fit.terms, fit.theta), fits[: FREQUENCY_SELECTION.finished])
 
 
 def _places(
@@ -174,12 +165,14 @@ def _places(
     for t in tried:
         if t.term.effect.name == first.effect.name and t.term.place.name != first.place.name:
             elsewhere.setdefault(t.term.place.name, []).append(t)
-    order = sorted(elsewhere, key=lambda name: -max(t.log_likelihood_gain for t in elsewhere[name]))[:PLACES]
+    order = sorted(elsewhere, key=lambda name: -max(t.log_likelihood_gain for t in elsewhere[name]))[
+        : FREQUENCY_SELECTION.places
+    ]
     todo = [name for name in order if name not in known]
 
     def fitted(name: str) -> Fit:
         start = best.fit.theta if others else theta
-        fits = [fitter.fit([t.term, *others], start, iterations=2 * QUICK) for t in elsewhere[name]]
+        fits = [fitter.fit([t.term, *others], start, iterations=2 * FREQUENCY_SELECTION.quick) for t in elsewhere[name]]
         return min(fits, key=lambda fit: fit.chi2)
 
     fits = side_by_side(fitted, todo)

@@ -6,7 +6,6 @@ from typing import ClassVar
 
 from vlab.cases.case import Case
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.hypothesis_fits import WHOLE_ITERATIONS
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
@@ -20,13 +19,12 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
+from vlab.diagnose.settings import HYPOTHESIS_FITS, MODEL_CLASS
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 from vlab.signals import Array
 
 Report = Callable[[float, str], None]
-LESS = 0.95
-"""A structure's own nonlinearity is believed in where a refit leaves this share of the mean square with it, or less."""
 UNSTRETCHED = (
     "the recordings do not show that swinging tightens the cables: they are taken for softer along their length"
 )
@@ -118,7 +116,7 @@ def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
     if problem.case.structure is None or problem.bare is None:
         return LinearTimeInvariant(screen=ScoreTest(problem))
     (with_cables, theta), (without, theta_without) = side_by_side(_left_by_a_refit, (problem, problem.bare))
-    if with_cables <= LESS * without:
+    if with_cables <= MODEL_CLASS.less * without:
         return LinearTimeInvariant(screen=ScoreTest(problem, theta=theta))
     soft = with_soft_cables(problem.case)
     if soft is None:
@@ -151,7 +149,7 @@ def _residual_on_trajectory(screen: TrajectoryScoreTest) -> float:
 
 def _left(refiner: LeastSquares) -> float:
     """Return the mean square that a refit to whole recordings leaves, over that of noise and model error."""
-    return refiner.fit((), None, WHOLE_ITERATIONS).cost / sum(run.y.size for run in refiner.runs)
+    return refiner.fit((), None, HYPOTHESIS_FITS.whole_iterations).cost / sum(run.y.size for run in refiner.runs)
 
 
 def _linearise_trajectory(case: Case, timing: str = "") -> TrajectoryScoreTest:

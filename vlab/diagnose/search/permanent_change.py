@@ -3,22 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import scored_by
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
+from vlab.diagnose.settings import PERMANENT_CHANGE
 from vlab.physics.effect import PortEffect
-
-SHARES = np.geomspace(0.4, 1.6, 13)
-"""Shapes that are tried, as multiples of what they refer to: the motion as an observer without the law makes it out is off by
-as much."""
-BETWEEN = np.geomspace(1.0 / 1.12, 1.12, 9)
-"""The same again, of the best of these: until all else is fitted, a place is as good as its best shape."""
-MOST = 3
-"""Laws with their places that are worth a fit."""
 
 
 def find_permanent_changes(
@@ -37,7 +28,7 @@ def find_permanent_changes(
     tried = side_by_side(lambda c: _best(whole, c, in_windows), terms)
     order = sorted(range(len(terms)), key=lambda i: (tried[i][0], terms[i].label))
     out = []
-    for i in order[:MOST]:
+    for i in order[: PERMANENT_CHANGE.most]:
         term = tried[i][1]
         plain = Term(effect=term.effect, place=term.place, values=term.values)
         # in windows it is as if it was not there
@@ -49,6 +40,10 @@ def _best(whole: LeastSquares, candidate: Candidate, start: Fit) -> tuple[float,
     """Return a candidate with the values that leave least of whole runs, and how much."""
     own = {p.name: candidate.place.stiffness for p in candidate.effect.amplitudes}
     of = {p.name: whole.screen.reference(p.reference, candidate.place) for p in candidate.effect.shapes}
-    _, term = whole.cheapest(candidate, [{**own, **{n: x * s for n, x in of.items()}} for s in SHARES], start)
+    _, term = whole.cheapest(
+        candidate, [{**own, **{n: x * s for n, x in of.items()}} for s in PERMANENT_CHANGE.shares], start
+    )
     found = term.values
-    return whole.cheapest(candidate, [{**own, **{n: found[n] * s for n in of}} for s in BETWEEN], start)
+    return whole.cheapest(
+        candidate, [{**own, **{n: found[n] * s for n in of}} for s in PERMANENT_CHANGE.between], start
+    )

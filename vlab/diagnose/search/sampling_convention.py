@@ -18,6 +18,7 @@ from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import SAMPLING_CONVENTION
 from vlab.physics.effect import Effect
 from vlab.physics.running import STAGGERED
 
@@ -27,24 +28,6 @@ WORDS: dict[Hold, str] = {
     "zero-first": "inputs stand from their sample to the next, and its own readings see them",
     "past": "inputs stood from the sample before until their own",
 }
-NEAR = 0.2
-"""Another convention is believed where the recordings ask for it and for nothing else: for this much more or less of it at most."""
-LEAST_SKEW, MOST_SKEW = 0.2, 1.2
-"""Skews that are believed, in halves of an integration step or of a sample, whichever is shorter: other simulators take finer steps."""
-GAIN, GAIN_EACH = 30.0, 10.0
-"""A convention must gain this much in log-likelihood: as much as the refitted parameters' directions could together by chance, and
-more; and this much more beside another one."""
-EXPLAINED = 0.003
-"""It must explain this share of what the refitted model leaves."""
-HINT, MUCH_LESS = 0.5, 0.7
-"""Where the innovations gain but so much from another hold, a refit to whole recordings has the word: where it leaves this share of the
-mean square with it. So has a fit of what was found in the end."""
-MOST_PASSES = 2
-"""What is wrong with the readings hides what is wrong with the inputs: the filter takes it for unknown forces."""
-BESIDE = 12
-"""Effects that may be missing besides: what they leave in the recordings may look like other inputs in part."""
-SEEN = 0.5
-"""Conventions are compared where half a sample moves the readings by this multiple of their noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,7 +96,7 @@ def score_by_timing(
         What may be missing besides.
     """
     lines: list[str] = []
-    for _ in range(MOST_PASSES):
+    for _ in range(SAMPLING_CONVENTION.most_passes):
         problem = screen.problem
         if problem.case.structure is not None or not _shows(problem):
             break
@@ -175,17 +158,17 @@ def _favoured_convention(
     screen: ScoreTest, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
 ) -> _Convention | None:
     """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
-    asked = [convention for convention in conventions if convention.log_likelihood_gain > GAIN]
+    asked = [convention for convention in conventions if convention.log_likelihood_gain > SAMPLING_CONVENTION.gain]
     effective_share = [convention for convention in asked if convention.is_conclusive]
     if effective_share or not asked:
         return max(effective_share, key=lambda convention: convention.log_likelihood_gain, default=None)
-    candidates = screen.candidates(effects)[:BESIDE]
-    most, found = candidates[0].log_likelihood_gain + GAIN if candidates else np.inf, None
+    candidates = screen.candidates(effects)[: SAMPLING_CONVENTION.beside]
+    most, found = candidates[0].log_likelihood_gain + SAMPLING_CONVENTION.gain if candidates else np.inf, None
     for candidate in candidates:
         for convention in _conventions(screen.given([candidate]), left_open):
             if (
                 convention.is_conclusive
-                and convention.log_likelihood_gain > GAIN
+                and convention.log_likelihood_gain > SAMPLING_CONVENTION.gain
                 and candidate.log_likelihood_gain + convention.log_likelihood_gain > most
             ):
                 most, found = candidate.log_likelihood_gain + convention.log_likelihood_gain, convention
@@ -195,13 +178,17 @@ def _favoured_convention(
 def _hinted_at(conventions: Sequence[_Convention]) -> _Convention | None:
     """Return the hold of the inputs that the innovations speak for, if softly: a filter that trusts the recordings hides most of what
     a slow motion has of it."""
-    holds = [c for c in conventions if c.hold and not c.skew_s and c.is_near and c.log_likelihood_gain > HINT]
+    holds = [
+        c
+        for c in conventions
+        if c.hold and not c.skew_s and c.is_near and c.log_likelihood_gain > SAMPLING_CONVENTION.hint
+    ]
     return max(holds, key=lambda c: c.log_likelihood_gain, default=None)
 
 
 def _leaves_less(leaves: Callable[[S], float], other: S, screen: S) -> bool:
     """Return whether a refit to whole recordings leaves much less with another screening."""
-    return leaves(other) < MUCH_LESS * leaves(screen)
+    return leaves(other) < SAMPLING_CONVENTION.much_less * leaves(screen)
 
 
 def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
@@ -214,14 +201,16 @@ def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
                 continue
             shares, log_likelihood_gain, explained = screen.asked(first, moved, step)
             skew = float(shares[-1]) if moved else 0.0
-            is_near = not hold or abs(shares[0] - 1.0) < NEAR
+            is_near = not hold or abs(shares[0] - 1.0) < SAMPLING_CONVENTION.near
             yield _Convention(
                 case=_skewed(case, skew * step) if moved else case,
                 hold=hold,
                 skew_s=skew * step,
-                log_likelihood_gain=log_likelihood_gain - GAIN_EACH * (len(shares) - 1),
+                log_likelihood_gain=log_likelihood_gain - SAMPLING_CONVENTION.gain_each * (len(shares) - 1),
                 is_near=is_near,
-                is_conclusive=is_near and explained > EXPLAINED and (not moved or LEAST_SKEW < skew < MOST_SKEW),
+                is_conclusive=is_near
+                and explained > SAMPLING_CONVENTION.explained
+                and (not moved or SAMPLING_CONVENTION.least_skew < skew < SAMPLING_CONVENTION.most_skew),
             )
 
 
@@ -271,7 +260,7 @@ def _shows(problem: Problem) -> bool:
         noise = noise_levels(run, problem.names)
         columns = np.column_stack([run.measured[name] for name in problem.names])
         moved = np.mean(np.diff(columns, axis=0) ** 2, axis=0) - 2.0 * noise**2
-        if np.any(moved > (2.0 * SEEN * noise) ** 2):
+        if np.any(moved > (2.0 * SAMPLING_CONVENTION.seen * noise) ** 2):
             return True
     return False
 

@@ -14,37 +14,21 @@ from vlab.cases.replay import before
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_of
-from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
-from vlab.diagnose.inference.score_test import SLOW, ScoreTest
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_effects import port_series
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.shortlist import LEAST_GAIN, completing, plain_form, same_site_alternatives
+from vlab.diagnose.search.shortlist import completing, plain_form, same_site_alternatives
+from vlab.diagnose.settings import FIT, SCORE_TEST, SECOND_EFFECT, SHORTLIST
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
-ZOOMED = 3
-"""Candidates whose shapes are sought between the values of their grids, one a family."""
-ROWS = 0.5
-"""The second screening looks at this share of the first one's samples."""
-SEEDS, SECONDS, MOST_SECONDS = 2, 3, 60
-"""Hypotheses that a second effect is sought beside, besides the best; second effects, of a family each, tried on top of each;
-and the candidates of their screening that count."""
 SLIPS = {"friction", "hysteresis"}
 """Families of laws that are friction of some kind."""
-SECOND_PLACES, MOST_PAIRS = 10, 14
-"""Places of every effect, as the first screening ranks them, at which it is sought as a second one; pairs that are fitted."""
-CLOSER = 0.98
-"""A hypothesis leaves less than another one where it leaves no more than this share of it."""
-PART, MUCH = 0.2, 3.0
-"""A second effect is sought where something is left that one effect explains this share of, or that is more than this multiple of
-the noise..."""
-PRIOR_VIOLATION, OUTLYING = 20.0, 4.0
-"""...or where one takes uncertain parameters that are less likely than their priors' means by e to this power, or one of them that is
-this many standard deviations away: a mass or a damper beside what was found hides there."""
 
 
 def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
@@ -58,7 +42,8 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bo
         Standard deviations of the uncertain parameters.
     """
     return any(
-        h.prior_departure > PRIOR_VIOLATION + 0.5 * usual or bool(np.any(np.abs(h.long_fit.theta) > OUTLYING * prior))
+        h.prior_departure > SECOND_EFFECT.prior_violation + 0.5 * usual
+        or bool(np.any(np.abs(h.long_fit.theta) > SECOND_EFFECT.outlying * prior))
         for h in _of_interest(fitted)
     )
 
@@ -67,13 +52,13 @@ def demands_another_effect(before: Hypothesis, fitted: Sequence[Hypothesis], eno
     """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
     least = min(h.normalised_residual for h in fitted)
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.normalised_residual**2 - 1.0, 1e-12)
-    return least > enough and (explained > PART or before.normalised_residual > MUCH)
+    return least > enough and (explained > SECOND_EFFECT.part or before.normalised_residual > SECOND_EFFECT.much)
 
 
 def _of_interest(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return the best of hypotheses by score, and the one that leaves least where that is another and leaves less."""
     best, closest = fitted[0], min(fitted, key=lambda h: h.normalised_residual)
-    return [best, closest] if closest.normalised_residual < CLOSER * best.normalised_residual else [best]
+    return [best, closest] if closest.normalised_residual < SECOND_EFFECT.closer * best.normalised_residual else [best]
 
 
 def pairs(
@@ -98,23 +83,23 @@ def pairs(
     report(0.55, "screening for a second effect")
     seeds = _seeds(screen, singles, shortlist, is_clear=is_clear)
     tables = side_by_side(
-        lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[:MOST_SECONDS],
-        [(seed, trust) for seed in seeds for trust in (1.0, SLOW)],
+        lambda item: besides(screen, item[0].long_fit, list(effects), item[1], among)[: SECOND_EFFECT.most_seconds],
+        [(seed, trust) for seed in seeds for trust in (1.0, SCORE_TEST.slow)],
     )
     owners = [seed for seed in seeds for _ in range(2)]
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed, table in zip(owners, tables, strict=True):
-        for second in best_of_families(table, seed.terms[0])[:SECONDS]:
-            if second.log_likelihood_gain > LEAST_GAIN:
+        for second in best_of_families(table, seed.terms[0])[: SECOND_EFFECT.seconds]:
+            if second.log_likelihood_gain > SHORTLIST.least_gain:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     report(0.65, "fitting pairs of effects")
-    tried = list(found.values())[:MOST_PAIRS]
+    tried = list(found.values())[: SECOND_EFFECT.most_pairs]
     fits = pairs_fitted(refiner, tried)
     if not fits:
         return []
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].normalised_residual)
     rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
-    known = set(list(found)[:MOST_PAIRS])
+    known = set(list(found)[: SECOND_EFFECT.most_pairs])
     is_related_family = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(
         refiner, [(seed, c) for c in is_related_family if frozenset((seed.label, c.label)) not in known]
@@ -133,7 +118,7 @@ def ablate_pairs(
             if term.label not in known:
                 alone.setdefault(term.label, (pair, term))
     return side_by_side(
-        lambda item: fitted(refiner, [item[1]], item[0].long_fit, ITERATIONS, item[0].log_likelihood_gain),
+        lambda item: fitted(refiner, [item[1]], item[0].long_fit, FIT.iterations, item[0].log_likelihood_gain),
         list(alone.values()),
     )
 
@@ -186,7 +171,12 @@ def _seeds(
     known = {h.label: h for h in singles}
     for candidate in shortlist:
         alone = known.get(candidate.label)
-        if len(out) > SEEDS or alone is None or alone in out or isinstance(candidate.effect, SensorEffect):
+        if (
+            len(out) > SECOND_EFFECT.seeds
+            or alone is None
+            or alone in out
+            or isinstance(candidate.effect, SensorEffect)
+        ):
             continue
         fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
         out.append(replace(alone, fit=fit, whole=None))
@@ -206,11 +196,11 @@ def besides(
         Labels of the candidates to look at; all by default.
     """
     problem = with_effects(screen, fit)
-    most = max(int(ROWS * len(run)) for run in screen.runs)
+    most = max(int(SECOND_EFFECT.rows * len(run)) for run in screen.runs)
     runs = [run.first(most) for run in problem.in_role("fit")]
     second = ScoreTest(problem, runs, like=screen, theta=fit.theta, trust=trust)
     table = second.candidates(effects, among=among)
-    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0])[:ZOOMED]}
+    sharp = {c.label: second.zoomed(c) for c in best_of_families(table, fit.terms[0])[: SECOND_EFFECT.zoomed]}
     return [sharp.get(c.label, c) for c in table]
 
 

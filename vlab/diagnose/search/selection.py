@@ -7,9 +7,6 @@ import numpy as np
 
 from vlab.diagnose.inference.evidence import Found, Hypothesis, weighed
 from vlab.diagnose.inference.hypothesis_fits import (
-    ENOUGH,
-    PLACES,
-    WHOLE_FINISHED,
     as_meant,
     by_score,
     each_fitted,
@@ -20,16 +17,14 @@ from vlab.diagnose.inference.hypothesis_fits import (
     other_places,
     scored_by,
 )
-from vlab.diagnose.inference.least_squares import ITERATIONS, LeastSquares
-from vlab.diagnose.inference.score_test import SLOW, ScoreTest
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
-    MUCH,
-    SECOND_PLACES,
     ablate_pairs,
     demands_another_effect,
     in_other_forms,
@@ -37,22 +32,8 @@ from vlab.diagnose.search.second_effect import (
     violate_priors,
 )
 from vlab.diagnose.search.shortlist import best_of_effects, best_places, is_related_family, shortlisted
+from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
 from vlab.physics.effect import Effect, SensorEffect
-
-SLOWEST, SLOW_SHORTLIST = 1e-6, 5
-"""The slowest observer, see `vlab.diagnose.inference.score_test.SLOW`, sees stiffness and damping of a ring-down change with its size; and effects
-that are fitted because they gained most with one."""
-WHOLE_SINGLES, WHOLE_PAIRS = 7, 4
-"""Single effects and pairs that are fitted over whole runs."""
-REFORMED = 3
-"""Pairs of which other forms are fitted as well, and every effect alone."""
-EXPLAINS = 1.05
-"""A single effect that leaves no more than this multiple of what noise leaves needs neither slower observers nor a second effect."""
-ENOUGH_OF_MESH = 0.5
-"""Share of the variance of the model's own error that one of the two structures may leave beside the noise before a second effect is
-sought: a grid with nothing hidden left .4."""
-FINER = 0.5
-"""Share of the simulation's allowed error that is allowed where a refit alone stays within it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,17 +77,17 @@ def search(
     rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
     in_windows = before
     starts = [screen.theta, np.zeros_like(screen.theta)]
-    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=ITERATIONS)
-    adds_up = in_windows.normalised_residual <= ENOUGH < before.normalised_residual
+    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=FIT.iterations)
+    adds_up = in_windows.normalised_residual <= HYPOTHESIS_FITS.enough < before.normalised_residual
     shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
     screen.forget()
     report(0.4, "fitting whole recordings")
     # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
-    plain = [before.long_fit.theta] if before.normalised_residual < MUCH else []
+    plain = [before.long_fit.theta] if before.normalised_residual < SECOND_EFFECT.much else []
     events = find_permanent_changes(whole, narrow, in_windows.fit, candidates) if adds_up else []
     told = {h.label for h in events}
     singles = [h for h in singles if h.label not in told]
-    most = min(WHOLE_SINGLES, hopeful(singles)) + len(events)
+    most = min(SELECTION.whole_singles, hopeful(singles)) + len(events)
     hypotheses = singles = on_whole_runs(
         whole,
         narrow,
@@ -116,21 +97,21 @@ def search(
         screened=[*shortlist, *candidates],
         start=before.long_fit,
     )
-    enough = EXPLAINS * floor_of(whole)
+    enough = SELECTION.explains * floor_of(whole)
     if problem.case.structure is not None:
-        enough = float(np.sqrt(whole.noise_share + ENOUGH_OF_MESH * whole.error_share))
+        enough = float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
     is_odd = bool(singles) and violate_priors(singles, whole.directions.shape[1], whole.reduced_model.prior)
     if singles and (is_odd or demands_another_effect(before, singles, enough)):
         among, is_clear = (
-            best_places(candidates, SECOND_PLACES),
-            not is_odd and singles[0].normalised_residual <= ENOUGH,
+            best_places(candidates, SECOND_EFFECT.second_places),
+            not is_odd and singles[0].normalised_residual <= HYPOTHESIS_FITS.enough,
         )
         found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
         doubles = finished(narrow, found)
-        doubles = by_score(doubles, in_other_forms(narrow, doubles[:REFORMED], candidates))
+        doubles = by_score(doubles, in_other_forms(narrow, doubles[: SELECTION.reformed], candidates))
         report(0.85, "fitting whole recordings")
-        doubles = on_whole_runs(whole, narrow, doubles, WHOLE_PAIRS, plain)
-        alone = ablate_pairs(narrow, doubles[:REFORMED], singles)
+        doubles = on_whole_runs(whole, narrow, doubles, SELECTION.whole_pairs, plain)
+        alone = ablate_pairs(narrow, doubles[: SELECTION.reformed], singles)
         hypotheses = by_score(
             [h for h in singles if h.label not in {a.label for a in alone}],
             on_whole_runs(whole, narrow, alone, len(alone), plain),
@@ -163,9 +144,9 @@ def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
     narrow = WindowLeastSquares(screen)
     before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
     is_mesh = screen.problem.case.structure is not None  # of which it is known that it errs by as much
-    if before.normalised_residual > ENOUGH or is_mesh:
+    if before.normalised_residual > HYPOTHESIS_FITS.enough or is_mesh:
         return narrow, before
-    finer = WindowLeastSquares(screen, model_error=FINER * narrow.model_error)
+    finer = WindowLeastSquares(screen, model_error=SELECTION.finer * narrow.model_error)
     return finer, scored_by(finer, finer.fit((), before.fit))
 
 
@@ -185,12 +166,15 @@ def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hyp
     """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
     what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
     what came before it."""
-    if not order or (order[0].normalised_residual <= ENOUGH and not adds_up):
+    if not order or (order[0].normalised_residual <= HYPOTHESIS_FITS.enough and not adds_up):
         return list(order)
-    known = {h.label for h in order[:WHOLE_FINISHED]}
+    known = {h.label for h in order[: HYPOTHESIS_FITS.whole_finished]}
     forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
     gained = [h for h in sorted(forces, key=lambda h: -h.log_likelihood_gain) if h.label not in known]
-    first = [*order[:WHOLE_FINISHED], *gained[: WHOLE_SINGLES - WHOLE_FINISHED]]
+    first = [
+        *order[: HYPOTHESIS_FITS.whole_finished],
+        *gained[: SELECTION.whole_singles - HYPOTHESIS_FITS.whole_finished],
+    ]
     chosen = {h.label for h in first}
     return [*first, *(h for h in order if h.label not in chosen)]
 
@@ -221,16 +205,18 @@ def _single_effects(
 
     shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
     found = singles(shortlist)
-    if before.normalised_residual <= ENOUGH:
+    if before.normalised_residual <= HYPOTHESIS_FITS.enough:
         return shortlist, found
-    if adds_up or not (found and found[0].normalised_residual < EXPLAINS * floor_of(narrow)):
+    if adds_up or not (found and found[0].normalised_residual < SELECTION.explains * floor_of(narrow)):
         report(0.25, "screening with slower observers")
-        screen.slower = tuple(ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SLOW, SLOWEST))
+        screen.slower = tuple(
+            ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SCORE_TEST.slow, SELECTION.slowest)
+        )
         # what acts all the time is seen at quite other places than by a quick observer, which takes it up
-        among = best_places(candidates, PLACES) | {c.label for c in candidates if not c.effect.shapes}
+        among = best_places(candidates, HYPOTHESIS_FITS.places) | {c.label for c in candidates if not c.effect.shapes}
         for slow in screen.slower:
             known = {c.label for c in shortlist}
-            slowly = shortlisted(slow.candidates(effects, among=among))[:SLOW_SHORTLIST]
+            slowly = shortlisted(slow.candidates(effects, among=among))[: SELECTION.slow_shortlist]
             shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
         found = by_score(found, singles(shortlist[len(found) :]))

@@ -4,15 +4,8 @@ from collections.abc import Sequence
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Candidate, Term
+from vlab.diagnose.settings import SHORTLIST
 
-SHORTLIST = 6
-"""Effects that are fitted because they gained most in the screening."""
-FAMILIES = 4
-"""Effects of other families that are fitted besides."""
-LEAST_GAIN = 3.0
-"""Log-likelihood that a candidate must gain in the screening to be fitted for its family's sake."""
-CLEAR = 60.0
-"""Gain in the screening above which an effect stands out."""
 KINDRED = (
     {"friction", "hysteresis"},
     {"nonlinear-stiffness", "contact", "clearance"},
@@ -26,24 +19,22 @@ COMPLETING = {"friction": "viscous-damping", "damping": "coulomb-friction"}
 Source: Armstrong-Helouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
 machines with friction, Automatica 30, 1994, section 2.
 """
-NEARLY = 0.9
-"""Share of the gain of another form of an effect that the effect itself must have to be tried first."""
-SAME_SITE_ALTERNATIVES = 3
-"""Other effects of the family of a second one that are fitted at its place."""
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the best place of the effects that gained most, and of the best of other families."""
     order = _without_embellishments([c for c in best_of_effects(candidates) if c.log_likelihood_gain > 0])
-    stands_out = bool(order) and order[0].log_likelihood_gain > CLEAR
+    stands_out = bool(order) and order[0].log_likelihood_gain > SHORTLIST.clear
     share = 1.0 if stands_out else 0.0
-    most = SHORTLIST + (FAMILIES if stands_out else 2 * FAMILIES)  # where nothing stands out, every family is tried
-    out = order[:SHORTLIST]
+    most = SHORTLIST.shortlist + (
+        SHORTLIST.families if stands_out else 2 * SHORTLIST.families
+    )  # where nothing stands out, every family is tried
+    out = order[: SHORTLIST.shortlist]
     families = {c.effect.family for c in out}
-    for candidate in order[SHORTLIST:]:
+    for candidate in order[SHORTLIST.shortlist :]:
         if len(out) >= most:
             break
-        if candidate.effect.family not in families and candidate.log_likelihood_gain > LEAST_GAIN * share:
+        if candidate.effect.family not in families and candidate.log_likelihood_gain > SHORTLIST.least_gain * share:
             families.add(candidate.effect.family)
             out.append(candidate)
     return out
@@ -88,7 +79,9 @@ def is_related_family(candidates: Sequence[Candidate], fitted: Sequence[Hypothes
 def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
     """Return other effects of a second one's family at its place, which only a fit can tell apart."""
     own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
-    return best_of_effects([c for c in own if c.log_likelihood_gain > LEAST_GAIN])[:SAME_SITE_ALTERNATIVES]
+    return best_of_effects([c for c in own if c.log_likelihood_gain > SHORTLIST.least_gain])[
+        : SHORTLIST.same_site_alternatives
+    ]
 
 
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -98,14 +91,16 @@ def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
     return [
         c
         for c in candidates
-        if c.effect.name == name and c.place.name == first.place.name and c.log_likelihood_gain > LEAST_GAIN
+        if c.effect.name == name and c.place.name == first.place.name and c.log_likelihood_gain > SHORTLIST.least_gain
     ]
 
 
 def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
     """Return the effect itself in the place of another form of it that gains little more: fits say which form it is."""
     plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
-    return next((c for c in plain if c.log_likelihood_gain > NEARLY * candidate.log_likelihood_gain), candidate)
+    return next(
+        (c for c in plain if c.log_likelihood_gain > SHORTLIST.nearly * candidate.log_likelihood_gain), candidate
+    )
 
 
 def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
@@ -119,7 +114,7 @@ def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
             if d.effect.family == c.effect.family
             and d.place.name == c.place.name
             and len(d.effect.parameters) < len(c.effect.parameters)
-            and d.log_likelihood_gain >= c.log_likelihood_gain - LEAST_GAIN
+            and d.log_likelihood_gain >= c.log_likelihood_gain - SHORTLIST.least_gain
         ]
         if not simpler and plain_form(c, candidates) is c:
             out.append(c)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import (
-    ENOUGH,
     by_score,
     each_fitted,
     finished,
@@ -13,14 +12,13 @@ from vlab.diagnose.inference.hypothesis_fits import (
     pairs_fitted,
     scored_by,
 )
-from vlab.diagnose.inference.score_test import SLOW
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
-from vlab.diagnose.search.second_effect import SECONDS, SEEDS
-from vlab.diagnose.search.selection import SLOW_SHORTLIST, TimeFound, shows
-from vlab.diagnose.search.shortlist import LEAST_GAIN, best_of_effects, completing, shortlisted
+from vlab.diagnose.search.selection import TimeFound, shows
+from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
+from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
 from vlab.physics.effect import Effect
 
 
@@ -35,15 +33,15 @@ def search_moving(
     narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
     before = scored_by(narrow, narrow.fit())
     shortlist = shortlisted(candidates)
-    if before.normalised_residual > ENOUGH:
+    if before.normalised_residual > HYPOTHESIS_FITS.enough:
         report(0.45, "screening with a slower observer")
         known = {c.label for c in shortlist}
-        slow = shortlisted(screen.trusting(SLOW).candidates(effects))[:SLOW_SHORTLIST]
+        slow = shortlisted(screen.trusting(SCORE_TEST.slow).candidates(effects))[: SELECTION.slow_shortlist]
         shortlist += [c for c in slow if c.label not in known]
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if hypotheses and min(h.normalised_residual for h in hypotheses) > ENOUGH:
+    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough:
         report(0.65, "fitting pairs of effects")
         doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
         hypotheses = by_score(hypotheses, doubles)
@@ -78,14 +76,14 @@ def _pairs(
     effects: Sequence[Effect],
 ) -> list[Hypothesis]:
     """Return fits of a second effect on top of the best single ones, by what it gains beside them in the screening."""
-    by_label, seeds = {c.label: c for c in shortlist}, singles[:SEEDS]
+    by_label, seeds = {c.label: c for c in shortlist}, singles[: SECOND_EFFECT.seeds]
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed in seeds:
         table = screen.given([by_label[seed.label]]).candidates(effects)
         others = [
             c for c in table if c.effect.name != seed.terms[0].effect.name
         ]  # at two places: one effect, placed badly
-        for second in best_of_effects(others)[:SECONDS]:
-            if second.log_likelihood_gain > LEAST_GAIN:
+        for second in best_of_effects(others)[: SECOND_EFFECT.seconds]:
+            if second.log_likelihood_gain > SHORTLIST.least_gain:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))
     return pairs_fitted(refiner, list(found.values()))

@@ -10,29 +10,10 @@ from vlab.diagnose.data.responses import Response
 from vlab.diagnose.parameters.locations import Place, admissible
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.settings import TRIAL_VALUES
 from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array
-
-GAINS = (-2.0, -0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0)
-SHARES = (0.05, 0.12, 0.25, 0.4, 0.6, 0.8, 0.92)
-PICKED = (-0.4, -0.15, -0.05, 0.05, 0.15, 0.4)
-RATIOS = (0.02, 0.15)
-TIMES = (0.02, 0.06, 0.2, 0.6, 2.0)
-"""In radians of the highest frequency."""
-SLOW_TIMES = (0.1, 0.3, 1.0, 3.0, 10.0)
-"""In radians of the lowest frequency, of what a channel loses there."""
-MASSES = tuple(np.geomspace(2e-3, 5.0, 9))
-"""In modal masses of the mode that moves most at the place."""
-STIFFNESSES = tuple(np.geomspace(1e-3, 30.0, 11))
-"""In modal stiffnesses at the place of the mode that is easiest to move there."""
-DAMPINGS = tuple(np.geomspace(1e-4, 3.0, 9))
-OSCILLATOR_MASSES = (0.01, 0.1)
-FREQUENCIES = 12
-RESONANCES = 8
-"""Frequencies of an oscillator that are tried beside a table of modes."""
-UNSEEN = 1e-4
-"""A mode moves at a place where it does so by more than this share of the mode that does most."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,15 +71,19 @@ def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter)
     if p.unit.startswith("Hz"):
         if effect.family == "damping":
             return np.array([np.sqrt(low * high)])
-        return _frequencies(problem, low, high) if by_lines else np.geomspace(0.9 * low, 1.1 * high, RESONANCES)
+        return (
+            _frequencies(problem, low, high)
+            if by_lines
+            else np.geomspace(0.9 * low, 1.1 * high, TRIAL_VALUES.resonances)
+        )
     if p.unit == "1":
-        return np.array(SHARES if is_alone else RATIOS[:1])
+        return np.array(TRIAL_VALUES.shares if is_alone else TRIAL_VALUES.ratios[:1])
     if p.unit.startswith("kg"):
-        grid = scales.mass * np.array(MASSES if is_alone else OSCILLATOR_MASSES)
+        grid = scales.mass * np.array(TRIAL_VALUES.masses if is_alone else TRIAL_VALUES.oscillator_masses)
     elif p.unit.startswith("N s"):
-        grid = scales.damping * np.array(DAMPINGS)
+        grid = scales.damping * np.array(TRIAL_VALUES.dampings)
     else:
-        grid = scales.stiffness * np.array(STIFFNESSES if is_alone else STIFFNESSES[:7:2])
+        grid = scales.stiffness * np.array(TRIAL_VALUES.stiffnesses if is_alone else TRIAL_VALUES.stiffnesses[:7:2])
     grid = np.clip(grid, p.low, p.high) if not p.reference else grid
     return np.unique(np.concatenate([-grid, grid]) if p.signed else grid)
 
@@ -107,7 +92,7 @@ def _frequencies(problem: FrequencyProblem, low: float, high: float) -> Array:
     """Return frequencies over the band, and those of the model's modes in it."""
     own = np.abs(problem.view.omega) / (2 * np.pi)
     own = own[(own > low) & (own < high)][:8]
-    return np.unique(np.concatenate([np.geomspace(low, high, FREQUENCIES), own]).round(9))
+    return np.unique(np.concatenate([np.geomspace(low, high, TRIAL_VALUES.frequencies), own]).round(9))
 
 
 def _channel_grid(
@@ -115,13 +100,15 @@ def _channel_grid(
 ) -> Sequence[float]:
     if p.unit == "s":
         if effect.family == "sensor-dynamics":
-            return [t / (2 * np.pi * low) for t in SLOW_TIMES] + [t / (2 * np.pi * high) for t in TIMES[2:]]
-        return [t / (2 * np.pi * high) for t in (*TIMES, *((10.0, 50.0) if "lag" in effect.name else ()))]
+            return [t / (2 * np.pi * low) for t in TRIAL_VALUES.slow_times] + [
+                t / (2 * np.pi * high) for t in TRIAL_VALUES.times[2:]
+            ]
+        return [t / (2 * np.pi * high) for t in (*TRIAL_VALUES.times, *((10.0, 50.0) if "lag" in effect.name else ()))]
     if p.unit == "Hz":
         return list(np.geomspace(2 * low, 3 * high, 10))
     if isinstance(effect, PickUp):
         if "command" not in effect.needs:
-            return PICKED
+            return TRIAL_VALUES.picked
         size = np.median(
             np.concatenate(
                 [
@@ -133,7 +120,7 @@ def _channel_grid(
         )
         return [float(size) * s for s in (-3.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3.0)]
     if p.unit == "1":
-        return GAINS if len(effect.parameters) == 1 else RATIOS
+        return TRIAL_VALUES.gains if len(effect.parameters) == 1 else TRIAL_VALUES.ratios
     if p.grid and not p.reference:
         return p.grid
     return list(np.geomspace(p.low, p.high, 9))
@@ -148,7 +135,7 @@ def _scales(problem: FrequencyProblem, place: Place) -> Scales:
     near = near if near.any() else np.ones(len(omega), dtype=bool)
     moved = np.sum(place.rows**2, axis=0)[near]
     w = np.maximum(omega[near], 2 * np.pi * 0.1 * high)
-    seen = moved > UNSEEN * moved.max()
+    seen = moved > TRIAL_VALUES.unseen * moved.max()
     moved, w = moved[seen], w[seen]
     return Scales(
         mass=float(1 / moved.max()), stiffness=float((w**2 / moved).min()), damping=float((2 * w / moved).min())

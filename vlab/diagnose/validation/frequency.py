@@ -7,31 +7,20 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from vlab.cases.case import Case
-from vlab.diagnose.data.responses import (
-    MODEL_ERROR,
-    SMALLEST_ZETA,
-    Measured,
-    Modes,
-    Response,
-    read_measured,
-    thinned,
-)
+from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.predictors.frequency import State, answer
 from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
 from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.frequency_residual import shape_rows, tracked
+from vlab.diagnose.settings import FREQUENCY_VALIDATION, RESPONSES
 from vlab.diagnose.validation.gap import Distance, part_of, total
 from vlab.diagnose.validation.simulation import Ablations
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array, ComplexArray
-
-NEIGHBOURS = 9
-DROWNED = 0.3
-"""Lines whose noise is more than this share of the response say nothing of a model."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,7 +166,7 @@ def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
         return 1.0
     usable = np.isfinite(data.H) & np.isfinite(H)
     own, seen = H[usable], data.H[usable]
-    size = float(np.mean(data.spread[usable] ** 2 + MODEL_ERROR**2 * np.abs(seen) ** 2))
+    size = float(np.mean(data.spread[usable] ** 2 + RESPONSES.model_error**2 * np.abs(seen) ** 2))
     weight, pull = float(np.sum(np.abs(own) ** 2)) / size, float(np.sum((np.conj(own) * seen).real)) / size
     return (pull + sd**-2) / (weight + sd**-2)
 
@@ -204,8 +193,8 @@ def heard(data: Response) -> Array:
 
     Neighbours decide as well: single lines that noise lifts would be the ones that are kept.
     """
-    size = median_filter(np.abs(data.H), size=(NEIGHBOURS, 1), mode="nearest")
-    out = data.noise < DROWNED * size
+    size = median_filter(np.abs(data.H), size=(FREQUENCY_VALIDATION.neighbours, 1), mode="nearest")
+    out = data.noise < FREQUENCY_VALIDATION.drowned * size
     return np.where(out.any(axis=0), out, True)
 
 
@@ -312,7 +301,7 @@ def modal_errors(data: Modes, own: ModalAnswer) -> dict[str, Array]:
     out = {"frequency": np.abs(np.log(data.freq / own.freq))}
     known = np.isfinite(data.zeta)
     if known.any():
-        ratio = np.log(data.zeta[known] / np.maximum(own.zeta[known], SMALLEST_ZETA))
+        ratio = np.log(data.zeta[known] / np.maximum(own.zeta[known], RESPONSES.smallest_zeta))
         out["damping"] = np.abs(ratio)
     if data.shapes.shape[1]:
         out["shape"] = np.sqrt(np.clip(1.0 - own.mac, 0.0, 1.0))

@@ -6,13 +6,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from vlab.diagnose.inference.model_choice import ALIKE
+from vlab.diagnose.settings import MODEL_CHOICE
 from vlab.signals import Array
 
-NO_WORSE = 1.02
-"""A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for."""
-LOST = 1.0
-"""An error as large as the recording itself: a model that leaves it there explains nothing, however far off another one is."""
 D = TypeVar("D", bound="Distance")
 
 
@@ -35,7 +31,7 @@ class Part:
     @property
     def is_idle(self) -> bool:
         """Whether the finding does nothing there that could be told from nothing at all."""
-        return self.told < ALIKE
+        return self.told < MODEL_CHOICE.alike
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

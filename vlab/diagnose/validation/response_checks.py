@@ -19,14 +19,10 @@ from vlab.cases.description import FrfTable
 from vlab.diagnose.data.responses import Response, read_measured
 from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.settings import RESPONSE_CHECKS
 from vlab.diagnose.validation.frequency import heard, nominal_model
 from vlab.recordings.responses import FORM_UNITS
 from vlab.signals import ComplexArray
-
-SHARE = 0.3
-"""A response is early where its phase turns the wrong way by this share of what the model's turns the right way."""
-TURNS = 0.02
-"""Least turn of a model's phase from line to line, as a share of its power, beside which a measured one says something."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +59,7 @@ def _is_early(one: _Measured) -> bool:
         return False
     usable = heard(one.data)
     turn, own = (sum(_turn(H[:, k], usable[:, k]) for k in range(H.shape[1])) for H in (one.data.H, one.own))
-    return own < -TURNS * one.own.shape[1] and turn > -SHARE * own
+    return own < -RESPONSE_CHECKS.turns * one.own.shape[1] and turn > -RESPONSE_CHECKS.share * own
 
 
 def _turn(H: ComplexArray, usable: ComplexArray) -> float:

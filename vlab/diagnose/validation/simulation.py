@@ -18,15 +18,13 @@ from vlab.diagnose.data.residual_noise import incoherent_rms
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.gap import Distance, part_of
 from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
 from vlab.signals import Array, Recording
-
-FINER, COARSE = 4, 0.2
-"""Steps are compared with steps so many times as short; what these change is said where it is this share of what is unexplained."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -208,7 +206,7 @@ def check(
 
 def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
     """Return a model whose plant takes steps a fraction as long."""
-    return replace(model, plant=at_timestep(model.plant, model.plant.timestep / FINER))
+    return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
 
 
 def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
@@ -228,13 +226,13 @@ def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequen
             continue
         moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
         size = float(np.sqrt(np.mean(np.square(moved))))
-        if size >= max(own.noise, COARSE * own.calibrated) and size > worst:
+        if size >= max(own.noise, VALIDATION.coarse * own.calibrated) and size > worst:
             worst, where = size, own.name
     if not where:
         return ""
     step = model.plant.timestep
     return (
-        f"steps of {1e3 * step / FINER:.3g} ms instead of {1e3 * step:.3g} ms change what the model does in "
+        f"steps of {1e3 * step / VALIDATION.finer:.3g} ms instead of {1e3 * step:.3g} ms change what the model does in "
         f"{where} by {100 * worst:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
         'integrator "RK4"'
     )
