@@ -129,7 +129,9 @@ def test_the_readme_links_to_files_that_are_there(link):
     assert (ROOT / link).is_file()
 
 
-QUICK_LINES = [(page, words) for page in PAGES for words in page.commands if " ".join(["vlab", *words, ""]).startswith(QUICK)]
+QUICK_LINES = [
+    (page, words) for page in PAGES for words in page.commands if " ".join(["vlab", *words, ""]).startswith(QUICK)
+]
 
 
 @pytest.mark.parametrize(("page", "words"), QUICK_LINES, ids=lambda x: x.name if isinstance(x, Page) else " ".join(x))

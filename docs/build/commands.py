@@ -36,7 +36,9 @@ def of_command(verb: str) -> str:
     table = ["| argument | meaning | default |", "|---|---|---|", *rows] if rows else ["No further arguments."]
     usage = parser.format_usage().removeprefix("usage: ").replace(" [-h] [--debug] [--json]", "")
     text = parser.description or VERBS[verb]
-    return "\n".join(["", f"## {verb}", "", f"{text[0].upper()}{text[1:]}.", "", "```text", usage.rstrip(), "```", "", *table, ""])
+    return "\n".join(
+        ["", f"## {verb}", "", f"{text[0].upper()}{text[1:]}.", "", "```text", usage.rstrip(), "```", "", *table, ""]
+    )
 
 
 def _name(action: argparse.Action) -> str:

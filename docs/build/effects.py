@@ -59,6 +59,11 @@ CHOSEN = {
     ("dead-band", "gap"): 0.4,
     ("sinusoidal-force", "frequency"): 3.0,
     ("attached-oscillator", "frequency"): 1.3,
+    ("attached-oscillator", "damping_ratio"): 0.25,
+    ("slew-limit", "slope"): 0.1,
+    ("rate-limit", "slope"): 0.1,
+    ("stribeck-friction", "speed"): 0.2,
+    ("sensor-quantisation", "step"): 0.25,
     ("structural-damping", "centre"): 1.0,
 }
 """Values, in multiples of the parameter's reference where it has one, that show more than a value of the screening's grid would."""
@@ -73,15 +78,15 @@ def shape(effect: Effect, parameter: Parameter, unit: float) -> float:
     """Return the value of a shape parameter that the figure shows; `unit` is what its reference is in the figure."""
     value = CHOSEN.get((effect.name, parameter.name))
     if value is None:
-        value = parameter.grid[max(len(parameter.grid) - 2, 0)] if parameter.grid else np.sqrt(parameter.low * parameter.high)
+        grid = parameter.grid or (float(np.sqrt(parameter.low * parameter.high)),)
+        value = grid[max(len(grid) - 2, 0)]
     return float(value) * (unit if parameter.reference else 1.0)
 
 
 def motion() -> tuple[Array, Array, Array, Array]:
     """Return time [s], displacement [mm], velocity [mm/s] and acceleration [mm/s^2] of a vibration of 1 Hz and 1 mm."""
     t = np.arange(CYCLES * PER_CYCLE) / PER_CYCLE
-    w, grown = 2 * np.pi, np.minimum(t / 1.0, 1.0) if CYCLES > 2 else 1.0
-    del grown
+    w = 2 * np.pi
     return t, np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
 
 
@@ -113,7 +118,9 @@ def port_figure(effect: PortEffect | LinearPortEffect) -> tuple[Figure, str]:
     shown = slice((CYCLES - 2) * PER_CYCLE, None)
     if "coil" in effect.needs:
         force = 1.0 + force
-    is_of_time = getattr(effect, "response", "any") == "none" or effect.family in ("time-variation",) or getattr(effect, "lasts", False)
+    is_of_time = isinstance(effect, PortEffect) and (
+        effect.response == "none" or effect.lasts or effect.family == "time-variation"
+    )
     figure = Figure(figsize=(6.4, 2.3), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     left.plot(z if is_of_time else z[shown], force if is_of_time else force[shown], color=BLUE, lw=1.6)
@@ -129,7 +136,7 @@ def port_figure(effect: PortEffect | LinearPortEffect) -> tuple[Figure, str]:
         axes.axhline(0.0, color=GREY, lw=0.6)
         axes.axvline(0.0, color=GREY, lw=0.6)
     if "coil" in effect.needs:
-        return figure, "Force of the coil under a constant command of 1 N, over displacement and velocity of a 1 Hz vibration."
+        return figure, "Force of the coil under a constant command of 1 N and a vibration of 1 Hz and 1 mm."
     what = "displacement and time" if is_of_time else "displacement and velocity"
     return figure, f"Force over {what} under a vibration of 1 Hz and 1 mm."
 
@@ -151,7 +158,6 @@ def signal_figure(effect: ActuatorEffect | SensorEffect) -> tuple[Figure, str]:
     units = {"input": 1.0, "output": 1.0, "step": h, "input-slope": float(np.max(np.abs(np.diff(x)))) / h}
     values = {p.name: shape(effect, p, units.get(p.reference, 1.0)) for p in effect.shapes}
     values |= {p.name: SHARES.get(p.name, 0.3) for p in effect.amplitudes}
-    values |= {k: v for (name, k), v in CHOSEN.items() if name == effect.name and k in values and not effect.parameter(k).reference}
     figure = Figure(figsize=(6.4, 2.3), layout="constrained")
     axes = figure.subplots()
     is_actuator = isinstance(effect, ActuatorEffect)
@@ -162,7 +168,9 @@ def signal_figure(effect: ActuatorEffect | SensorEffect) -> tuple[Figure, str]:
     if isinstance(effect, PickUp):
         other = np.sign(np.sin(2 * np.pi * 2.5 * t + 0.3))
         y = np.asarray(effect.mix(x, other, values))
-        axes.plot(t, other, color=RED, lw=0.8, ls=":", label="command u" if "command" in effect.needs else "other motion x2")
+        axes.plot(
+            t, other, color=RED, lw=0.8, ls=":", label="command u" if "command" in effect.needs else "other motion x2"
+        )
     else:
         y = effect.actuate(x, values, h) if isinstance(effect, ActuatorEffect) else effect.sense(x, values, h, t)
     axes.plot(t, y, color=BLUE, lw=1.4, label=after, drawstyle=steps)
@@ -200,8 +208,11 @@ def sentence(text: str) -> str:
 
 def parameter_row(p: Parameter) -> str:
     """Return the row of a parameter in its table."""
+
     def number(x: float) -> str:
-        return np.format_float_positional(x, trim="-") if 1e-3 <= abs(x) < 1e4 else f"{x:.0e}".replace("e-0", "e-").replace("e+0", "e")
+        if x == 0.0 or 1e-3 <= abs(x) < 1e4:
+            return np.format_float_positional(x, trim="-")
+        return f"{x:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
     references = {
         "displacement": "largest displacement", "velocity": "largest velocity", "input": "largest input",
@@ -210,9 +221,8 @@ def parameter_row(p: Parameter) -> str:
     }  # fmt: skip
     of = f" × {references[p.reference]}" if p.reference else f" {p.unit}" if p.unit != "1" else ""
     sign = "±" if p.signed and p.low > 0 else ""
-    return f"| `{p.name}` | {p.unit} | {sign}({number(p.low)} to {number(p.high)}){of} | {p.words} |" if sign else (
-        f"| `{p.name}` | {p.unit} | {number(p.low)} to {number(p.high)}{of} | {p.words} |"
-    )
+    bounds = f"{number(p.low)} to {number(p.high)}"
+    return f"| `{p.name}` | {p.unit} | {f'{sign}({bounds})' if sign else bounds}{of} | {p.words} |"
 
 
 def section(effect: Effect) -> str:
@@ -235,7 +245,7 @@ def section(effect: Effect) -> str:
         lines.append(f"- Other names: {', '.join(also)}.")
     lines += ["", "| parameter | unit | prior range | meaning |", "|---|---|---|---|"]
     lines += [parameter_row(p) for p in effect.parameters]
-    lines += ["", f'![{caption}](effects/{effect.name}.svg){{ .effect loading=lazy }}', "", f"*{caption}*", ""]
+    lines += ["", f"![{caption}](effects/{effect.name}.svg){{ .effect loading=lazy }}", "", f"*{caption}*", ""]
     return "\n".join(lines)
 
 

@@ -9,7 +9,12 @@ from latex2mathml.converter import convert
 BLOCK = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<tex>.*?)</(?P=tag)>', flags=re.DOTALL)
 """What the extension arithmatex leaves of a formula: LaTeX between the marks of an inline or a displayed formula."""
 STYLED = re.compile(r'<mi mathvariant="(?P<style>[a-z-]+)">(?P<letter>[^<]+)</mi>')
-LATIN = {"bold": (0x1D400, 0x1D41A), "bold-italic": (0x1D468, 0x1D482), "sans-serif": (0x1D5A0, 0x1D5BA), "script": (0x1D49C, 0x1D4B6)}
+LATIN = {
+    "bold": (0x1D400, 0x1D41A),
+    "bold-italic": (0x1D468, 0x1D482),
+    "sans-serif": (0x1D5A0, 0x1D5BA),
+    "script": (0x1D49C, 0x1D4B6),
+}
 GREEK = {"bold": (0x1D6A8, 0x1D6C2), "bold-italic": (0x1D71C, 0x1D736)}
 """Code points of the capital and the small first letter in every style; browsers know no other way to set a letter in one."""
 
