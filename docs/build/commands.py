@@ -30,7 +30,7 @@ def of_command(verb: str) -> str:
     """Return the section of one command."""
     (choices,) = (a for a in build_parser(verb)._actions if isinstance(a, argparse._SubParsersAction))
     parser = choices.choices[verb]
-    parser.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=100)
+    parser.formatter_class = lambda prog: argparse.HelpFormatter(prog, width=84)
     actions = [a for a in parser._actions if not set(a.option_strings) & {"-h", "--json", "--debug"}]
     rows = [f"| {_name(a)} | {_cell(_meaning(a, parser))} | {_default(a)} |" for a in actions]
     table = ["| argument | meaning | default |", "|---|---|---|", *rows] if rows else ["No further arguments."]
@@ -57,7 +57,7 @@ def _meaning(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
 
 def _default(action: argparse.Action) -> str:
     default = action.default
-    if default is None or default is argparse.SUPPRESS or default in (False, [], ()) or action.nargs == 0:
+    if default is None or default is argparse.SUPPRESS or default in (False, [], (), "") or action.nargs == 0:
         return ""
     if isinstance(default, (list, tuple)):
         default = " ".join(map(str, default))
