@@ -16,7 +16,7 @@ from vlab.views.reports.proof import write_proof
 
 CASES, FRESH, LATER = (asset("evidence") / name for name in ("cases", "fresh", "later"))
 """The campaign; of cases sealed after it the first ones; and the next ones, answered later."""
-README = Path(__file__).parents[2] / "README.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence.md"
 LEAST = {
     "in-library": 120,
     "null": 60,
@@ -107,26 +107,26 @@ def test_a_change_of_the_evidence_is_noticed(shipped, which):
 
 
 ROWS = {
-    "right effect, by its very name": "right effect, first answer",
-    "right equivalence class": "right equivalence class, first answer",
-    "the same on the beam and the grid": "right class on the beam and the grid",
+    "right effect by name": "right effect, first answer",
+    "right class": "right equivalence class, first answer",
+    "right class, beam and grid only": "right class on the beam and the grid",
     "right class at the right place": "right class and exact place",
-    "right place, exact (of what was named)": "right place, exact, of what was named",
-    "90 % place set holds the place": "coverage of the 90 % place set",
-    "90 % intervals hold them": "coverage of 90 % parameter intervals, of effects named right",
-    "right effect, all its parameters within 10 %": "right effect, all its parameters within 10 %",
-    "nothing hidden: anything but nothing-missing": "null: anything but nothing-missing (false alarms)",
-    "the same, beam and grid": "null, beam and grid: anything but nothing-missing",
+    "exact place, of named effects": "right place, exact, of what was named",
+    "90 % credible set contains the place": "coverage of the 90 % place set",
+    "90 % intervals contain the parameters": "coverage of 90 % parameter intervals, of effects named right",
+    "right effect, all parameters within 10 %": "right effect, all its parameters within 10 %",
+    "nothing hidden: verdict other than nothing-missing": "null: anything but nothing-missing (false alarms)",
+    "nothing hidden, beam and grid only: other verdict": "null, beam and grid: anything but nothing-missing",
     "nothing hidden: physics named": "null: physics named",
-    "out of library: abstains": "out of library: abstains",
-    "near the threshold (.1 to 1.5 times the noise): right class": "near threshold: right class",
+    "outside the catalogue: abstains": "out of library: abstains",
+    "near the threshold (0.1 to 1.5 times the noise): right class": "near threshold: right class",
 }
-"""Rows of the README by the measures that they show."""
+"""Rows of the page on evidence by the measures that they show."""
 
 
 @pytest.mark.parametrize("row", ROWS)
-def test_the_readme_says_what_was_counted(row):
-    (line,) = [line for line in README.read_text().splitlines() if line.startswith(f"| {row} |")]
+def test_the_page_says_what_was_counted(row):
+    (line,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| {row} |")]
     _, _, *counted, target, met, _ = (cell.strip() for cell in line.split("|"))
     both = [
         {m["measure"]: m for m in json.loads((answers_folder(cases) / SCORE).read_text())["measures"]}[ROWS[row]]
@@ -140,7 +140,7 @@ def test_the_readme_says_what_was_counted(row):
 
 
 def as_shown(measure):
-    """Return a count with its share and exact interval as the README writes it."""
+    """Return a count with its share and exact interval as the page writes it."""
     if not measure["of"]:
         return "0 of 0"
     interval = " to ".join(short(end) for end in measure["ci95"])
@@ -148,5 +148,5 @@ def as_shown(measure):
 
 
 def short(x):
-    """Return a share as the README writes it."""
-    return f"{x:.2f}".removeprefix("0")
+    """Return a share as the page writes it."""
+    return f"{x:.2f}"
