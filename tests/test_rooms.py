@@ -106,7 +106,9 @@ def test_top_level_is_what_the_readme_promises():
     visible = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} - {"out", "dist", "build"}
     assert visible - {"MUJOCO_LOG.TXT"} == {
         "pyproject.toml",
+        "mkdocs.yml",
         "assets",
+        "docs",
         "vlab",
         "controllers",
         "tests",
