@@ -106,7 +106,7 @@ def test_that_a_refit_spoils_recordings_is_said_once():
         distance(nominal=0.1, calibrated=0.1005, name="r4"),  # no more than fits converge to
     ]
     (line,) = spoilt_note(runs)
-    assert "r1 (error 0.953, as given 0.0072)" in line
+    assert "r1 (error 0.953, nominal 0.0072)" in line
     assert "r2" in line
     assert "r3" not in line
     assert "r4" not in line
@@ -353,5 +353,5 @@ def test_a_stop_that_the_hold_out_does_not_reach_is_named_from_the_fit_alone(qui
     assert tried["parameters"]["stiffness"]["value"] == pytest.approx(STOP, rel=0.1)
     assert tried["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.05)
     assert tried["per_recording"][0]["can_verify"] is False
-    assert any("of the fit alone" in note for note in document["notes"])
+    assert any("the fit recordings alone" in note for note in document["notes"])
     assert "nothing is verified" in _text(found.diagnosis)

@@ -113,7 +113,7 @@ def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirma
     right = fitted(term(problem, "cubic-stiffness", k3=K3))
     done = confirmation.confirm(found_of(rig, wrong, right))
     assert done.choice.best.label == right.label
-    assert done.rejected == (f"{wrong.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
+    assert done.rejected == (f"{wrong.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
 def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_dropped(rig, confirmation, fitted):
@@ -125,7 +125,7 @@ def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_drop
     done = confirmation.confirm(found_of(rig, first, second))
     assert done.choice.best.label == first.label
     assert done.after.terms[0].label == first.label
-    assert done.rejected == (f"{second.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
+    assert done.rejected == (f"{second.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
 def test_a_law_of_which_the_last_fit_leaves_nothing_is_dropped(rig, confirmation, fitted):

@@ -56,16 +56,16 @@ RIG = f"""<mujoco model="one mass">
 HEADINGS = [
     "What was found",
     "Where",
-    "Measured, refitted and amended",
+    "Measured, calibrated and extended",
     "The missing force",
     "How far the models are from the recordings",
     "Alternatives",
     "Where the mismatch is",
-    "Refitted parameters",
+    "Calibrated parameters",
     "Not excluded",
     "Next measurement",
     "Quality of the recordings",
-    "The amended model",
+    "The extended model",
     "How long it took",
 ]
 
@@ -192,7 +192,7 @@ def test_the_scene_holds_recording_old_and_new_simulation(found):
     entities = {
         piece.entity_path for piece in RrdReader(found[1] / "run.rrd").stream().to_chunks() if not piece.is_static
     }
-    wanted = ("measured", "refitted", "amended", "left/refitted", "left/amended")
+    wanted = ("measured", "calibrated", "extended", "left/calibrated", "left/extended")
     assert {path for path in entities if "/diagnosis/" in path} == {f"/diagnosis/0/0/{name}" for name in wanted}
 
 

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     lines = [
         f"{in_line(result.fe.structure.title)}, variant {arguments.variant}, {arguments.reduction} reduction to "
         f"{len(document['coordinates'])} coordinates; spread {arguments.spread:g}, noise {arguments.noise:g}, seed {arguments.seed}",
-        f"{document['identified_modes']} modes identified, {count} used; the fit leaves {document['fit_residual']:.2g}",
+        f"{document['identified_modes']} modes identified, {count} used; residual of the fit {document['fit_residual']:.2g}",
         "",
         text_table(headers, rows),
         "",

@@ -15,12 +15,14 @@ from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.physics.catalogue import EFFECTS, effect_named
 
-OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
+OF_THE_FIT_ALONE = (
+    "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
+)
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
-    "nothing-missing": "Nothing is missing: the refitted model explains the recordings as far as they can tell.",
+    "nothing-missing": "Nothing is missing: the calibrated model explains the recordings within the noise.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
-    "bad-recording": "The recordings are damaged, or not what the case says of them; nothing is said of the model.",
+    "bad-recording": "The recordings are damaged or contradict the case; the model was not judged.",
 }
 
 
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py:CLASS",
         help="an effect of your own, sought beside the catalogue; may be repeated; runs the code of that file",
     )
-    add_out(parser, "folder for diagnosis.json, report.html, run.rrd and the amended model")
+    add_out(parser, "folder for diagnosis.json, report.html, run.rrd and the extended model")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -74,11 +76,11 @@ def _text(diagnosis: Diagnosis) -> str:
         )
         lines += _values(finding)
         if len(finding.alike) > 1:
-            lines.append(f"  these recordings cannot tell it from: {', '.join(finding.alike[1:])}")
+            lines.append(f"  indistinguishable from: {', '.join(finding.alike[1:])}")
         if len(finding.places_90) > 1:
-            lines.append(f"  place: one of {in_line(', '.join(finding.places_90))}")
+            lines.append(f"  90 % credible set of places: {in_line(', '.join(finding.places_90))}")
         if diagnosis.is_held_out and not finding.verified_by:
-            lines.append("  of the fit alone: no recording kept aside can verify it")
+            lines.append("  from the fit recordings alone: no held-out recording can verify it")
         lines.append("")
     lines += [f"Recordings: {in_line(line)}." for line in diagnosis.quality]
     lines += [""] if diagnosis.quality else []
@@ -108,10 +110,10 @@ def _values(finding: Finding) -> list[str]:
 def _errors(diagnosis: Diagnosis) -> str:
     """Return the table of errors of the models."""
     attempt = diagnosis.attempt
-    errors, after = (diagnosis.heldout, "amended") if attempt is None else (attempt.to_json(), "best attempt")
+    errors, after = (diagnosis.heldout, "extended") if attempt is None else (attempt.to_json(), "best attempt")
     rows = [_row(r["name"], r["role"], r) for r in errors["per_recording"]] + [_row("all", "", errors)]
     before = before_heading(diagnosis.checked)
-    return text_table(["recording", "role", "as given", before, after, "noise", "gap closed %"], rows)
+    return text_table(["recording", "role", "nominal", before, after, "noise", "gap closed %"], rows)
 
 
 def _attempt(attempt: Attempt) -> list[str]:
@@ -127,9 +129,9 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
     tried = diagnosis.alternatives
     if all(a["probability"] is None for a in tried):
         rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]
-        return [text_table(["tried", "place", "left over / refitted", "left over / noise"], rows)]
+        return [text_table(["tried", "place", "residual / calibrated", "residual / noise"], rows)]
     rows = [[a["effect"], a["place"], format_probability(a["probability"]), a["remaining"]] for a in tried]
-    table = text_table(["alternative", "place", "probability", "left over / noise"], rows)
+    table = text_table(["alternative", "place", "probability", "residual / noise"], rows)
     return [table, f"({RESERVED})"]
 
 

@@ -139,7 +139,7 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     ]
     headers = ["mode", "Hz", "sd", "zeta", "sd", "confidence", *result.mean.outputs]
     parts = [
-        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
+        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; residual of the fit {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
     from vlab.views.reports.modal_test import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows

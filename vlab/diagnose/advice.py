@@ -68,7 +68,7 @@ _AGAIN = "a repetition on another day, with the same excitation at a third of th
 _CONFIRMS = {
     "actuator-clipping": "the same loop at half the level, where no command reaches the limit: the model must then do without it",
     "sensor-clipping": "the same excitation at a level at which the sensor stays within its range",
-    "mains-hum": "a recording at rest with the leads routed otherwise: hum changes, motion does not",
+    "mains-hum": "a recording at rest with the leads routed otherwise: mains interference changes, motion does not",
     "sensor-offset": "a reading of the sensor at rest, before and after",
 }
 
@@ -83,7 +83,7 @@ def format_probability(probability: float) -> str:
 
 def before_heading(checked: Sequence[Distance]) -> str:
     """Return what errors without the findings are headed with in a table."""
-    return "as given or refitted" if any(c.is_spoilt for c in checked) else "refitted"
+    return "nominal or calibrated" if any(c.is_spoilt for c in checked) else "calibrated"
 
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
@@ -91,9 +91,9 @@ def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     worse = [c for c in checked if c.calibrated > GAP.no_worse * c.nominal]
     if not worse:
         return ()
-    each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, as given {_error(c.nominal)})" for c in worse)
+    each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, nominal {_error(c.nominal)})" for c in worse)
     return (
-        f"a refit takes the model further from {each}: there the model as given stands, and the gap counts from it",
+        f"the calibrated model is worse than the nominal model on {each}: the gap counts from the nominal model there",
     )
 
 
@@ -111,9 +111,9 @@ def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
             rest = (
                 "cannot verify it"
                 if len(names) < len(held)
-                else "cannot verify it, and no other is kept aside: it is of the fit alone"
+                else "cannot verify it, and no other recording is held out: it comes from the fit recordings alone"
             )
-            out.append(f"nothing of {part.name} shows beside the noise in {', '.join(names)}, which {rest}")
+            out.append(f"{part.name} is within the noise in {', '.join(names)}, which {rest}")
     return tuple(out)
 
 
@@ -121,14 +121,14 @@ def attempt_sentence(attempt: Attempt) -> str:
     """Return in a sentence what the best attempt is worth."""
     if attempt.is_of_the_fit_alone:
         return (
-            f"From the fit alone: {attempt.name} explains the recordings to fit, and does nothing in those kept aside, "
-            "which cannot verify it."
+            f"From the fit recordings alone: {attempt.name} explains the fit recordings and has no effect on the held-out "
+            "recordings, which cannot verify it."
         )
     gap, left = whole_gap(attempt.checked), {key: total(attempt.checked, key) for key in ("before", "after", "noise")}
     closed = "" if gap is None else f"closes {100 * gap:.0f} % of the gap to the noise and "
     return (
-        f"Best attempt, not a finding: {attempt.name} {closed}leaves {left['after']:.3g} of {left['before']:.3g} "
-        f"(noise {left['noise']:.3g})."
+        f"Best attempt, not a finding: {attempt.name} {closed}has a residual of {left['after']:.3g}, "
+        f"from {left['before']:.3g} without it (noise {left['noise']:.3g})."
     )
 
 
@@ -137,7 +137,7 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     out: list[str] = []
     if verdict == "missing-physics" and choice.best.terms:
         others = [h.label for h in choice.alike if h is not choice.best]
-        out += [f"{label} leaves as little" for label in others[:5]]
+        out += [f"{label} has as small a residual" for label in others[:5]]
         best = choice.best.terms[0].place.name
         out += [
             f"{choice.best.terms[0].effect.name} at {p}"
@@ -145,10 +145,10 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
             if share > 0.05 and p != best
         ]
     elif verdict in ("nothing-missing", "missing-physics"):
-        out.append("effects whose trace is smaller than the noise and the model's own uncertainty")
+        out.append("effects smaller than the noise and the uncertainty of the model")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
-        out += [f"{h.label} was tried and leaves {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
+        out += [f"{h.label} was tried; its residual is {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
         out.append("physics that is not in the catalogue")
     return tuple(out)
 
@@ -159,8 +159,8 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
     Physics that only changes a number hides there: a refit that may change the number takes it up.
     """
     return tuple(
-        f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: either it is "
-        "known less well than [model.uncertain] or its default says, or physics is missing there"
+        f"{p.name} was calibrated by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: check the value, "
+        "state a wider [model.uncertain], or look for missing physics there"
         for p, v in zip(parameters, theta, strict=True)
         if abs(v) > ADVICE.far_off * p.sd
     )
@@ -181,7 +181,7 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), at
         The best one, where nothing is reported.
     """
     if attempt is not None and attempt.is_of_the_fit_alone:
-        return f"another recording to keep aside, as loud as those to fit, so that {attempt.name} acts in it"
+        return f"another held-out recording, as loud as the fit recordings, so that {attempt.name} acts in it"
     if verdict == "bad-recording":
         return "the same recordings again, with the damage that is listed under their quality repaired"
     if verdict == "missing-physics" and not choice.best.terms:
@@ -199,5 +199,5 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), at
         if pair <= families and len(pair) > 1:
             return words
     if len([p for p in choice.places.values() if p > 0.1]) > 1:
-        return "a sensor between the places that are left, " + " and ".join(list(choice.places)[:2])
+        return "a sensor between the remaining places, " + " and ".join(list(choice.places)[:2])
     return _TESTS.get(choice.best.terms[0].effect.family, _AGAIN)  # an effect of one's own may have a family of its own

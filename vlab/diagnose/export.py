@@ -89,7 +89,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
                 channel.update({"offset": known.offset} if known.offset else {})
                 channel.update({"hold": known.hold} if known.hold else {})
                 channel.update({"delay_s": known.delay_s} if known.delay_s else {})
-        raw["title"] = f"{case.table.title} (amended)"
+        raw["title"] = f"{case.table.title} (extended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}
             for e in tables
@@ -98,7 +98,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
         _copy_recordings(case.folder, raw, folder)
         (folder / CASE).write_text(toml_text(raw), encoding="utf-8")
     except OSError as error:
-        raise OutputRefused(f"the amended model cannot be written into {folder}: {error.strerror or error}") from error
+        raise OutputRefused(f"the extended model cannot be written into {folder}: {error.strerror or error}") from error
     nrmse, note = _run_again(done, folder)
     reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
     return ExtendedModelFiles(
@@ -296,7 +296,7 @@ def structure_toml(structure: Structure) -> str:
     return toml_text(_table(structure))
 
 
-_ORIGIN = {"origin": "identified", "source": "the model as given, refitted to the recordings of the diagnosis"}
+_ORIGIN = {"origin": "identified", "source": "the nominal model, calibrated on the recordings of the diagnosis"}
 
 
 def _table(part: Any) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
-    told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
+    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
     # the odds of the replays' errors, of as many independent samples as any score counts
     odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
     return Finding(
@@ -220,7 +220,7 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
 
 
 def finding_of_interference(interference: MainsInterference, unit: str) -> Finding:
-    """Return the finding of hum on a sensor's leads."""
+    """Return the finding of mains interference on a sensor."""
     lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
     words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
     parameters = {
@@ -246,11 +246,11 @@ def finding_of_step(step: SensorStep, unit: str) -> Finding:
 
 
 def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
-    """Return the finding of a sensor's zero that is off."""
+    """Return the finding of a sensor offset."""
     spread = 1.645 * offset.sd
     interval = [offset.offset - spread, offset.offset + spread]
     parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
-    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts its zero there")
+    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
 
 
 def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:

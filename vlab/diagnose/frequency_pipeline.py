@@ -288,7 +288,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
     if left_out is not None:
         text = (
             f"left out one after the other, {left_out.parts} parts of the data are predicted within {100 * left_out.before:.2g} % by the "
-            "refitted model"
+            "calibrated model"
         )
         if choice.best.terms:
             text += f" and within {100 * left_out.after:.2g} % with {choice.best.label}"

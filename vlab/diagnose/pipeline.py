@@ -226,7 +226,7 @@ def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence
 
 def _interference_note(hum: MainsInterference) -> str:
     lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
-    return f"{hum.channel}: mains hum at {lines} Hz, {100 * hum.share:.2g} % of its rms; taken off before the search"
+    return f"{hum.channel}: mains interference at {lines} Hz, {100 * hum.share:.2g} % of its rms; removed before the search"
 
 
 def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:

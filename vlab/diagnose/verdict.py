@@ -69,7 +69,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
-        f"the amended model leaves {times:.3g} times the noise: more may be missing; diagnose the amended case in its turn"
+        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; run vlab diagnose amended.toml"
     ]
 
 
@@ -84,8 +84,8 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
     if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
         return []
     return [
-        f"the model leaves {100 * errors['before']:.2g} % of the recordings' rms, which is coherent with neither the inputs nor the "
-        "motion: coloured noise"
+        f"the residual is {100 * errors['before']:.2g} % of the recordings' rms and coherent with neither the inputs nor the motion: "
+        "coloured noise"
     ]
 
 

@@ -98,7 +98,7 @@ class Confirmation:
                 break
             if not self.is_linear or self._is_confirmed(confirmed):
                 return self._with_fewer(found, confirmed)
-            rejected.append((best.label, "its law fits on the linear twin, but not in MuJoCo"))
+            rejected.append((best.label, "its law fits in the reduced model, but not in MuJoCo"))
             found = _without(found, best)
             unconfirmed += 1
         assert first is not None
@@ -172,7 +172,7 @@ class Confirmation:
             left.append(total(check(self.problem.runs, *self._models(which)), "after"))
         if not left[1] <= GAP.no_worse * left[0]:
             return confirmed
-        why = f"MuJoCo leaves as little with {one.choice.best.label} alone"
+        why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
 
     def _is_confirmed(self, confirmed: Confirmed) -> bool:

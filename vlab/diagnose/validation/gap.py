@@ -74,8 +74,8 @@ class Distance:
 
     @property
     def stands(self) -> str:
-        """Which model that is: ``"as given"`` or ``"refitted"``."""
-        return "as given" if self.is_spoilt else "refitted"
+        """Which model that is: ``"nominal"`` or ``"calibrated"``."""
+        return "nominal" if self.is_spoilt else "calibrated"
 
     @property
     def start(self) -> float:

@@ -32,9 +32,9 @@ MOST_LABELLED = 100.0
 """Of a panel of half the width, the most that its frequencies may span if they are labelled within decades, too."""
 LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": INK, "linestyle": "-"},
-    "as given": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
-    "refitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
-    "amended": {"color": COLOURS[0], "linestyle": "-"},
+    "nominal": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
+    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "extended": {"color": COLOURS[0], "linestyle": "-"},
 }
 """How what was measured and what every model does is drawn."""
 
@@ -48,7 +48,7 @@ def overlay_figure(
     *,
     noise: float,
     worst_s: float,
-    before: str = "refitted",
+    before: str = "calibrated",
 ) -> Figure:
     """Draw a channel measured, refitted and amended: all of it, the worst stretch enlarged, what is left, and spectra of what is left.
 
@@ -66,7 +66,7 @@ def overlay_figure(
     label = measured.channels[measured.index(channel)]
     curves = [
         (name, LOOKS[name], r[channel])
-        for name, r in (("measured", measured), (before, calibrated), ("amended", extended))
+        for name, r in (("measured", measured), (before, calibrated), ("extended", extended))
         if r is not None
     ]
     figure = Figure(figsize=(7.2, 6.8), layout="constrained")
@@ -86,13 +86,13 @@ def overlay_figure(
         (zoom, f"where the {before} model is furthest off, around {worst_s:.4g} s"),
     ):
         axes.set_title(as_text(what), loc="left")
-    rest.set_title("left over: measured minus simulated; grey: noise, one standard deviation", loc="left")
+    rest.set_title("residual: measured minus simulated; grey: noise, one standard deviation", loc="left")
     for axes in (whole, zoom, rest):
         axes.margins(x=0)
         axes.set(ylabel=axis_label(label), xlabel="time [s]")
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     _spectra(spectra, measured, curves, channel, noise)
-    spectra.set_title("measured, and what each model leaves over", loc="left")
+    spectra.set_title("measured, and the residual of each model", loc="left")
     spectra.set(ylabel=axis_label(label, power="/√Hz"))
     draw_legend(figure, list(handles.values()), list(handles))
     return figure
@@ -230,7 +230,7 @@ def ranking_figure(
         bars.text(p + 0.01 * widest, i, text, va="center", fontsize=8)
     bars.set(
         xlim=(0, 1.18 * widest),
-        xlabel="probability [-]" if is_probability else "left over / left over by the refitted model [-]",
+        xlabel="probability [-]" if is_probability else "residual / residual of the calibrated model [-]",
         yticks=np.arange(count),
         yticklabels=[as_text(o[0].replace(" + ", "\n+ ")) for o in options],
     )
@@ -240,7 +240,7 @@ def ranking_figure(
     finite = levels[np.isfinite(levels)]
     if finite.size and finite.max() > 8 * max(finite.min(), 1e-9):
         rest.set_xscale("log")
-    rest.set(xlabel="left over / noise [-]")
+    rest.set(xlabel="residual / noise [-]")
     for axes in (bars, rest):
         axes.grid(visible=False, axis="y")
         axes.set_ylim(count - 0.4, -0.6)
@@ -275,7 +275,7 @@ def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     for i, text in enumerate(texts):
         axes.text(1.02 * limit, i, text, va="center", fontsize=8, clip_on=False)
     axes.set(xlim=(-limit, limit), yticks=np.arange(len(rows)), yticklabels=[as_text(name) for name, _, _ in rows])
-    axes.set_xlabel("deviation from the model as given [prior standard deviations]")
+    axes.set_xlabel("deviation from the nominal model [prior standard deviations]")
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     return figure

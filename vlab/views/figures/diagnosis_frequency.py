@@ -56,7 +56,7 @@ def response_overlay(
     size.set_title(as_text(title), loc="left")
     if has_phase:
         axes[1].set(ylim=(-205, 165), yticks=(-180, -90, 0, 90), ylabel="phase\n[degrees]")
-    rest.set(yscale="log", xlabel="frequency [Hz]", ylabel=as_text(f"left over\n[{pretty_unit(unit)}]"))
+    rest.set(yscale="log", xlabel="frequency [Hz]", ylabel=as_text(f"residual\n[{pretty_unit(unit)}]"))
     rest.set_ylim(bottom=max(0.2 * float(noise.min()), 1e-6 * float(np.abs(measured).max())))
     for one in axes:
         one.margins(x=0)
@@ -81,7 +81,7 @@ def modes_figure(
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     rows = np.arange(1, len(freq) + 1)
     handles: dict[str, Any] = {}
-    colours = {"as given": "#9a9a9a", "refitted": COLOURS[1], "amended": COLOURS[0]}
+    colours = {"nominal": "#9a9a9a", "calibrated": COLOURS[1], "extended": COLOURS[0]}
     for one, (label, models, sd) in zip(axes, panels, strict=True):
         one.axvline(0.0, color=INK, lw=0.8)
         one.barh(rows, 2 * sd, left=-sd, height=0.7, color="#e4e4e4", zorder=0)

@@ -25,7 +25,7 @@ def responses(run: Checked, name: str) -> list[tuple[str, str]]:
     column = inputs.index(strongest)
     curves = []
     try:
-        for label, recording in (("measured", run.measured), (run.stands, run.standing), ("amended", run.extended)):
+        for label, recording in (("measured", run.measured), (run.stands, run.standing), ("extended", run.extended)):
             if recording is not None:
                 frf = estimate_frf(recording, inputs=inputs, outputs=[name])
                 low, high = _driven_band(run.measured[strongest], run.measured.rate, len(frf.freq))

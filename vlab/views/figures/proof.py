@@ -92,7 +92,12 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
             axes.plot([x, x], [interval.low, interval.high], color=colour, lw=1.6)
         (handles[f"{name}, with 95 % intervals"],) = axes.plot(at, share, marker, ls="-", lw=0.8, color=colour, ms=5)
     (handles["a case"],) = axes.plot(size, np.full(size.size, -0.04), "|", color=GREY, ms=7)
-    axes.set(xlabel="left by a refit / noise [-]", ylabel="share of the cases [-]", ylim=(-0.08, 1.06), xscale="log")
+    axes.set(
+        xlabel="residual after calibration / noise [-]",
+        ylabel="share of the cases [-]",
+        ylim=(-0.08, 1.06),
+        xscale="log",
+    )
     axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())

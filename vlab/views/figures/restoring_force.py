@@ -70,8 +70,8 @@ def _at_port(done: Diagnosed, term: Term) -> Missing:
         ),
         label=f"{force} [{moment}]",
         series=(np.arange(len(loudest[3]))[keep] * h, loudest[3][keep], loudest[2][keep]),
-        words=f"The {force} of {term.effect.name} at {term.place.name} along the smoothed motion of the fit recordings (colour), and the {force} that "
-        "the recordings ask for there when no law is assumed (grey, with medians): noisy, and shrunk towards zero where the sensors see little.",
+        words=f"The {force} of {term.effect.name} at {term.place.name} along the smoothed motion of the fit recordings (colour), and the {force} "
+        "estimated there without a law (grey, with medians). The estimate is noisy, and shrinks towards zero where the sensors see little.",
     )
 
 

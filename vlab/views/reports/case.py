@@ -46,7 +46,7 @@ def case_sections(comparison: Comparison) -> list[Section]:
         Section(
             title=comparison.case.table.title,
             text=(
-                "Simulated with the model as given, nothing fitted but the initial state. NRMSE is the rms of the error over the "
+                "Simulated with the nominal model; only the initial state is fitted. NRMSE is the rms of the error over the "
                 "rms of the recording about its mean: 0 is perfect, 1 is no better than the mean.",
                 *(f"{line[:1].upper()}{line[1:]}." for line in comparison.remarks),
             ),

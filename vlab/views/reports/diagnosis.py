@@ -39,21 +39,21 @@ from vlab.views.reports.page import Section, write_report
 from vlab.views.reports.rejected_case import write_stopped
 from vlab.views.rerun.diagnosis import write_scene
 
-FIGURES = {"Measured, refitted and amended": "overlay.svg", "The missing force": "missing-force.svg"}
+FIGURES = {"Measured, calibrated and extended": "overlay.svg", "The missing force": "missing-force.svg"}
 """Sections whose first figure is written by itself as well."""
 OVERLAYS = 4
 """Most channels that are drawn over time: the worst of every recording in turn."""
 NOTHING = "no added physics"
 VALUES = ("effect", "place", "parameter", "value", "unit", "90 % interval")
 ROWS = 24
-"""Most rows of the mismatch picture and of the refitted parameters."""
+"""Most rows of the mismatch picture and of the calibrated parameters."""
 REPRODUCED = 0.05
 """The written model counts as reproducing the diagnosis where its NRMSE differs by less than this share of it: MuJoCo's own
 elements take their step a little differently from a law that acts as a force."""
 
 
 def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
-    """Write ``diagnosis.json``, ``report.html``, its main figures, ``run.rrd`` and the amended model; return the report's sections.
+    """Write ``diagnosis.json``, ``report.html``, its main figures, ``run.rrd`` and the extended model; return the report's sections.
 
     Of one that ended before its search there is only the report.
 
@@ -147,7 +147,7 @@ def _found(done: Done) -> Section:
         ]
         for f in diagnosis.findings
     ]
-    heads = ("effect", "family", "place", "places that hold 90 %", "probability", "cannot be told from", "verified by")
+    heads = ("effect", "family", "place", "90 % credible set", "probability", "indistinguishable from", "verified by")
     return Section(
         title="What was found",
         text=tuple(f"{f.name}: {f.law}" for f in diagnosis.findings),
@@ -168,14 +168,14 @@ def _nothing(done: Done) -> tuple[str, ...]:
     attempt = done.diagnosis.attempt
     if done.diagnosis.verdict == "nothing-missing":
         return (
-            "No physics was added. What the refitted model leaves over is compared with the noise below; "
-            f"on the fit recordings it is {done.found.before.normalised_residual:.3g} times the noise.",
+            "No physics was added. The residual of the calibrated model is compared with the noise below; "
+            f"on the fit recordings the residual is {done.found.before.normalised_residual:.3g} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
-        return ("The search was not trusted with these recordings.",)
+        return ("These recordings were not searched.",)
     if attempt is not None and attempt.is_of_the_fit_alone:
         return (attempt_sentence(attempt), *(f"{f.name}: {f.law}" for f in attempt.findings))
-    rest = "No effect of the catalogue explains what is left over; it is shown below, by channel, frequency and time."
+    rest = "No effect of the catalogue explains the residual, shown below by channel, frequency and time."
     if attempt is None:
         return (f"{rest} No fit held on the checked recordings.",)
     return (rest, attempt_sentence(attempt), *(f"{f.name}: {f.law}" for f in attempt.findings))
@@ -229,7 +229,7 @@ def _overlays(done: Diagnosed) -> Section:
     for run, name in pairs[:OVERLAYS]:
         calibrated = run.standing
         if calibrated is None:
-            text.append(f"{run.name}: neither the model as given nor the refitted one can follow this recording.")
+            text.append(f"{run.name}: neither the nominal nor the calibrated model can follow this recording.")
             continue
         errors = run.channels[name]
         worst = misfit(run.measured, calibrated, name)
@@ -238,16 +238,16 @@ def _overlays(done: Diagnosed) -> Section:
         drawing = overlay_figure(
             run.measured, calibrated, run.extended, name, noise=noise, worst_s=middle, before=run.stands
         )
-        caption = f"{run.name} ({run.role}), {name}. NRMSE: {run.stands} {errors[1]:.3g}, amended {errors[2]:.3g}, noise {errors[3]:.3g}."
+        caption = f"{run.name} ({run.role}), {name}. NRMSE: {run.stands} {errors[1]:.3g}, extended {errors[2]:.3g}, noise {errors[3]:.3g}."
         if run.extended is not None and not done.diagnosis.findings:
-            caption += " The amended model is the best attempt, which is not reported as a finding."
+            caption += " The extended model is the best attempt, which is not reported as a finding."
         figures.append((to_svg(drawing), caption))
         if run.name not in drawn:
             drawn.add(run.name)
             figures += responses(run, name)
     if len(pairs) > OVERLAYS:
         text.append(f"{len(pairs) - OVERLAYS} more channels of these recordings are in run.rrd and in the table below.")
-    return Section(title="Measured, refitted and amended", text=(what, *text), figures=figures)
+    return Section(title="Measured, calibrated and extended", text=(what, *text), figures=figures)
 
 
 def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
@@ -263,9 +263,9 @@ def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
 def _forces(done: Diagnosed) -> Section:
     figures = []
     attempt = done.diagnosis.attempt
-    text = "The best force law that was tried, in colour, does not explain enough: the force itself, in grey, is what is left to name."
+    text = "The best force law that was tried, in colour, does not explain enough. The estimated force, in grey, remains unnamed."
     if attempt is not None and attempt.is_of_the_fit_alone:
-        text = "The force law of the fit alone, in colour, which no recording kept aside verifies; the force itself, in grey."
+        text = "The force law of the fit recordings alone, in colour, which no held-out recording verifies; the estimated force, in grey."
     for term in _drawn_terms(done):
         found = restoring_force(done, term)
         values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
@@ -276,7 +276,7 @@ def _forces(done: Diagnosed) -> Section:
 
 def _errors(done: Done) -> Section:
     checked = done.diagnosis.tried
-    before, after = before_heading(checked), "amended" if done.diagnosis.attempt is None else "best attempt"
+    before, after = before_heading(checked), "extended" if done.diagnosis.attempt is None else "best attempt"
     rows: list[list[Any]] = []
     for run in checked:
         rows.append([run.name, run.role, "all", *_row(run.nominal, run.before, run.after, run.noise, run.gap_closed)])
@@ -286,11 +286,11 @@ def _errors(done: Done) -> Section:
                 rows.append(["", "", name, *_row(*errors, gap)])
     keys = ("nominal", "before", "after", "noise")
     rows.append(["all", "", "", *_row(*(total(checked, key) for key in keys), whole_gap(checked))])
-    headers = ("recording", "role", "channel", "as given", before, after, "noise", "gap closed %")
+    headers = ("recording", "role", "channel", "nominal", before, after, "noise", "gap closed %")
     text = (
-        "NRMSE: rms of the error over the rms of the recording about its mean. As given: the model of the case; refitted: its uncertain parameters "
-        "fitted to the fit recordings; amended: with the physics found. Gap closed: (refitted - amended)/(refitted - noise), from the model as given "
-        "where a refit takes it further off; a dash where that is within the noise, or where the physics found does nothing.",
+        "NRMSE: rms of the error over the rms of the recording about its mean. Nominal: the model of the case. Calibrated: its uncertain "
+        "parameters fitted to the fit recordings. Extended: with the physics found. Gap closed: (calibrated - extended)/(calibrated - noise). The "
+        "nominal error replaces a larger calibrated one. A dash: no gap beyond the noise, or no effect of the physics found.",
     )
     return Section(title="How far the models are from the recordings", text=text, tables=[(headers, rows)])
 
@@ -315,11 +315,11 @@ def _alternatives(done: Done) -> Section:
         share = own if is_told else best.normalised_residual / max(before, 1e-300)
         options.insert(0, (best.label if best.terms else NOTHING, share, best.normalised_residual))
     text = (
-        f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and what each leaves over in multiples of "
-        f"the noise. The refitted model without any effect leaves {before:.3g}."
+        f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and the residual of each in multiples of "
+        f"the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise."
         if is_told
-        else "What the effects that were fitted leave over of the fit recordings, as a share of what the refitted model leaves, and in multiples "
-        f"of the noise. The refitted model without any effect leaves {before:.3g} times the noise.",
+        else "Residual of each fitted effect on the fit recordings, as a share of the residual of the calibrated model, and in multiples "
+        f"of the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise.",
     )
     is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
     chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
@@ -357,14 +357,14 @@ def _mismatch(done: Diagnosed) -> Section:
     low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     edges = np.geomspace(low, high, BANDS + 1).tolist()
     is_spoilt = any(c.is_spoilt for c in done.diagnosis.checked)
-    what = "the model, as given or refitted," if is_spoilt else "the refitted model"
+    what = "the nominal or calibrated model" if is_spoilt else "the calibrated model"
     parts = [
         (r, n, misfit(r.measured, r.standing, n, band_edges_hz=edges)) for r, n, _ in found if r.standing is not None
     ]
     figures = [
         (
             _picture(parts, edges, what),
-            f"What {what} leaves over, without any hypothesis: by frequency band and over time.",
+            f"Residual of {what}, without any hypothesis: by frequency band and over time.",
         )
     ]
     if done.diagnosis.findings:
@@ -376,7 +376,7 @@ def _mismatch(done: Diagnosed) -> Section:
         if with_physics:
             figures.append(
                 (
-                    _picture(with_physics, edges, "amended model"),
+                    _picture(with_physics, edges, "extended model"),
                     "The same with the physics found, on a scale of its own.",
                 )
             )
@@ -394,7 +394,7 @@ def _calibration(done: Done) -> Section:
     rows = [(p.name, float(v), p.sd) for p, v in zip(done.problem.parameters, done.fit.theta, strict=True)]
     order = sorted(rows, key=lambda r: -abs(r[1]) / r[2])[:ROWS]
     text = [
-        "Uncertain parameters of the model, refitted together with the physics that is reported: the factor on the value as given, and its prior."
+        "Uncertain parameters of the model, calibrated together with the reported physics: the factor on the nominal value, and its prior."
     ]
     far = [name for name, value, sd in rows if abs(value) > 2.5 * sd]
     if far:
@@ -404,18 +404,18 @@ def _calibration(done: Done) -> Section:
     if len(rows) > len(order):
         text.append(f"{len(rows) - len(order)} more moved less.")
     caption = "Grey bands: one and three prior standard deviations; diamonds: beyond 2.5."
-    return Section(title="Refitted parameters", text=text, figures=[(to_svg(calibration_figure(order)), caption)])
+    return Section(title="Calibrated parameters", text=text, figures=[(to_svg(calibration_figure(order)), caption)])
 
 
 def _files(done: Done, files: ExtendedModelFiles) -> Section:
-    what = "the physics found" if done.diagnosis.findings else "the refitted parameters, no physics added"
+    what = "the physics found" if done.diagnosis.findings else "the calibrated parameters, no physics added"
     verb = "diagnose" if isinstance(done, FrequencyDiagnosed) else "compare"
     text = [
         f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab {verb} {CASE}`."
     ]
     checked = done.diagnosis.checked
-    if not done.diagnosis.findings and total(checked, "refitted") > total(checked, "nominal"):
-        text.append("On the checked recordings the model as given is nearer than this one.")
+    if not done.diagnosis.findings and total(checked, "calibrated") > total(checked, "nominal"):
+        text.append("On the checked recordings the nominal model is nearer than this one.")
     if files.tables:
         text.append(
             f"Stated in the case, because the model file has no element for them: {', '.join(files.tables)}. "
@@ -434,4 +434,4 @@ def _files(done: Done, files: ExtendedModelFiles) -> Section:
         text.append(
             f"Run again from these files alone: NRMSE {files.nrmse:.4g}; reported {files.reported:.4g} ({verdict})."
         )
-    return Section(title="The amended model", text=text)
+    return Section(title="The extended model", text=text)

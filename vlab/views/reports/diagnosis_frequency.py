@@ -21,7 +21,7 @@ from vlab.views.rerun.rrd import blueprint, plain, rrd_file
 
 DRAWN = 6
 """Most responses that are drawn: the worst output of every set of data in turn."""
-MODELS = ("as given", "refitted", "amended")
+MODELS = ("nominal", "calibrated", "extended")
 
 
 def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
@@ -39,7 +39,9 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
     ]
     pictures = figures(done)
     overlays = Section(
-        title="Measured, refitted and amended", text=text, figures=[(to_svg(f), caption) for _, f, caption in pictures]
+        title="Measured, calibrated and extended",
+        text=text,
+        figures=[(to_svg(f), caption) for _, f, caption in pictures],
     )
     return [overlays, _mismatch(done)]
 
@@ -67,12 +69,12 @@ def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
 
 def _caption(c: CheckedFrequency, name: str, is_extended: bool, done: FrequencyDiagnosed) -> str:
     given, before, extended, noise = c.channels[name]
-    text = f"{c.name} ({c.role}), {name}. Relative error: as given {given:.3g}"
-    text += ", which a refit takes further off" if c.is_spoilt else f", refitted {before:.3g}"
-    text += f", amended {extended:.3g}" if is_extended else ""
+    text = f"{c.name} ({c.role}), {name}. Relative error: nominal {given:.3g}"
+    text += ", smaller than the calibrated error" if c.is_spoilt else f", calibrated {before:.3g}"
+    text += f", extended {extended:.3g}" if is_extended else ""
     text += f", noise {noise:.3g}."
     if is_extended and not done.diagnosis.findings:
-        text += " The amended model is the best attempt, which is not reported as a finding."
+        text += " The extended model is the best attempt, which is not reported as a finding."
     return text
 
 
@@ -130,8 +132,8 @@ def _mismatch(done: FrequencyDiagnosed) -> Section:
     channels = [[c["channel"], c["nrmse"]] for c in found["where_channel"]]
     return Section(
         title="Where the mismatch is",
-        text=("What the model, as given or refitted, leaves over without any hypothesis.",),
-        tables=[(("frequency [Hz]", "share of what is left %"), rows), (("channel", "relative error"), channels)],
+        text=("Residual of the nominal or calibrated model, without any hypothesis.",),
+        tables=[(("frequency [Hz]", "share of the residual %"), rows), (("channel", "relative error"), channels)],
     )
 
 

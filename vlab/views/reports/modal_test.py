@@ -50,7 +50,7 @@ def doubts(result: ModalTestResult) -> list[str]:
     if result.poles.residual > MUCH_LEFT:
         low, high = result.misfit_band()
         out.append(
-            f"Nine tenths of what the fit leaves lie from {low:.4g} to {high:.4g} Hz; where that is noise, leave it out with --band."
+            f"90 % of the residual of the fit lies from {low:.4g} to {high:.4g} Hz; if that is noise, exclude it with --band."
         )
     short = {
         s.period_s
@@ -120,7 +120,7 @@ def write_modal_test(
         name = f"frf-{output}" if len(result.mean.inputs) == 1 else f"frf-{output}-from-{into}"
         responses.append(draw(name, figure, f"Displacement at {output} from {into}, measured and fitted."))
     left = f" Of {len(pairs)} responses the first {DRAWN} are drawn." if len(pairs) > DRAWN else ""
-    text = f"The fit leaves {100 * result.poles.residual:.2g} % of the responses.{left}"
+    text = f"The residual of the fit is {100 * result.poles.residual:.2g} % of the responses.{left}"
     if result.mean.added_decay:
         text += (
             f" The responses are those of the windowed records, with {result.mean.added_decay:.4g} 1/s of decay added by the "
@@ -226,7 +226,7 @@ def _distortion(part: Any, draw: Any) -> Section:
 
 def write_dwells(dwells: Sequence[DwellResult], folder: Path, *, title: str) -> None:
     """Write ``report.html`` of modes held by dwells into a folder."""
-    headers = ("mode", "driven Hz", "indicator", "decay Hz", "decay zeta", "decay leaves")
+    headers = ("mode", "driven Hz", "indicator", "decay Hz", "decay zeta", "decay residual")
     rows = [[i + 1, d.hz, d.indicator, d.decay_hz, d.decay_zeta, d.decay_residual] for i, d in enumerate(dwells)]
     shapes = [[name, *(float(d.shape[k]) for d in dwells)] for k, name in enumerate(dwells[0].outputs)]
     sections = [

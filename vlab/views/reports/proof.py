@@ -108,11 +108,11 @@ def _detection(found: Mapping[str, Any]) -> Section:
                 "named in class": [j["right_class"] for j in alone],
             },
         )
-        caption = "Single effects of the library in the rigs: noticed and named, over what a refit leaves of them."
+        caption = "Single effects of the library in the rigs: noticed and named, over their residual after calibration."
         figures.append((to_svg(drawn), caption))
     text = (
-        "Size: what a refit of the model without the effect leaves, in multiples of the noise; with its 95 % interval within the sizes "
-        "that were tried. Noticed: any verdict but nothing-missing. A dash: too few cases for a limit."
+        "Size: residual of the calibrated model without the effect, in multiples of the noise; with its 95 % interval within the "
+        "tried sizes. Noticed: any verdict but nothing-missing. A dash: too few cases for a limit."
     )
     return Section(title="What size is found", text=text, tables=[(heads, rows)], figures=figures)
 

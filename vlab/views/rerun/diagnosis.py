@@ -17,7 +17,7 @@ from vlab.views.rerun.traces import log_series, plot_view
 
 ROWS = 4
 """Channels on one page."""
-_CURVES = (("measured", GREY, 2.5), ("as given", ORANGE, 1.5), ("refitted", ORANGE, 1.5), ("amended", BLUE, 1.5))
+_CURVES = (("measured", GREY, 2.5), ("nominal", ORANGE, 1.5), ("calibrated", ORANGE, 1.5), ("extended", BLUE, 1.5))
 """Of the model as given and the refitted one only the nearer."""
 
 
@@ -35,7 +35,7 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
         [],
         [
             "",
-            f"| recording | channel | unit | {before_heading(checked)} NRMSE | amended NRMSE | noise |",
+            f"| recording | channel | unit | {before_heading(checked)} NRMSE | extended NRMSE | noise |",
             "|---|---|---|---|---|---|",
         ],
     )
@@ -47,7 +47,7 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
             over = plot_view(
                 f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n, _, _ in _CURVES]
             )
-            rest = plot_view(f"left over [{unit}]", origin, contents=["$origin/left/**"])
+            rest = plot_view(f"residual [{unit}]", origin, contents=["$origin/left/**"])
             rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(name)))
             numbers = " | ".join(f"{e:.3g}" for e in errors[1:])
             lines.append(f"| {cell(run.name)} | {cell(name)} | {cell(unit)} | {numbers} |")
@@ -70,7 +70,7 @@ def _recordings(checked: Sequence[Checked]) -> list[Recording]:
 
 def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
     time, truth = run.measured.time, run.measured[name]
-    shown = {"measured": run.measured, run.stands: run.standing, "amended": run.extended}
+    shown = {"measured": run.measured, run.stands: run.standing, "extended": run.extended}
     for label, colour, width in _CURVES:
         recording = shown.get(label)
         if recording is None:
@@ -78,7 +78,7 @@ def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
         values = np.asarray(recording[name])
         log_series(stream, f"{origin}/{_entity(label)}", time, values, label, colour, width=width)
         if label != "measured":
-            log_series(stream, f"{origin}/left/{_entity(label)}", time, truth - values, f"{label} leaves", colour)
+            log_series(stream, f"{origin}/left/{_entity(label)}", time, truth - values, f"residual, {label}", colour)
 
 
 def _entity(label: str) -> str:
