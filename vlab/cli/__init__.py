@@ -27,20 +27,20 @@ from vlab.interrupts import LEFT, LeavingAtOnce, Noted
 from vlab.interrupts import STATUS as INTERRUPTED
 
 VERBS = {
-    "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",
-    "modes": "FE model, every plant and the published values side by side",
-    "design": "a control law designed on a model of a structure, and what it achieves",
-    "experiment": "a simulated experiment, written as a run folder",
-    "effects": "the catalogue of physics that a model can have left out",
-    "modal-test": "frequency responses, poles and mode shapes from recordings",
-    "reproduce": "the dissertation's tables beside ours",
-    "correct": "a reduced model corrected by a simulated modal test of a structure that differs from it",
-    "compare": "a case: recordings beside their model, and by how much they differ",
-    "diagnose": "what physics the model of a case lacks, where, and how much better it fits with it",
-    "conceal": "cases with something hidden in them by an independent generator, and their sealed truth",
-    "prove": "concealed cases diagnosed, the answers frozen, then the truth opened and scored",
-    "show": "open a run in the Rerun viewer",
-    "bench": "speed side by side with what a user would use instead",
+    "demo": "Run the whole story on the beam: cross-check, controlled experiment, diagnosis, real recording",
+    "modes": "Compare the FE model, every plant and the published modes",
+    "design": "Design a control law on a model of a structure and judge it",
+    "experiment": "Simulate an experiment and write a run folder",
+    "effects": "List the catalogue of physics that a model can lack",
+    "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
+    "reproduce": "Reproduce the tables of the dissertation",
+    "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "compare": "Compare recordings of a case with the nominal model",
+    "diagnose": "Find missing physics in a model from recordings",
+    "conceal": "Generate cases with hidden physics and seal the truth",
+    "prove": "Diagnose concealed cases, freeze the answers, open the truth and score",
+    "show": "Open a run in the Rerun viewer",
+    "bench": "Time vlab beside the usual alternatives",
 }
 """What `vlab` can do; each verb has a module of its name beside this one."""
 
@@ -70,12 +70,12 @@ class _Parser(argparse.ArgumentParser):
 def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     """Build the parser; only the chosen verb's module is imported and asked for its arguments."""
     parser = _Parser(prog="vlab", allow_abbrev=False)
-    parser.description = "A virtual laboratory for flexible structures under active vibration control, on MuJoCo."
+    parser.description = "Simulate, control and diagnose flexible structures in a virtual laboratory on MuJoCo."
     parser.add_argument("--version", action="version", version=f"vlab {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(verb, help=summary, description=summary, allow_abbrev=False)
-        sub.add_argument(DEBUG, action="store_true", help="show the traceback of an error")
+        sub.add_argument(DEBUG, action="store_true", help="print the traceback of an error")
         sub.add_argument("--json", action="store_true", help="print one JSON document to stdout and nothing else")
         if verb == chosen:
             _module(verb).add_arguments(sub)

@@ -11,8 +11,8 @@ from vlab.files.text import in_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("case", help="a case folder with case.toml, or a case file")
-    add_out(parser, "folder for report.html and run.rrd")
+    parser.add_argument("case", help="read this case folder with case.toml, or case file")
+    add_out(parser, "report.html and run.rrd to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

@@ -15,8 +15,8 @@ OUT = "out/demo"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    add_out(parser, "folder for report.html and run.rrd", default=OUT)
-    parser.add_argument("--seed", type=int, default=0, help="draws what is concealed in the beam (default 0)")
+    add_out(parser, "report.html and run.rrd to this folder", default=OUT)
+    parser.add_argument("--seed", type=int, default=0, help="draw the concealed effect with this seed (default 0)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

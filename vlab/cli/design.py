@@ -44,41 +44,50 @@ PRINTED = "lbf s/in"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
+    parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
         "--law",
         default="",
-        help=f"{', '.join(LAWS)}; or one to judge: path/to/law.py:ClassName, entry:NAME, controller.toml",
+        help=f"design this law: {', '.join(LAWS)}; or judge a law: path/to/law.py:ClassName, entry:NAME, controller.toml (required)",
     )
-    parser.add_argument("--model", help=f"{', '.join(MODELS)}; by default that of the published design")
     parser.add_argument(
-        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+        "--model", help=f"design on this model: {', '.join(MODELS)} (default: that of the published design)"
     )
-    published = "; by default that of the published design"
-    parser.add_argument("--weights", help="identity for Q = q I (default), energy for Q = diag(M, K)")
+    parser.add_argument(
+        "--variant", default="published", help="model this variant of the structure: published (default) or physical"
+    )
+    published = " (default: that of the published design)"
+    parser.add_argument("--weights", help="weight the state by identity, Q = q I (default), or energy, Q = diag(M, K)")
     for name, what in (
-        ("q", "Q = q I"),
-        ("r", "R = r I"),
-        ("v1", "V1 = v1 I"),
-        ("v2", "V2 = v2 I"),
-        ("alpha", "stability margin of the filter in 1/cs"),
+        ("q", "set Q = q I"),
+        ("r", "set R = r I"),
+        ("v1", "set V1 = v1 I"),
+        ("v2", "set V2 = v2 I"),
+        ("alpha", "set the stability margin of the filter in 1/cs"),
     ):
         parser.add_argument(f"--{name}", type=float, help=f"{what}, in inches, pounds and centiseconds{published}")
-    parser.add_argument("--damping", type=float, help=f"smallest damping ratio of the first modes{published}")
-    parser.add_argument("--modes", type=int, help=f"how many modes have that bound{published}")
-    parser.add_argument("--shapes", type=int, help=f"how many initial shapes LQDRF minimises over{published}")
     parser.add_argument(
-        "--objective", help=f"of LQDRF: {' or '.join(KINDS)} to the regulator's index (default largest)"
+        "--damping", type=float, help=f"bound the damping ratio of the first modes from below [-]{published}"
     )
-    parser.add_argument("--starts", type=int, help="random starts of the search")
-    parser.add_argument("--seed", type=int, help="seed of the random starts (default 0)")
-    parser.add_argument("--rate", type=float, help="samples per second of a law with states (default 1000)")
-    parser.add_argument("--with-delay", action="store_true", help="lqg: design it for the loop with its delay and hold")
+    parser.add_argument("--modes", type=int, help=f"apply that bound to this number of modes{published}")
+    parser.add_argument("--shapes", type=int, help=f"minimise LQDRF over this number of initial shapes{published}")
     parser.add_argument(
-        "--robustness", action="store_true", help="margins of the sampled loop, and which mode goes first"
+        "--objective",
+        help=f"lqdrf: minimise the {' or '.join(KINDS)} ratio to the index of the regulator (default largest)",
     )
-    parser.add_argument("--array", action="store_true", help="whether the law fits the array controller, and how")
-    add_out(parser, "folder for design.json, controller.toml and figures")
+    parser.add_argument("--starts", type=int, help=f"search from this number of random starts{published}")
+    parser.add_argument("--seed", type=int, help="draw the random starts with this seed (default 0)")
+    parser.add_argument("--rate", type=float, help="sample a law with states at this rate in Hz (default 1000)")
+    parser.add_argument(
+        "--with-delay", action="store_true", help="lqg: design for the loop with its delay and hold (default: without)"
+    )
+    parser.add_argument(
+        "--robustness",
+        action="store_true",
+        help="compute margins of the sampled loop and the first unstable mode (default: no)",
+    )
+    parser.add_argument("--array", action="store_true", help="check the law on the array controller (default: no)")
+    add_out(parser, "design.json, controller.toml and figures to this folder (default: print only)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

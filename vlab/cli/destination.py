@@ -22,8 +22,8 @@ def add_out(parser: argparse.ArgumentParser, what: str, *, default: str = "") ->
         The name that is numbered where the user gives none; nothing is written then if it is empty.
     """
     numbered = f" (default {default}-001, or the next number)" if default else ""
-    parser.add_argument("--out", help=what + numbered)
-    parser.add_argument(OVERWRITE, action="store_true", help="replace the folder of --out if vlab wrote it")
+    parser.add_argument("--out", help=f"write {what}{numbered}")
+    parser.add_argument(OVERWRITE, action="store_true", help="replace the folder of --out if vlab wrote the folder")
 
 
 def check_out(arguments: argparse.Namespace, *, read: Iterable[Path | str] = ()) -> None:

@@ -28,15 +28,15 @@ VERDICTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("case", help="a case folder with case.toml, or a case file")
+    parser.add_argument("case", help="read this case folder with case.toml, or case file")
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="FILE.py:CLASS",
-        help="an effect of your own, sought beside the catalogue; may be repeated; runs the code of that file",
+        help="search for an effect of your own, too; runs the code of that file; may be repeated (default: catalogue only)",
     )
-    add_out(parser, "folder for diagnosis.json, report.html, run.rrd and the extended model")
+    add_out(parser, "diagnosis.json, report.html, run.rrd and the extended model to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

@@ -28,7 +28,7 @@ NEEDS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="effects to show (by default all), or your own as FILE.py:CLASS"
+        "names", nargs="*", metavar="NAME", help="show these effects, or your own as FILE.py:CLASS (default all)"
     )
 
 

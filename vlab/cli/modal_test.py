@@ -31,64 +31,77 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run",
         nargs="+",
-        help="run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); several of one input are averaged, those "
-        "of different inputs stand side by side",
+        help="read these run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); recordings of one input "
+        "are averaged, of different inputs combined",
     )
     parser.add_argument(
         "--input",
         action="append",
         default=[],
         metavar="NAME[=KIND[,UNIT]]",
-        help="input channel; by default what the recording marks as input. Kind and unit are for recordings from elsewhere: "
-        "force=force,lbf",
+        help="use this input channel; give kind and unit for foreign recordings: force=force,lbf; may be repeated "
+        "(default: inputs of the recording)",
     )
     parser.add_argument(
         "--output",
         action="append",
         default=[],
         metavar="NAME[=KIND[,UNIT]]",
-        help="output channel; by default all sensors. From elsewhere: acc1=acceleration,g",
+        help="use this output channel; foreign recordings: acc1=acceleration,g; may be repeated (default: all sensors)",
     )
     parser.add_argument(
-        "--time", metavar="NAME", help="time column of a recording from elsewhere; by default the one named so"
+        "--time",
+        metavar="NAME",
+        help="read the time of a foreign recording from this column (default: the column named time or t)",
     )
     parser.add_argument(
-        "--rate", type=float, help="samples per second of a recording from elsewhere without a time column"
+        "--rate", type=float, help="set the sample rate in Hz of a foreign recording without a time column"
     )
     parser.add_argument(
-        "--signal", choices=KINDS, help="what excited; by default what the recording says of itself, or looks like"
+        "--signal",
+        choices=KINDS,
+        help="treat the excitation as this kind (default: from notes or samples of the recording)",
     )
     parser.add_argument(
-        "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band in Hz in which modes are looked for"
+        "--band",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="search modes in this band in Hz (default: all lines of the response)",
     )
-    parser.add_argument("--modes", type=int, help="how many modes to report; by default as many as the data support")
+    parser.add_argument("--modes", type=int, help="report this number of modes (default: as many as the data support)")
     parser.add_argument(
-        "--estimator", choices=("H1", "H2", "Hv"), default="H1", help="frequency response estimator (default H1)"
+        "--estimator",
+        choices=("H1", "H2", "Hv"),
+        default="H1",
+        help="estimate frequency responses by H1 (default), H2 or Hv",
     )
     parser.add_argument(
-        "--period", type=float, help="period of the excitation in s; by default what the recording says"
+        "--period", type=float, help="set the period of the excitation in s (default: from the recording)"
     )
     parser.add_argument(
-        "--segment", type=float, help="length in s of the segments of random data, of blocks of bursts or blows"
+        "--segment",
+        type=float,
+        help="set the length in s of segments of random data, or of blocks of bursts or blows (default: an eighth of the record; blocks as found)",
     )
     parser.add_argument(
-        "--dwell", type=float, help="time in s of each step of a stepped sine; by default the steps are found"
+        "--dwell", type=float, help="set the duration in s of each step of a stepped sine (default: detected)"
     )
     parser.add_argument(
         "--window-end",
         type=float,
         default=ModalTest.end_level,
         metavar="LEVEL",
-        help="what the exponential window leaves at the end of a hammer's block, 1 for none (default %(default)s); the damping it "
-        "adds is taken out again",
+        help="set the exponential window of a hammer block to this value at its end, 1 for no window (default %(default)s); "
+        "the added damping is removed",
     )
     parser.add_argument(
         "--against-plant",
         action="store_true",
-        help="for run folders: the plant's own linearised modes beside those found, within 0.1 %% of frequency, 5 %% of damping and "
-        "a MAC of .98; exit status 1 where one is missed",
+        help="run folders: compare with the linearised modes of the plant, within 0.1 %% of frequency, 5 %% of damping and "
+        "a MAC of 0.98; exit status 1 if a mode is missed (default: no)",
     )
-    add_out(parser, "folder for a report, figures and the responses")
+    add_out(parser, "report, figures and responses to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

@@ -18,27 +18,32 @@ from vlab.structure import load_structure
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
+    parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
-        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+        "--variant", default="published", help="model this variant of the structure: published (default) or physical"
     )
     parser.add_argument(
         "--model",
         default="full",
-        help="the FE model: full (default), or its exact or guyan reduction to the retained coordinates",
+        help="use the full FE model (default), or its exact or guyan reduction to the retained coordinates",
     )
     parser.add_argument(
         "--modes",
         type=int,
         choices=range(1, 13),
         metavar="N",
-        help="how many modes (1 to 12; by default all published)",
+        help="compare this number of modes, 1 to 12 (default: all published)",
     )
     parser.add_argument(
-        "--force", metavar="PLACE", help="with --out: responses to a force there, open loop, as figures"
+        "--force", metavar="PLACE", help="with --out: draw open-loop responses to a force at this place (default: none)"
     )
-    parser.add_argument("--response", nargs="+", metavar="PLACE", help="where; at all coils by default")
-    add_out(parser, "folder for mode shapes, their differences, MAC and responses as figures")
+    parser.add_argument(
+        "--response",
+        nargs="+",
+        metavar="PLACE",
+        help="with --force: draw responses at these places (default: all coils)",
+    )
+    add_out(parser, "mode shapes, their differences, MAC and responses as figures to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

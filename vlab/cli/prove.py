@@ -21,24 +21,34 @@ MOST_SHOWN = 60
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    parser.add_argument("cases", nargs="?", help="a folder that conceal wrote; not with --quick")
+    parser.add_argument("cases", nargs="?", help="diagnose the cases in this folder of vlab conceal; not with --quick")
     parser.add_argument(
-        "--quick", action="store_true", help="conceal a dozen fresh cases first, seed drawn and printed"
+        "--quick",
+        action="store_true",
+        help="conceal fresh cases first, with a fresh seed that is printed (default: no)",
     )
-    parser.add_argument("--seed", type=int, help="of --quick")
-    parser.add_argument("--n", type=int, default=QUICK_CASES, help="number of cases of --quick")
-    parser.add_argument("--truth", help="folder of the truth; CASES-truth by default")
-    parser.add_argument("--out", help="folder of the answers and the score; CASES-answers by default")
+    parser.add_argument("--seed", type=int, help="with --quick: draw with this seed (default: fresh)")
     parser.add_argument(
-        "--first", type=int, default=0, metavar="N", help="answer and score only the first N; their order is drawn"
+        "--n", type=int, default=QUICK_CASES, help="with --quick: conceal this number of cases (default 12)"
+    )
+    parser.add_argument("--truth", help="read the truth from this folder (default CASES-truth)")
+    parser.add_argument("--out", help="write answers and score to this folder (default CASES-answers)")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        metavar="N",
+        help="answer and score the first N cases in drawn order (default 0: all)",
     )
     parser.add_argument(
         "--baselines",
         type=int,
         metavar="N",
-        help="let simple methods answer beside it; mujoco.sysid, which takes minutes a case, the first N",
+        help="run simple methods on the same cases, and mujoco.sysid, minutes per case, on the first N (default: none)",
     )
-    parser.add_argument("--reports", type=int, default=0, help="how many of the worst cases get a report")
+    parser.add_argument(
+        "--reports", type=int, default=0, help="write reports of this number of worst cases (default 0)"
+    )
     add_engine(parser)
 
 

@@ -30,29 +30,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "table",
         nargs="*",
-        help=f"tables to reproduce: {', '.join(TABLES)} (default all but {' and '.join(ON_REQUEST)}, which take a minute more); "
-        f"{', '.join(SIMULATED)} are with simulated experiments",
+        help=f"reproduce these tables: {', '.join(TABLES)} (default: all but {' and '.join(ON_REQUEST)}, which take a minute more); "
+        f"{', '.join(SIMULATED)} use simulated experiments",
     )
     parser.add_argument(
         "--figure",
         metavar="N",
-        help=f"instead of tables, a figure with simulated experiments: {', '.join(FIGURES)}; as SVG, CSV and JSON",
+        help=f"draw a figure from simulated experiments instead: {', '.join(FIGURES)}; as SVG, CSV and JSON (default: none)",
     )
     parser.add_argument(
         "--plant",
         default="",
-        help=f"what stands on the bench in simulated experiments: composite or modal (default {_default_plants()})",
+        help=f"simulate experiments on this plant: composite or modal (default {_default_plants()})",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of excitation and noise in them (default 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="draw excitation and noise of the experiments with this seed (default 0)"
+    )
     parser.add_argument(
         "--limit-cycle",
         action="store_true",
-        help="instead of tables, the vibration of 41 Hz that LQG had on the beam (section 6.1): what the model explains of it",
+        help="study the 41 Hz limit cycle of LQG on the beam (section 6.1) instead of tables (default: no)",
     )
     add_out(
         parser,
-        "with --figure N: the folder (default out/figure-N-001, or the next number); with --limit-cycle: folder for the study as "
-        "JSON, its time histories and figures (two minutes)",
+        "to this folder; with --figure N: figures (default out/figure-N-001, or the next number); with --limit-cycle: "
+        "JSON, time histories and figures (two minutes; default: print only)",
     )
 
 

@@ -22,13 +22,13 @@ RRD = b"RRF"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
+    parser.add_argument("run", nargs="+", help="show this run folder or .rrd file, or two run folders over each other")
     parser.add_argument(
-        "run", nargs="+", help="a run folder, or an .rrd file; or two run folders, which are shown over each other"
+        "--save",
+        metavar="FILE.rrd",
+        help="with two runs: write this file and open no viewer (default: open the viewer)",
     )
-    parser.add_argument(
-        "--save", metavar="FILE.rrd", help="with two runs: write what would be shown and open no viewer"
-    )
-    parser.add_argument(OVERWRITE, action="store_true", help="replace the file of --save")
+    parser.add_argument(OVERWRITE, action="store_true", help="replace the file of --save (default: refuse)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
