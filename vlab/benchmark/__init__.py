@@ -1,1 +1,1 @@
-"""Benchmarks: speed beside the tools that a user would use instead."""
+"""Benchmarks against the usual tools."""

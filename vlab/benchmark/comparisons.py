@@ -1,4 +1,4 @@
-"""Speed side by side with what a user would use instead, measured in one run."""
+"""Computing times beside the usual tools, measured in one run."""
 
 import time
 from collections.abc import Callable
@@ -32,12 +32,15 @@ from vlab.signals import Array
 from vlab.structure import load_structure
 
 OURS_S, PEER_S = 10.0, 1.0
-"""Simulated seconds; the peer is a hundred times slower and gets fewer."""
+"""OURS_S, PEER_S [s]: simulated durations; the peer is a hundred times slower."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One comparison; times are elapsed seconds per simulated second, or per design, which has no real-time factor."""
+    """Comparison of elapsed times.
+
+    Times are elapsed seconds per simulated second, or per design without a real-time factor.
+    """
 
     work: str
     ours_s: float
@@ -48,7 +51,18 @@ class Row:
 
 
 def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time the beam's plants with the published 2 kHz law in the loop, and scipy's `solve_ivp` doing the same."""
+    """Time the beam's plants under the published 2 kHz law beside scipy's `solve_ivp`.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Returns
+    -------
+    list of Row
+        One row per comparison.
+    """
     structure, hardware = load_structure("beam"), load_hardware()
     law, fe = published_law(structure, "mfdrf"), build_fe_model(structure)
     excitation = Multisine(level=0.2, period_s=10.0, seed=1)
@@ -82,9 +96,9 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
 
 
 def refit_rows() -> list[Row]:
-    """Time the refit of what is uncertain in a real rig, the first step of a diagnosis, and the whole of one.
+    """Time the calibration of a real rig, and its whole diagnosis.
 
-    Beside them stands mujoco.sysid: fitting the same parameters, and with dry friction among them, which it must be told of.
+    The peer mujoco.sysid fits the same parameters. Its model contains dry friction by hand.
     """
     case = load_case(asset("cases/emps/case.toml"))
 
@@ -114,7 +128,7 @@ def refit_rows() -> list[Row]:
 
 
 def design_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time the control designs; their times are seconds a design."""
+    """Time the control designs [s per design]."""
     return [
         Row(work=t.work, ours_s=t.ours_s, peer=t.peer, peer_s=t.peer_s, ratio=t.peer_s / t.ours_s)
         for t in design_timings(progress=progress)
@@ -122,7 +136,7 @@ def design_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row
 
 
 class PlainObserver:
-    """The same discrete law as a user writes it with numpy: four products a sample."""
+    """Discrete law in plain numpy: four matrix products a sample."""
 
     def __init__(self, law: LinearLaw) -> None:
         self.sensors, self.actuators = law.sensors, law.actuators
@@ -141,10 +155,10 @@ class PlainObserver:
 
 
 def tick_row() -> Row:
-    """Time what a 24-state LQG adds to a sample of the loop: reading sensors, the law, delay, filter and forces.
+    """Time one sample of a 24-state LQG: sensors, law, delay, filter and forces.
 
-    The loop runs on the grid's modal plant with the law and without it; the difference over the number of samples is the
-    tick.
+    The loop runs on the modal plant of the grid with the law and without it. The tick is the difference divided by
+    the number of samples.
     """
     study = Study("grid")
     law = study.lqg("exact").controller
@@ -174,7 +188,7 @@ def as_document(rows: list[Row]) -> dict[str, Any]:
 
 
 def _best(work: Callable[[], Any], times: int) -> float:
-    """Return the shortest of several timings: what the machine can do when nothing else disturbs it."""
+    """Return the shortest of several timings, nearest to an undisturbed machine."""
     best = np.inf
     for _ in range(times):
         begun = time.perf_counter()
@@ -186,10 +200,28 @@ def _best(work: Callable[[], Any], times: int) -> float:
 def integrate_with_scipy(
     fe: FeModel, hardware: Hardware, law: Controller, excitation: Multisine, *, seconds: float
 ) -> Array:
-    """Run the same loop on the FE state space with scipy, sample by sample; return the sampled velocities.
+    """Run the same loop on the FE state space with scipy, sample by sample.
 
-    This is the way of a user without vlab: a state-space model, `solve_ivp` from sample to sample, the law in between.
-    It shares the law, the output chain and the excitation with the plants, and serves as an independent check, too.
+    A user without vlab writes a state-space model, calls `solve_ivp` from sample to sample, and evaluates the law
+    between calls. Law, output chain and excitation are those of the plants, so the result is an independent check.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    hardware : Hardware
+        Hardware of the laboratory.
+    law : Controller
+        Control law.
+    excitation : Multisine
+        Excitation.
+    seconds : float
+        Duration [s].
+
+    Returns
+    -------
+    array
+        Sampled velocities, (n_samples, n_sensors) [m/s].
     """
     places = list(law.sensors)
     coils = fe.deflections(places).T

@@ -1,4 +1,4 @@
-"""What a design on the beam takes, beside the same design made with python-control or scipy's SLSQP."""
+"""Times of designs on the beam beside python-control and scipy's SLSQP."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,15 +19,15 @@ from vlab.signals import Array
 from vlab.structure import load_structure
 
 PEER_STARTS = 4
-"""SLSQP is timed from so many starts and its time scaled to as many as ours, for it takes minutes."""
+"""PEER_STARTS [-]: timed starts of SLSQP; the time is scaled to the number of starts of vlab."""
 BOUND, MODES = 0.03, 6
 UNIT = 10.0
-"""Scale of the gains in the peer's variables [N s/m]."""
+"""UNIT [N s/m]: scale of the gains in the peer's variables."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """One design made in two ways; times are seconds a design."""
+    """Times of one design by two methods [s]."""
 
     work: str
     ours_s: float
@@ -36,7 +36,18 @@ class Timing:
 
 
 def design_timings(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Timing]:
-    """Time the designs of sections 6.1 on the full model of the beam."""
+    """Time the designs of section 6.1 on the full model of the beam.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present design.
+
+    Yields
+    ------
+    Timing
+        One timing per design.
+    """
     fe = build_fe_model(load_structure("beam"))
     model, asked = state_model(fe), published_design("beam")
     weights, noise = weights_of(asked, model), noise_of(asked, model)
@@ -85,7 +96,22 @@ def _rate_feedback(
 
 
 def with_slsqp(fe: FeModel, objective: Callable[[Array], float], seed: int) -> float:
-    """Design direct rate feedback as a user writes it with scipy; return the objective, infinite where a bound is missed."""
+    """Design direct rate feedback with scipy's SLSQP.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    objective : callable
+        Objective over the gains [N s/m].
+    seed : int
+        Seed of the start.
+
+    Returns
+    -------
+    float
+        Minimised objective; infinite if a bound is violated.
+    """
     rows, columns = np.triu_indices(fe.coils.shape[1])
 
     def gains(x: Array) -> Array:
@@ -112,7 +138,7 @@ def with_slsqp(fe: FeModel, objective: Callable[[Array], float], seed: int) -> f
 
 
 def _index(model: StateModel, D: Array, weights: Weights, x0: Array) -> Array:
-    """Return the index, or a large number where a trial of SLSQP is unstable."""
+    """Return the index, or a large number for an unstable trial of SLSQP."""
     A = performance.rate_feedback_loop(model, D)
     if linalg.eigvals(A).real.max() >= 0:
         return np.full(x0.shape[1], 1e6)

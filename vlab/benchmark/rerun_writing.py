@@ -1,4 +1,4 @@
-"""Writing a long recording for Rerun, beside logging it row by row."""
+"""Writing time of a long recording for Rerun, beside row-by-row logging."""
 
 import tempfile
 import time
@@ -15,11 +15,11 @@ from vlab.views.rerun.traces import log_traces, trace_views
 
 SECONDS, RATE_HZ, CHANNELS = 60.0, 2000.0, 50
 PEER_ROWS = 20_000
-"""Rows that are logged one by one; the time of all six million follows from them."""
+"""PEER_ROWS [rows]: rows logged one by one; their time scales to all six million rows."""
 
 
 def rerun_row() -> Row:
-    """Time 60 s of 50 channels at 2 kHz into a Rerun file, elapsed seconds per recorded second."""
+    """Time the writing of 60 s of 50 channels at 2 kHz [s per recorded second]."""
     recording = long_recording()
     with tempfile.TemporaryDirectory(prefix="vlab-") as folder:
         path = Path(folder) / "traces.rrd"
@@ -37,7 +37,7 @@ def rerun_row() -> Row:
 
 
 def long_recording() -> Recording:
-    """Return noise of five kinds of channel, as long as a test of a minute."""
+    """Return noise in five kinds of channel, as long as a test of one minute."""
     samples = round(SECONDS * RATE_HZ)
     kinds = (("velocity", "m/s"), ("displacement", "m"), ("force", "N"), ("command", "N"), ("acceleration", "m/s^2"))
     channels = tuple(
@@ -50,7 +50,7 @@ def long_recording() -> Recording:
 
 
 def write_traces(path: Path, recording: Recording) -> None:
-    """Write the traces of a recording as a Rerun file, as every view here does."""
+    """Write the traces of a recording as a Rerun file, as every view of vlab does."""
     layout = blueprint(trace_views(recording)[0])
     with rrd_file(path, "traces", layout, identity_of(recording.between(0.0, 1.0))) as stream:
         log_traces(stream, recording)

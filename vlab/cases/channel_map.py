@@ -1,4 +1,4 @@
-"""A recording wired to a plant: which channel drives what, which is compared with what, and the law in the loop."""
+"""Channel map: drives, compared channels and the law of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ ORDER = {
     "acceleration": 2,
     "angular-acceleration": 2,
 }
-"""How often a kind of motion is the derivative of a position."""
+"""ORDER [-]: time derivatives of position in each kind of motion."""
 _UNITS = {
     "m": ("displacement", "velocity", "acceleration"),
     "rad": ("angle", "angular-velocity", "angular-acceleration"),
@@ -35,14 +35,14 @@ _UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """A channel that drives the plant, through an actuator or as a force on a port.
+    """Channel that drives the plant, by an actuator or at a port.
 
     Parameters
     ----------
     is_held, is_first : bool
-        Whether it stays constant between its samples, and whether readings see it at its own sample already.
+        Whether the channel stays constant between samples, and whether readings see its present sample already.
     through_chain : bool
-        It is a command: delay, hold and filter of the hardware stand between it and the force.
+        Whether delay, hold and filter of the hardware act on the command.
     """
 
     channel: str
@@ -55,12 +55,12 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """A channel that is compared with the plant: a sensor, a port's motion, or the command at an actuator.
+    """Channel compared with the plant: sensor, port motion or actuator command.
 
     Parameters
     ----------
     order : int
-        Of a port: 0 position, 1 velocity, 2 acceleration.
+        Order of the time derivative at a port: 0 position, 1 velocity, 2 acceleration.
     """
 
     channel: str
@@ -73,16 +73,16 @@ class Compared:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Law:
-    """The law in the loop.
+    """Control law in the loop.
 
     Parameters
     ----------
     sensors, actuators : sequence of int
-        The plant's, in the law's order.
+        Sensors and actuators of the plant, in the order of the law.
     per_sensor : (n_sensors,) array
-        Unit of the law per model unit of its sensors.
+        Units of the law per model unit of its sensors.
     per_actuator : (n_actuators,) array
-        Model unit per unit of the law of its actuators.
+        Model units per unit of the law of its actuators.
     """
 
     controller: Controller
@@ -93,22 +93,22 @@ class Law:
     per_actuator: Array
 
     def step(self, y: Array) -> Array:
-        """Return the commands in model units to the plant's sensor values."""
+        """Return commands in model units for the plant's sensor values."""
         return np.asarray(self.controller.step(y[list(self.sensors)] * self.per_sensor) * self.per_actuator)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One recording, wired.
+    """One recording with its channel map.
 
     Parameters
     ----------
     measured : Recording
-        The part that is compared.
+        Compared part of the recording.
     before : Recording or None
-        What stands before it in the file.
+        Part of the file before `measured`.
     valid : (n_samples, n_channels) array of bool or None
-        Which samples of `measured` say something, where their values were changed since that was seen in them.
+        Valid samples of `measured`; None if its values are unchanged.
     """
 
     name: str
@@ -124,12 +124,12 @@ class Run:
 
     @property
     def outputs(self) -> Recording:
-        """The measured channels that are compared."""
+        """The compared channels of the recording."""
         return self.measured.select([c.channel for c in self.compared])
 
 
 def compared_names(runs: Sequence[Run]) -> list[str]:
-    """Return the channels that are compared in any of some runs, commands aside."""
+    """Return the compared channels of all runs, without commands."""
     return list(dict.fromkeys(c.channel for run in runs for c in run.compared if c.actuator is None))
 
 
@@ -137,12 +137,26 @@ def compared_names(runs: Sequence[Run]) -> list[str]:
 
 
 def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -> Drive:
-    """Find what an input channel drives.
+    """Find the drive of an input channel.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    channel : ChannelTable
+        Channel of the case file.
+    recording : RecordingTable
+        Recording of the case file.
+
+    Returns
+    -------
+    Drive
+        Actuator or port, with the factor on the recorded values.
 
     Raises
     ------
     BadCase, UnknownName
-        No actuator and no port has that name, or the unit does not fit it.
+        No actuator and no port has that name, or the unit does not fit.
     """
     label = _label(channel, recording)
     for i, tap in enumerate(plant.actuators):
@@ -180,12 +194,26 @@ def _check_input_unit(channel: ChannelTable, unit: str) -> None:
 
 
 def find_output(plant: Plant, channel: ChannelTable, recording: RecordingTable) -> Compared:
-    """Find what a measured channel is compared with.
+    """Find the plant's counterpart of a measured channel.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    channel : ChannelTable
+        Channel of the case file.
+    recording : RecordingTable
+        Recording of the case file.
+
+    Returns
+    -------
+    Compared
+        Sensor, port motion or actuator command.
 
     Raises
     ------
     BadCase, UnknownName
-        No sensor, port or actuator under a law has that name, or it measures something else.
+        No sensor, port or actuator under a law has that name, or its quantity differs.
     """
     label, at = _label(channel, recording), channel.at
     sensors = [i for i, tap in enumerate(plant.sensors) if at in (tap.name, tap.at, f"sensor:{tap.name}")]
@@ -217,10 +245,17 @@ def _unknown_sensor(plant: Plant, at: str) -> VlabError:
 def find_place(plant: Plant, name: str) -> None:
     """Check that a name is an actuator, a sensor or a port.
 
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    name : str
+        Name of the place.
+
     Raises
     ------
     BadCase, UnknownName
-        It is none of them.
+        The plant has no such place.
     """
     names = {n for tap in plant.sensors for n in (tap.name, tap.at)} | {
         n for tap in plant.actuators for n in (tap.name, tap.at)
@@ -301,7 +336,7 @@ def _sensor(plant: Plant, name: str) -> int:
 
 
 def _actuator_unit(table: ControllerTable, unit: str, name: str) -> str:
-    """Return the SI unit of an actuator's command; one that takes a bare command has that of the law."""
+    """Return the SI unit of an actuator's command, or the law's unit of a bare command."""
     if unit != "command":
         return unit
     if table.gains_unit and not table.actuator_unit:
@@ -321,19 +356,37 @@ def _factor(unit: str, scale: float | None, si: str) -> float:
 
 
 def wire(plant: Plant, table: RecordingTable) -> tuple[tuple[Drive, ...], tuple[Compared, ...], Law | None]:
-    """Wire a recording to a plant by name."""
+    """Map the channels of a recording to a plant by name."""
     drives = tuple(find_input(plant, c, table) for c in table.channel if c.input)
     compared = tuple(find_output(plant, c, table) for c in table.channel if not c.input)
     return drives, compared, None if table.controller is None else _law(plant, table.controller)
 
 
 def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, hardware: Hardware | None = None) -> Run:
-    """Cut the part out of a recording that a case asks for, and wire it.
+    """Cut the requested part out of a recording and map its channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    name : str
+        Name of the run.
+    table : RecordingTable
+        Recording of the case file.
+    whole : Recording
+        Complete recording.
+    hardware : Hardware or None
+        Hardware of the laboratory, if the case names one.
+
+    Returns
+    -------
+    Run
+        Recording with its channel map.
 
     Raises
     ------
     BadRecording
-        Fewer than two samples between start and stop, or samples of a size that MuJoCo takes for a run that has diverged.
+        Fewer than two samples between start and stop, or samples so large that MuJoCo reports divergence.
     """
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
@@ -366,6 +419,6 @@ def _part(whole: Recording, start: float, stop: float) -> Recording | None:
 
 
 def compared_with_sensors(run: Run, sensors: Sequence[int]) -> list[Compared] | None:
-    """Return the measured channels of some sensors in their order, or None where one is not measured."""
+    """Return the measured channels of some sensors in their order, or None without all of them."""
     by_sensor = {c.sensor: c for c in run.compared if c.sensor is not None}
     return [by_sensor[i] for i in sensors] if all(i in by_sensor for i in sensors) else None

@@ -1,9 +1,10 @@
-"""Running a plant step by step beside a recording: true states in, channel values at exact times out.
+"""Step-by-step replay of a recording on a plant, with channel values at exact times.
 
-MuJoCo's semi-implicit steps keep the position half a step ahead of the velocity (see `vlab.plants.base`). States here are
-true ones, position and velocity at the same time: a run starts with the position moved on by half a step, and every
-reading is taken from a copy of the state with that half step undone, so that positions, velocities and accelerations of
-any sensor belong to the time they are labelled with.
+MuJoCo's semi-implicit steps keep the position half a step ahead of the velocity (see `vlab.plants.base`). A state
+here holds position and velocity at the same time.
+
+A run starts with the position advanced by half a step. Each reading comes from a copy of the state without that half
+step. Positions, velocities and accelerations of all sensors then belong to the time of the reading.
 """
 
 import copy
@@ -29,15 +30,14 @@ from vlab.signals import Array
 Loads = Sequence[tuple[Port, float]]
 """Forces [N or N m] on ports."""
 CHECK_EVERY = 500
-"""Integration steps between two looks at the state: a diverged run stops here."""
+"""CHECK_EVERY [steps]: integration steps between two checks for divergence."""
 MAX_STEPS, MAX_EACH = 100_000_000, 10_000
-"""Longest run [integration steps], at 5 us a step it takes minutes; and steps from one sample to the next on average: a short file
-is a short run."""
+"""MAX_STEPS, MAX_EACH [steps]: longest run, about 8 min at 5 us a step, and mean number per sample."""
 
 
 @dataclass(frozen=True)
 class State:
-    """A true state: position and velocity at the same time."""
+    """True state: position and velocity at the same time."""
 
     qpos: Array
     qvel: Array
@@ -45,20 +45,20 @@ class State:
 
 @dataclass(frozen=True)
 class Clock:
-    """How the integration steps fit the samples and the law.
+    """Relation of integration steps, samples and steps of the law.
 
     Parameters
     ----------
     timestep : float
-        Integration step [s], the plant's own or a little shorter.
+        Integration step [s], at most that of the plant.
     steps : int
         Integration steps between two readings.
     law_every : int
         Readings between two steps of the law.
     readings : int
-        How many readings cover the recording.
+        Number of readings of the recording.
     on_time : bool
-        Whether every sample of the recording is a reading, so that nothing is interpolated.
+        Whether every sample of the recording is a reading and needs no interpolation.
     """
 
     timestep: float
@@ -74,17 +74,29 @@ class Clock:
 
     @property
     def middles(self) -> Array:
-        """Middles of the integration steps from the start [s]."""
+        """Midpoints of the integration steps from the start [s]."""
         return (np.arange((self.readings - 1) * self.steps) + 0.5) * self.timestep
 
 
 def plan_clock(timestep: float, run: Run) -> Clock:
-    """Fit the integration step to the samples and the law: shorter where it must be, never longer.
+    """Fit the integration step to the samples and the law, never above the given step.
+
+    Parameters
+    ----------
+    timestep : float
+        Integration step of the plant [s].
+    run : Run
+        Recording with its channel map.
+
+    Returns
+    -------
+    Clock
+        Integration step and numbers of steps.
 
     Raises
     ------
     BadCase
-        The run would take more than `MAX_STEPS` steps, or more than `MAX_EACH` for every sample.
+        The run would take more than `MAX_STEPS` steps, or more than `MAX_EACH` per sample.
     """
     time = run.measured.time - run.measured.time[0]
     sample = 1.0 / run.measured.rate if run.measured.is_uniform else None
@@ -124,14 +136,14 @@ def _is_whole(ratio: float) -> bool:
 
 
 class Bench:
-    """A plant with its readings.
+    """Plant with its readings.
 
     Parameters
     ----------
     plant : Plant
-        With the timestep that it runs at.
+        Plant with the timestep of the run.
     linear_range : float or None
-        Travel over which coil sensors are linear [m]; None where the hardware is not a laboratory's.
+        Travel in which coil sensors are linear [m]; None for hardware outside the laboratory.
     """
 
     def __init__(self, plant: Plant, linear_range: float | None = None) -> None:
@@ -143,12 +155,12 @@ class Bench:
         for i, tap in enumerate(plant.sensors):
             self._sum[i, list(tap.addresses)] = 1.0
         self.applied = np.zeros(self.model.nv)
-        """Generalised forces from outside in the present step, without those of attached physics."""
+        """Generalised external forces of the present step, without attached physics."""
         self._range = linear_range
         self._coils = [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
 
     def start(self, state: State) -> None:
-        """Put the plant into a true state at time zero."""
+        """Set the plant to a true state at time zero."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = state.qpos, state.qvel
         if self._ahead:
@@ -156,20 +168,24 @@ class Bench:
         mujoco.mj_forward(self.model, self.data)
 
     def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
-        """Return whether a sensor or a compared channel depends on the present forces, as accelerations do."""
+        """Return whether a sensor or compared channel depends on forces, as accelerations do."""
         return any(c.order == 2 for c in compared) or bool(
             np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
         )
 
     def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
-        """Evaluate the present true state in the copy, under given controls and the applied forces.
+        """Evaluate the present true state in the copy, under commands and applied forces.
 
-        Physics that is at work acts as it would there; it remembers nothing of it.
+        Attached physics acts there without updating its memory.
 
         Parameters
         ----------
+        ctrl : array
+            Commands, (n_actuators,).
+        physics : Running or None
+            Attached physics.
         loads : sequence of (Port, float) or None
-            Forces on ports at present; those of the last step stay without it.
+            Present forces on ports; None keeps those of the last step.
         """
         data, model = self._at_present(), self.model
         if loads is not None:
@@ -184,7 +200,7 @@ class Bench:
             mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
 
     def apply(self, data: mujoco.MjData, loads: Loads) -> None:
-        """Apply forces on ports and what is prescribed of the plant, at the state that some data are in."""
+        """Apply port forces and prescribed motion at the state of some data."""
         applied = self.applied
         if self.plant.prescribed is None:
             applied[:] = 0.0
@@ -195,7 +211,7 @@ class Bench:
         data.qfrc_applied[:] = applied
 
     def look_at_motion(self) -> None:
-        """Evaluate positions and velocities of the present true state in the copy, whatever forces act."""
+        """Evaluate positions and velocities of the present true state in the copy, without forces."""
         data, model = self._at_present(), self.model
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)
@@ -212,16 +228,27 @@ class Bench:
 
     @property
     def acceleration(self) -> Array:
-        """Generalised acceleration at what `look` saw, (nv,)."""
+        """Generalised acceleration of the last `look`, (nv,)."""
         return np.asarray(self._copy.qacc)
 
     @property
     def raw(self) -> Array:
-        """MuJoCo's own sensor values at what `look` saw, (nsensordata,)."""
+        """Sensor values of MuJoCo at the last `look`, (nsensordata,)."""
         return np.asarray(self._copy.sensordata)
 
     def sensors(self, raw: Array | None = None) -> Array:
-        """Return the plant's sensor values, (..., n_sensors), of raw ones; by default at what `look` saw."""
+        """Return the plant's sensor values, (..., n_sensors), from raw values.
+
+        Parameters
+        ----------
+        raw : array or None
+            Sensor values of MuJoCo, (..., nsensordata); those of the last `look` by default.
+
+        Returns
+        -------
+        array
+            Sensor values of the plant, (..., n_sensors).
+        """
         raw = self.raw if raw is None else raw
         values = raw @ self._sum.T
         travel = raw[..., self.plant.travel]
@@ -230,7 +257,7 @@ class Bench:
         return np.asarray(values)
 
     def values(self, compared: tuple[Compared, ...], sensors: Array) -> Array:
-        """Return the values of compared channels at what `look` saw; those of commands are left at zero."""
+        """Return compared channels at the last `look`, with zeros for commands."""
         return np.array([self._value(c, sensors) for c in compared])
 
     def _value(self, compared: Compared, sensors: Array) -> float:
@@ -252,13 +279,30 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """What the compared channels were at the readings, commands included."""
+    """Compared channels at the readings, commands included."""
 
     times: Array
     values: Array
 
     def at(self, time: Array, clock: Clock, column: int, *, is_held: bool = False) -> Array:
-        """Return a channel at times from the start: the readings where all times are readings, else interpolated."""
+        """Return a channel at given times, interpolated between readings if necessary.
+
+        Parameters
+        ----------
+        time : array
+            Times from the start [s].
+        clock : Clock
+            Clock of the run.
+        column : int
+            Column of the channel.
+        is_held : bool
+            Whether the channel stays constant between readings.
+
+        Returns
+        -------
+        array
+            Values at the times.
+        """
         values = self.values[:, column]
         if clock.on_time:
             return np.asarray(values[np.rint(time / (clock.steps * clock.timestep)).astype(int)])
@@ -268,7 +312,20 @@ class Played:
 
 
 def at_timestep(plant: Plant, timestep: float) -> Plant:
-    """Return the plant with another integration step."""
+    """Return the plant with another integration step.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    timestep : float
+        Integration step [s].
+
+    Returns
+    -------
+    Plant
+        Plant with that step.
+    """
     if plant.timestep == timestep:
         return plant
     model = copy.copy(plant.model)
@@ -277,7 +334,7 @@ def at_timestep(plant: Plant, timestep: float) -> Plant:
 
 
 def bench_for(plant: Plant, run: Run) -> Bench:
-    """Return the bench for a run of a plant that has the run's timestep."""
+    """Return the bench for a run of a plant with the timestep of the run."""
     return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
 
 
@@ -289,21 +346,34 @@ def play(
     law: Law | None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Played:
-    """Run a plant from a true state under a recording's inputs and a law.
+    """Simulate a plant from a true state under recorded inputs and a law.
 
     Parameters
     ----------
+    bench : Bench
+        Plant with its readings.
+    run : Run
+        Recording with its channel map.
+    clock : Clock
+        Clock of the run.
+    state : State
+        Initial state.
     law : Law or None
-        With its memory as it is at the start; it is stepped.
+        Law with its initial memory, which is updated.
     progress : callable
-        Called with the share of the run that is done.
+        Receives the completed share of the run.
+
+    Returns
+    -------
+    Played
+        Compared channels at the readings.
 
     Raises
     ------
     Diverged
-        The run left the finite world or MuJoCo reset it.
+        The state left the finite range or MuJoCo reset the run.
     BadStructure
-        MuJoCo cannot compute the model in a state that it came to.
+        MuJoCo cannot compute the model in a state of the run.
     """
     physics = _physics(bench, run, clock, state)
     callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
@@ -374,7 +444,7 @@ def _played(
 
 
 def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Array) -> Array:
-    """Return the sensors' values at what the bench looked at; write those of the compared channels."""
+    """Return the bench's sensor values and write those of the compared channels."""
     sensors = bench.sensors()
     if physics is not None:
         physics.sense(sensors, time)
@@ -386,7 +456,7 @@ def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Arr
 
 
 def _physics(bench: Bench, run: Run, clock: Clock, state: State) -> Running | None:
-    """Return the physics attached to a plant, at the start of a run."""
+    """Return the attached physics of a plant, at the start of a run."""
     plant = bench.plant
     if not plant.physics:
         return None
@@ -408,7 +478,7 @@ def _advance(
     ports: Sequence[Port],
     physics: Running | None = None,
 ) -> None:
-    """Take the integration steps between two readings, under forces (n, n_actuators) and loads (n, n_ports) or none."""
+    """Integrate to the next reading under forces (n, n_actuators) and optional loads (n, n_ports)."""
     plant, data = bench.plant, bench.data
     if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
         data.ctrl[:] = controls @ force[0]
@@ -425,7 +495,7 @@ def _advance(
 
 
 def _chain(law: Law, run: Run, clock: Clock) -> Callable[[Array], Array]:
-    """Return what turns a command into the forces of the steps until the next one."""
+    """Return the map from a command to the forces of the steps until the next command."""
     substeps = clock.steps * clock.law_every
     converter = _ideal(law.rate_hz) if run.hardware is None else run.hardware.at_rate(law.rate_hz).converter
     return OutputChain(converter, channels=len(law.actuators), substeps=substeps).push
@@ -436,7 +506,7 @@ def _ideal(rate: float) -> Converter:
 
 
 def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
-    """Return the inputs of all actuators: means over the integration steps, and present values at the readings."""
+    """Return inputs of all actuators: means over integration steps, and values at readings."""
     means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
     present = np.zeros((clock.readings, len(plant.actuators)))
     drives = [drive for drive in run.drives if drive.actuator is not None]
@@ -468,7 +538,7 @@ def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
 
 
 def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
-    """Return what drives a plant as means over the integration steps and as the values that readings see."""
+    """Return drives of a plant: means over the integration steps, and values at readings."""
     time = run.measured.time - run.measured.time[0]
     steps = (clock.readings - 1) * clock.steps
     means, present = np.zeros((steps, len(drives))), np.zeros((clock.readings, len(drives)))
@@ -492,12 +562,12 @@ def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, A
 
 
 def before(u: Array) -> Array:
-    """Return the held commands (n, ...) that stand while samples are read: the ones before them."""
+    """Return the held commands (n, ...) before each sample."""
     return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
 
 
 def _held_means(time: Array, values: Array, edges: Array) -> Array:
-    """Return the means between edges of a staircase that takes a new value at every time stamp."""
+    """Return means between edges of a staircase with a step at every time stamp."""
     end = max(edges[-1], time[-1]) + 1.0
     stamps = np.append(time, end)
     integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])

@@ -1,7 +1,7 @@
-"""The command line: parse, call, print.
+"""Command line: parse, call, print.
 
-Exit status 0: done. 1: a check did not hold. 2: bad input, with one line on stderr. 3: a fault of vlab's own, with one line on stderr
-that says how to report it. 130: interrupted. With ``--json`` one JSON document goes to stdout and nothing else; progress goes to stderr.
+Exit status: 0 done, 1 a check failed, 2 bad input, 3 fault of vlab itself, 130 interrupted. Status 2 and 3 come with
+one line on stderr. With ``--json`` one JSON document goes to stdout and nothing else. Progress goes to stderr.
 """
 
 import argparse
@@ -42,33 +42,44 @@ VERBS = {
     "show": "Open a run in the Rerun viewer",
     "bench": "Time vlab beside the usual alternatives",
 }
-"""What `vlab` can do; each verb has a module of its name beside this one."""
+"""VERBS: commands with their help; each has a module of its name."""
 
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Linear algebra on one thread: sums then have one order, so the same seed gives the same bits on any number of cores, and
-the small matrices here are faster that way."""
+"""ONE_THREAD: variables that limit linear algebra to one thread. Sums then have one order, so a seed gives the same bits
+on any number of cores. The small matrices here are also faster on one thread."""
 OF_SYSTEM = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What the system refuses whatever vlab does: rights, room, open files."""
+"""OF_SYSTEM: errors of the system: missing rights, no space, too many open files."""
 MOST_SAID = 10_000
-"""Signs of an error's line: one that lists all accepted names is long."""
+"""MOST_SAID [characters]: longest error line; a list of all accepted names is long."""
 DEBUG = "--debug"
 
 
 OWN_CODE = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
-"""Nothing of the folder that vlab is called in is run, for it may be one of data: no modules in it by the processes that are started,
-and no cache of compiled code that a ``.numba_config.yaml`` there names."""
+"""OWN_CODE: variables that keep code of the working folder from running, for the folder may hold foreign data. Started
+processes import no modules from there. A ``.numba_config.yaml`` there names no cache of compiled code."""
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """Say in one line what is wrong and leave with status 2."""
+        """Print the error in one line and leave with status 2."""
         print(f"error: {self.prog}: {in_line(message)} (see {self.prog} --help)", file=sys.stderr)
         raise SystemExit(2)
 
 
 def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
-    """Build the parser; only the chosen verb's module is imported and asked for its arguments."""
+    """Build the parser, with the arguments of the chosen command only.
+
+    Parameters
+    ----------
+    chosen : str or None
+        Command whose module is imported; none by default.
+
+    Returns
+    -------
+    ArgumentParser
+        Parser of all commands.
+    """
     parser = _Parser(prog="vlab", allow_abbrev=False)
     parser.description = "Simulate, control and diagnose flexible structures in a virtual laboratory on MuJoCo."
     parser.add_argument("--version", action="version", version=f"vlab {__version__}")
@@ -87,7 +98,18 @@ def _module(verb: str) -> Any:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit status."""
+    """Run one command and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str or None
+        Words of the command; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
@@ -114,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(words: Sequence[str]) -> int:
-    """Run one command, print what it leaves, and return its exit status."""
+    """Run one command, print its outcome, and return its exit status."""
     chosen = next((word for word in words if word in VERBS), None)
     with LeavingAtOnce():
         arguments = build_parser(chosen).parse_args(words)
@@ -134,7 +156,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _said(error: BaseException, *, is_debug: bool) -> int:
-    """Say in one line why a command ended, and return its exit status."""
+    """Print the reason of a failure in one line, and return the exit status."""
     if isinstance(error, BrokenPipeError):
         return 141
     if isinstance(error, KeyboardInterrupt):

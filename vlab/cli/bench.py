@@ -8,11 +8,22 @@ from vlab.cli.common import Outcome, text_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments: there are none."""
+    """Add the command's arguments: none."""
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Time everything."""
+    """Time all comparisons.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     rows = run_bench(progress=lambda text: print(f"timing {text} ...", file=sys.stderr))
     from vlab.benchmark.rerun_writing import rerun_row
 

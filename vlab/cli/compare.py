@@ -10,13 +10,24 @@ from vlab.files.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("case", help="read this case folder with case.toml, or case file")
     add_out(parser, "report.html and run.rrd to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Simulate the case's recordings with its model and say how much they differ."""
+    """Simulate the recordings of a case and report the residuals.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.case])
     with share_bar("compare") as report:
         comparison = compare_case(arguments.case, progress=report)

@@ -11,7 +11,7 @@ from vlab.proof.suites import BENCHES, MIXTURES, SUITES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     known = ", ".join([*SUITES, *MIXTURES])
     parser.add_argument(
         "--suite", default="all", help=f"draw from these suites, separated by commas: {known} (default all)"
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say where many cases are worked on."""
+    """Add the arguments for the distribution of many cases."""
     parser.add_argument(
         "--engine",
         default="joblib",
@@ -55,7 +55,18 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Conceal cases."""
+    """Generate concealed cases.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if not arguments.out:
         raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
     for option, given in (("--only", arguments.only), ("--with-truth", arguments.with_truth)):

@@ -13,7 +13,7 @@ PERIOD_S, PERIODS = 100.0, 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
         "structure", help="use this built-in structure with sensors at its joints (grid) or structure file"
     )
@@ -53,7 +53,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Test the structure and correct its model."""
+    """Test the structure and correct its model.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.structure])
     with progress_bar("modal test", PERIOD_S * PERIODS) as progress:
         result = correct_by_test(

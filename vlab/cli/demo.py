@@ -14,13 +14,24 @@ OUT = "out/demo"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     add_out(parser, "report.html and run.rrd to this folder", default=OUT)
     parser.add_argument("--seed", type=int, default=0, help="draw the concealed effect with this seed (default 0)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Run the demo and write its report."""
+    """Run the demonstration and write its report.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     begun = time.perf_counter()
     check_out(arguments)
     with destination(arguments, OUT) as out, output_folder(out, overwrite=arguments.overwrite) as folder:

@@ -39,11 +39,11 @@ from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 PRINTED = "lbf s/in"
-"""Unit in which gains of direct rate feedback are printed beside SI, as in Tables 7, 11 and 15."""
+"""PRINTED: unit of printed rate feedback gains beside SI, as in Tables 7, 11 and 15."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
         "--law",
@@ -92,18 +92,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Made:
-    """A law on a model, ready to be reported.
+    """Law on a model, ready for the report.
 
     Parameters
     ----------
     law : LinearController or None
-        What runs in a loop; None for the regulator, which has no sensors.
+        Law in the loop; None for the regulator, which has no sensors.
     modelled : StateModel or None
-        The design model.
+        Design model.
     continuous : array or None
-        Roots of the law before it was sampled [rad/s].
+        Roots of the continuous law before sampling [rad/s].
     figures : callable
-        Returns the law's figures, up to a frequency [Hz].
+        Returns the figures of the law, up to a frequency [Hz].
     """
 
     fe: FeModel
@@ -116,7 +116,18 @@ class Made:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Design the law, or take one that was made elsewhere, and say what it achieves."""
+    """Design a law, or load one, and report its performance.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     structure = load_structure(arguments.structure)
     if not arguments.law:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
@@ -147,7 +158,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None:
-    """Return which modes of the full model, from 1, the design model has."""
+    """Return the modes of the full model, from 1, in the design model."""
     return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
 
 
@@ -195,7 +206,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
 
 
 def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
-    """Design LQG for the sampled plant with delay and hold; damping ratios are those of its regulator."""
+    """Design LQG for the sampled plant with delay and hold, with damping ratios of its regulator."""
     state, converter = state_model(fe), laboratory_for(None, asked.rate).converter
     design = delayed_lqg.design(
         state,
@@ -226,7 +237,7 @@ def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
 
 
 def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
-    """Take a law that was made elsewhere, and see what it achieves in the laboratory's sampled loop."""
+    """Load a finished law and evaluate it in the sampled loop of the laboratory."""
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
     asked = requested_of(
@@ -250,13 +261,32 @@ def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> C
 
 
 def _shown(fe: FeModel, asked: Asked) -> tuple[int, ...]:
-    """Return the modes that are reported: as many as have measured damping ratios, or are bounded."""
+    """Return the reported modes: those with measured damping ratios or bounds."""
     driven = len(driven_modes(fe.coils.T @ fe.linear.eigen[1]))
     return bounded_modes(fe, min(max(len(fe.structure.damping.ratios), asked.modes), driven))
 
 
 def describe(fe: FeModel, design: Design, law: str, model: str, asked: Asked) -> dict[str, Any]:
-    """Return a design as plain data: gains, damping ratios, indices, objective, and how far the search may be trusted."""
+    """Return a design as plain data: gains, damping ratios, indices, objective, search.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    design : Design
+        Design.
+    law : str
+        Name of the law.
+    model : str
+        Name of the design model.
+    asked : Asked
+        Settings of the design.
+
+    Returns
+    -------
+    dict
+        Plain data for JSON.
+    """
     modes = _shown(fe, asked)
     if isinstance(design, LqrDesign | LqgDesign):
         found = design.poles
@@ -353,7 +383,7 @@ def _text(title: str, document: dict[str, Any]) -> str:
 
 
 def _write(folder: Path, made: Made, loop: SampledLoop | None) -> None:
-    """Write everything but the manifest."""
+    """Write all files but the manifest."""
     from vlab.views.figures.design import robustness_figures, write_figures
 
     document = made.document

@@ -27,7 +27,7 @@ VERDICTS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("case", help="read this case folder with case.toml, or case file")
     parser.add_argument(
         "--effect",
@@ -40,7 +40,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Say what physics the case's model lacks."""
+    """Find missing physics of a case and report the findings.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.case])
     case = load_case(arguments.case)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
@@ -100,7 +111,7 @@ def _text(diagnosis: Diagnosis) -> str:
 
 
 def _values(finding: Finding) -> list[str]:
-    """Return the law of a finding and its parameters, a line each."""
+    """Return the law of a finding and its parameters, one line each."""
     lines = [f"  law: {finding.law}"]
     for name, p in finding.parameters.items():
         lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
@@ -117,7 +128,7 @@ def _errors(diagnosis: Diagnosis) -> str:
 
 
 def _attempt(attempt: Attempt) -> list[str]:
-    """Return what the best attempt is, a line each."""
+    """Return the description of the best attempt, one line per item."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
         lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
@@ -125,7 +136,7 @@ def _attempt(attempt: Attempt) -> list[str]:
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[str]:
-    """Return the table of what was tried besides: with probabilities where they mean anything."""
+    """Return the table of alternatives, with probabilities if there are any."""
     tried = diagnosis.alternatives
     if all(a["probability"] is None for a in tried):
         rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]

@@ -25,7 +25,7 @@ RUN_OUT, PLAN_OUT = "out/run", "out/plan"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments; they are those of `RunSettings`."""
+    """Add the command's arguments, those of `RunSettings`."""
     default = RunSettings(structure="beam")
     parser.add_argument("structure", nargs="?", help="simulate this built-in structure (beam, grid) or structure file")
     parser.add_argument(
@@ -159,7 +159,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Run the experiment, or the plan, and write its folder."""
+    """Run an experiment or a plan, and write its folder.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if arguments.plan:
         return _run_plan(arguments)
     if not arguments.structure:
@@ -236,7 +247,7 @@ def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:
 
 
 def _run_plan(arguments: argparse.Namespace) -> Outcome:
-    """Perform what a plan's folder lacks of its records."""
+    """Perform the missing records of a plan."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     default = vars(parser.parse_args([]))

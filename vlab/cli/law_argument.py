@@ -1,4 +1,4 @@
-"""What a law that was made elsewhere achieves on a model: a user's own, or one from a law file."""
+"""Evaluation of a finished law on a model: user code or a law file."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,25 +20,28 @@ from vlab.lab.prediction import SampledLoop, loop_on
 
 
 def is_given(name: str) -> bool:
-    """Say whether a name means a law that was made elsewhere, not one to design."""
+    """Return whether a name means a finished law, not one to design."""
     return is_user_law(name) or is_law_file(name)
 
 
 def file_of(name: str) -> str:
-    """Return the file that the name of a law states, ``mine.py`` of ``mine.py:Class``; of any other the name itself."""
+    """Return the file in the name of a law, such as ``mine.py`` of ``mine.py:Class``.
+
+    A name without a file is returned unchanged.
+    """
     return code_of(name) or name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawArgument:
-    """A law in the laboratory's sampled loop around a model, with its hold, delay and filter.
+    """Law in the laboratory's sampled loop around a model, with hold, delay and filter.
 
     Parameters
     ----------
     law : LinearController
-        The law.
+        Control law.
     loop : SampledLoop
-        The loop.
+        Sampled loop.
     """
 
     law: LinearController
@@ -46,7 +49,22 @@ class LawArgument:
     fe: FeModel
 
     def describe(self, modes: tuple[int, ...], asked: Asked) -> dict[str, Any]:
-        """Return matrices, damping ratios in the sampled loop and, of a law without states, the continuous indices."""
+        """Return matrices, damping ratios of the sampled loop, and continuous indices.
+
+        A law with states has no continuous indices.
+
+        Parameters
+        ----------
+        modes : tuple of int
+            Reported modes, from 1.
+        asked : Asked
+            Settings of the design.
+
+        Returns
+        -------
+        dict
+            Plain data for JSON.
+        """
         if len(self.law.matrices[0]):  # its own poles lie among the structure's
             found = self.loop.mode_poles(modes)
             freq, zeta = np.array([p.hz for p in found]), np.array([p.zeta for p in found])
@@ -66,7 +84,7 @@ class LawArgument:
         }
 
     def _indices(self, modes: tuple[int, ...], asked: Asked) -> list[float | None]:
-        """Return (4.33) without delay; none for a law with states, or one that drives the model unstable."""
+        """Return (4.33) without delay; none for a law with states or an unstable loop."""
         model = state_model(self.fe)
         A, _, _, D = self.law.matrices
         same = self.law.sensors == model.channels and self.law.actuators == model.channels
@@ -77,12 +95,21 @@ class LawArgument:
 
 
 def load_law_argument(fe: FeModel, name: str, rate: float | None) -> LawArgument:
-    """Load a law and put it into the sampled loop of the laboratory.
+    """Load a law into the sampled loop of the laboratory.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
+    name : str
+        Name of the law.
     rate : float or None
-        Samples per second [Hz]; None for the law's own, or the laboratory's.
+        Sample rate [Hz]; None for that of the law or the laboratory.
+
+    Returns
+    -------
+    LawArgument
+        Law in its loop.
 
     Raises
     ------
@@ -98,7 +125,7 @@ def load_law_argument(fe: FeModel, name: str, rate: float | None) -> LawArgument
 
 
 def laboratory_for(law: LinearController | None, rate: float | None) -> Hardware:
-    """Return the laboratory's hardware at a rate [Hz]; at the law's own, or else the laboratory's, where none is given."""
+    """Return the laboratory's hardware at a rate [Hz], or at the rate of the law."""
     hardware, chosen = load_hardware(), rate or getattr(law, "rate", None)
     return hardware.at_rate(chosen) if chosen else hardware
 

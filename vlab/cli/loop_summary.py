@@ -1,4 +1,4 @@
-"""What control tests say in tables of text: the effort of the actuators, and the damping that a release shows."""
+"""Text tables of control tests: actuator effort and damping after a release."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,11 +10,22 @@ from vlab.lab.ring_down import ring_down
 from vlab.lab.run_folder import DoneRun
 
 LEAST_PERIODS = 2
-"""Of a periodic excitation in a record: fewer cannot be averaged; of four, the first half is left out to settle."""
+"""LEAST_PERIODS [-]: periods of a record for averaging. Of four periods, the first half settles."""
 
 
 def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return commands, forces and time at the limit of every actuator in some runs, by name of the run."""
+    """Return commands, forces and time at the limit of every actuator, by run.
+
+    Parameters
+    ----------
+    runs : mapping
+        Actuator data by name of the run.
+
+    Returns
+    -------
+    str
+        Text table.
+    """
     keys = ("command_rms", "command_peak", "force_rms", "force_peak")
     rows = [
         [run, part["at"], *(f"{part[key]:.4f}" for key in keys), part["unit"], f"{100 * part['saturated_share']:.2g} %"]
@@ -26,7 +37,7 @@ def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def ring_down_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return frequency and damping of every mode after a release, beside the predicted poles, by name of the run."""
+    """Return frequency and damping of every mode after a release, beside the predicted poles."""
     keys = ("mode", "predicted_hz", "hz", "predicted_zeta", "zeta", "zeta_envelope")
     rows = [[run, *(mode[key] for key in keys)] for run, modes in runs.items() for mode in modes]
     headers = ["run", "mode", "pole Hz", "released Hz", "pole zeta", "released zeta", "envelope zeta"]
@@ -34,7 +45,18 @@ def ring_down_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def loop_facts(done: DoneRun) -> dict[str, Any]:
-    """Return what a run asked of its actuators, and what its decay shows after a release, as plain data."""
+    """Return the effort of the actuators and the decay after a release as plain data.
+
+    Parameters
+    ----------
+    done : DoneRun
+        Completed run.
+
+    Returns
+    -------
+    dict
+        Plain data for JSON.
+    """
     document: dict[str, Any] = {"effort": done.effort}
     if isinstance(done.prepared.experiment.excitation, Release):
         try:
@@ -46,7 +68,20 @@ def loop_facts(done: DoneRun) -> dict[str, Any]:
 
 
 def loop_text(document: Mapping[str, Any]) -> str:
-    """Return those facts as text; nothing of actuators that no law drives and no limit holds."""
+    """Return the facts of a loop as text.
+
+    Actuators without a law and without a limit are omitted.
+
+    Parameters
+    ----------
+    document : mapping
+        Facts of `loop_facts`.
+
+    Returns
+    -------
+    str
+        Lines of text.
+    """
     lines = []
     effort = [part for part in document["effort"].values() if part["command_peak"] or part["saturated_share"]]
     if effort:
@@ -60,13 +95,26 @@ def loop_text(document: Mapping[str, Any]) -> str:
 
 
 def periods_of(excitation: Excitation | None, seconds: float) -> float | None:
-    """Return how many periods of a periodic excitation a record of some seconds holds, None of any other."""
+    """Return the number of excitation periods in a record; None without a period."""
     period = None if excitation is None else excitation.period_s
     return None if period is None else seconds / period
 
 
 def period_text(excitation: Excitation | None, seconds: float) -> str:
-    """Say in a line that a record is too short for a response without leakage, or nothing where it is not."""
+    """Return a warning line for a record too short for a response without leakage.
+
+    Parameters
+    ----------
+    excitation : Excitation or None
+        Excitation.
+    seconds : float
+        Duration of the record [s].
+
+    Returns
+    -------
+    str
+        Warning; empty for a sufficient record.
+    """
     periods = periods_of(excitation, seconds)
     if periods is None or periods >= LEAST_PERIODS - 1e-9:
         return ""

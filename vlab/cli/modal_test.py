@@ -23,11 +23,11 @@ from vlab.signals import KIND_UNITS, ModalModel, Recording
 from vlab.structure import load_structure
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
-"""Names by which the time column of a recording from elsewhere is known."""
+"""TIME_NAMES: names of the time column in foreign recordings."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
         "run",
         nargs="+",
@@ -105,7 +105,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Estimate responses and modes."""
+    """Estimate responses and modes.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     test = ModalTest(
         inputs=tuple(_name(text) for text in arguments.input),
         outputs=tuple(_name(text) for text in arguments.output),
@@ -176,7 +187,7 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
 
 
 def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Outcome:
-    """Report modes that dwells held, one a recording."""
+    """Report modes held by dwells, one per recording."""
     modes = [
         {
             "hz": d.hz if d.decay_hz is None else d.decay_hz,
@@ -208,7 +219,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
 def _against_plant(
     result: ModalTestResult, runs: Sequence[tuple[Recording, RunSettings | None]], folders: Sequence[str]
 ) -> tuple[list[FoundMode], ModalModel]:
-    """Compare with the linearised plant of the first run; all runs must be of that plant."""
+    """Compare with the linearised plant of the first run; all runs share that plant."""
     settings = [own.inside(Path(at)) for (_, own), at in zip(runs, folders, strict=True) if own is not None]
     first = settings[0] if len(settings) == len(runs) else None
     if first is None or any(not _same_plant(first, other) for other in settings):
@@ -242,7 +253,7 @@ def _name(text: str) -> str:
 
 
 def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder, a recording of vlab's own, or one from elsewhere whose columns the arguments name."""
+    """Load a run folder, a recording of vlab, or a foreign one with named columns."""
     if Path(path).is_dir():
         return load_run(path)
     table = open_table(path)
@@ -265,7 +276,7 @@ def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSetti
 
 
 def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
-    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; without a kind the numbers stay as they are."""
+    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; values stay unscaled without a kind."""
     name, equals, rest = text.partition("=")
     kind, _, unit = rest.partition(",")
     if equals and not kind:

@@ -17,7 +17,7 @@ from vlab.structure import load_structure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
         "--variant", default="published", help="model this variant of the structure: published (default) or physical"
@@ -47,7 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Compare FE model, plants and published values."""
+    """Compare FE model, plants and published values.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     structure = load_structure(arguments.structure)
     if (arguments.force or arguments.response) and not (arguments.force and arguments.out):
         raise BadStructure("responses are figures: give --force, where the force acts, and --out, the folder for them")
@@ -115,5 +126,5 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _moving(modes: ModalModel) -> Array:
-    """Return shapes of unit maximum with zeros for the rounding at points that are held: they agree by construction."""
+    """Return shapes of unit maximum, with zeros for rounding at fixed points."""
     return np.where(np.abs(modes.shapes) < SILENT, 0.0, modes.shapes)

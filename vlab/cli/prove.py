@@ -14,13 +14,13 @@ from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
 MOST_NAMED = 10
-"""Truths without salts that the text names."""
+"""MOST_NAMED [-]: most truths without salts named in the text."""
 MOST_SHOWN = 60
-"""Cases up to which the text lists every one."""
+"""MOST_SHOWN [-]: most cases listed one by one in the text."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("cases", nargs="?", help="diagnose the cases in this folder of vlab conceal; not with --quick")
     parser.add_argument(
         "--quick",
@@ -53,7 +53,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Diagnose concealed cases and score the answers."""
+    """Diagnose concealed cases and score the answers.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if bool(arguments.cases) == arguments.quick:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
     if arguments.baselines is not None and arguments.baselines < 0:
@@ -138,7 +149,7 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
 
 
 def _opened(found: dict[str, Any]) -> str:
-    """Say how the truths were opened, and how many each way."""
+    """Return a sentence on how the truths were opened, with counts."""
     again = found.get("truths_made_again", [])
     text = f"truths opened: {found['cases'] - len(again)} by the salt of their commitment"
     if not again:

@@ -26,7 +26,7 @@ from vlab.structure import load_structure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
         "table",
         nargs="*",
@@ -63,7 +63,18 @@ def _default_plants() -> str:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Print each cell published / ours / tolerance / ok."""
+    """Print published value, own value, tolerance and result of each cell.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments)
     if arguments.limit_cycle:
         return _limit_cycle(arguments)
@@ -121,14 +132,14 @@ def _table_lines(table: ReproducedTable) -> list[str]:
 
 
 def _shares(tables: Sequence[ReproducedTable], structure: str) -> dict[str, int]:
-    """Count the determined cells of a structure: all, inside the honest tolerance, inside the one they are held to."""
+    """Count the determined cells: all, within the honest tolerance, within the applied tolerance."""
     own = [table for table in tables if structure_of(table.table) == structure]
     held, honest = share(own), share(own, honest=True)
     return {"of": held.of, "inside_honest": honest.inside, "inside": held.inside}
 
 
 def _widened_lines(tables: Sequence[ReproducedTable]) -> list[str]:
-    """Name the cells whose tolerance was widened, and whether they need it."""
+    """Return the cells with a widened tolerance, and whether each needs it."""
     wide = widened(tables)
     if not wide:
         return []
@@ -171,7 +182,7 @@ def _figure(arguments: argparse.Namespace) -> Outcome:
 
 
 def _ratio_lines(document: dict[str, Any]) -> list[str]:
-    """Say how peak levels of analysis and experiment compare, and what the actuators did."""
+    """Return peak levels of analysis and experiment, and the actuator effort."""
     rows = [
         [
             part["panel"],
@@ -188,7 +199,7 @@ def _ratio_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _ring_down_lines(document: dict[str, Any]) -> list[str]:
-    """Say what damping the releases show beside the predicted poles, and what the actuators did."""
+    """Return damping of the releases beside the predicted poles, and the actuator effort."""
     parts = document["ring_downs"]
     table = ring_down_table({part["law"]: part["modes"] for part in parts})
     return [table, "", *_effort_lines({part["law"]: part["effort"] for part in parts})]
@@ -199,7 +210,7 @@ def _effort_lines(effort: dict[str, Any]) -> list[str]:
 
 
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
-    """Report what the model can and cannot explain of the limit cycle; with a folder, its time histories, too."""
+    """Report the explanations of the limit cycle; with a folder, also time histories."""
     from vlab.reproduce.limit_cycle.odds import limit_cycle_odds
     from vlab.reproduce.limit_cycle.runs import simulated_seconds
     from vlab.reproduce.limit_cycle.study import limit_cycle_report
@@ -232,7 +243,7 @@ def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
 
 
 def _history_lines(run: dict[str, Any]) -> list[str]:
-    """Say what a time history did beside what was predicted."""
+    """Return the outcome of a time history beside its prediction."""
     parts = []
     for name in ("simulated", "predicted"):
         told = run[name]

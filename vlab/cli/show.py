@@ -17,11 +17,11 @@ SAVE_IT = "With --save FILE.rrd what would be shown is written, and opens on any
 
 
 RRD = b"RRF"
-"""How Rerun's recordings begin, whatever their version."""
+"""RRD: first bytes of a Rerun recording of any version."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument("run", nargs="+", help="show this run folder or .rrd file, or two run folders over each other")
     parser.add_argument(
         "--save",
@@ -32,7 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Open the viewer and wait until it is closed, or write what two runs look like over each other."""
+    """Open the viewer until it is closed, or write two overlaid runs.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     paths = [Path(name) for name in arguments.run]
     if len(paths) > 2:
         raise BadRecording(f"{len(paths)} runs were given; one is shown, or two over each other")

@@ -1,1 +1,1 @@
-"""The demonstration: the whole story on the beam."""
+"""Demonstration on the beam."""

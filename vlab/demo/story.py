@@ -1,5 +1,4 @@
-"""The whole story on the beam, in one page: cross-check, controlled experiment, something concealed in the beam and found from
-its recordings alone, and real recordings beside their model."""
+"""Demonstration on the beam: cross-check, control, concealed effect, real recordings."""
 
 import json
 import time
@@ -28,13 +27,14 @@ from vlab.signals import Array, FrequencyResponse
 
 BAND = (0.3, 30.0)
 OPEN_LOOP_S = 120.0
-"""The lightest mode takes 21 s to decay to a third: long enough for it to settle in the first half."""
+"""OPEN_LOOP_S [s]: duration of the open-loop record; the lightest mode decays to a third in 21 s and settles in the
+first half."""
 CASES = ("cases/avc_cantilever/free_decay.toml", "cases/avc_cantilever/closed_loop_identified_observer.toml")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopTest:
-    """One experiment of the demo with what theory says of it."""
+    """Experiment of the demonstration with its predicted response."""
 
     label: str
     prepared: PreparedRun
@@ -53,20 +53,20 @@ HIDDEN = (
     "one-sided-stiffness@40in:stiffness=30N/m,gap=0.0001m",
     "quadratic-drag@30in:coefficient=30N s^2/m^2",
 )
-"""What may be concealed; the seed draws one of them."""
+"""HIDDEN: effects for concealment; the seed draws one."""
 SECONDS = 8.0
 LEVELS = {"quiet": 0.03, "loud": 0.15, "held-out": 0.08}
-"""Length of the records of the concealed test, and the rms of their excitation [N]."""
+"""LEVELS [N]: rms of the excitation of each record of the concealed test."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConcealedTest:
-    """Experiments with something concealed in the beam, and what was said of them before the truth was read.
+    """Experiments with a concealed effect, and the diagnosis before the truth was read.
 
     Parameters
     ----------
     truth : str
-        The effect as it was drawn: name, place and values.
+        Drawn effect: name, place and values.
     """
 
     done: Diagnosed
@@ -84,7 +84,7 @@ class ConcealedTest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demo:
-    """Everything that the demo found."""
+    """Results of the demonstration."""
 
     tables: list[ReproducedTable]
     check: CrossCheck
@@ -95,7 +95,7 @@ class Demo:
     seconds: float
 
     def damping_rows(self) -> list[list[Any]]:
-        """Return predicted and identified closed-loop frequencies and damping ratios, mode by mode."""
+        """Return predicted and identified frequencies and damping ratios of the closed loop."""
         test = self.closed_loop
         assert test.poles is not None
         assert test.predicted_freq is not None
@@ -107,14 +107,21 @@ class Demo:
 
 
 def run_demo(folder: Path, *, seed: int = 0, progress: Callable[[str], None] = lambda text: None) -> Demo:
-    """Run the demo; about two minutes on two cores.
+    """Run the demonstration; about two minutes on two cores.
 
     Parameters
     ----------
     folder : Path
-        Gets ``concealed``, a case with recordings alone, and ``concealed-truth``.
+        Receives ``concealed``, a case with recordings alone, and ``concealed-truth``.
     seed : int
-        Draws what is concealed.
+        Seed of the concealed effect.
+    progress : callable
+        Receives the present step.
+
+    Returns
+    -------
+    Demo
+        Results of all parts.
     """
     begun = time.perf_counter()
     progress("published tables")
@@ -144,7 +151,7 @@ def run_demo(folder: Path, *, seed: int = 0, progress: Callable[[str], None] = l
 
 
 def _concealed(folder: Path, seed: int, progress: Callable[[str], None]) -> ConcealedTest:
-    """Perform a concealed plan, diagnose the case that it leaves, then read the truth."""
+    """Perform a concealed plan, diagnose its case, then read the truth."""
     progress("experiments with something concealed in the beam")
     hidden = HIDDEN[int(np.random.default_rng(seed).integers(len(HIDDEN)))]
     records = tuple(
@@ -197,7 +204,7 @@ def _experiment(label: str, prepared: PreparedRun) -> LoopTest:
 
 
 def _identified(test: LoopTest) -> LoopTest:
-    """Add the closed-loop poles, identified from the time histories and predicted by the sampled loop."""
+    """Add closed-loop poles, identified from the time histories and predicted by the sampled loop."""
     law, fe = test.prepared.law, test.prepared.fe_model()
     assert isinstance(law, DirectRateFeedback)
     rate = test.prepared.hardware.converter.rate

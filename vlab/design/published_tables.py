@@ -15,18 +15,18 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedTable:
-    """One table.
+    """Published table.
 
     Parameters
     ----------
     number : str
-        As the dissertation numbers it.
+        Number in the dissertation.
     part : str
-        Which of several tables under one number.
+        Part of a table with several parts under one number.
     units : tuple of str
         Unit of each column.
     cells : tuple of tuple of float
-        As printed.
+        Values as printed.
     """
 
     number: str
@@ -57,23 +57,26 @@ class PublishedTable:
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedDesign:
-    """What the designs of a section were asked for; numbers as printed, in inches, pounds and centiseconds.
+    """Settings of the published designs of a section, as printed.
+
+    Units are inches, pounds and centiseconds.
 
     Parameters
     ----------
     name, section : str
+        Name of the design and section of the dissertation.
     model : str
-        The reduced model of the controllers: ``"exact"`` or ``"corrected-guyan"``.
+        Reduced model of the controllers: ``"exact"`` or ``"corrected-guyan"``.
     weights : str
         ``"identity"`` for Q = q I, ``"energy"`` for Q = diag(M, K).
     q, r : float
-        Q = q I and R = r I.
+        Weights Q = q I and R = r I.
     v1, v2, alpha : float
-        V_1 = v1 I, V_2 = v2 I and the stability margin of the Kalman filter.
+        Intensities V_1 = v1 I and V_2 = v2 I, and stability margin of the Kalman filter.
     damped_modes, zeta_min : int and float
-        n_m and zeta_L: the first modes must have this damping ratio.
+        Number n_m of the first modes with a damping ratio of at least zeta_L.
     index_modes : int
-        n_f: LQDRF minimises the indices of the first shapes.
+        Number n_f of initial shapes in the indices of LQDRF.
     """
 
     name: str
@@ -101,7 +104,10 @@ class _Tables:
 
 @lru_cache(maxsize=8)
 def _published(structure: str) -> Any:
-    """Read the tables of a structure once; they are frozen, and a reproduction asks for them dozens of times."""
+    """Read the frozen tables of a structure once.
+
+    A reproduction uses the tables dozens of times.
+    """
     try:
         path = asset(f"published/{structure}.toml")
     except LookupError:
@@ -111,13 +117,33 @@ def _published(structure: str) -> Any:
 
 
 def published_tables(structure: str) -> tuple[PublishedTable, ...]:
-    """Return the published tables of a structure, or none where nothing was published."""
+    """Return the published tables of a structure; empty without publication."""
     content = _published(structure)
     return () if content is None else tuple(content.table)
 
 
 def published_table(structure: str, number: str, part: str = "") -> PublishedTable:
-    """Return one table, or raise `UnknownName` with the ones there are."""
+    """Return one published table.
+
+    Parameters
+    ----------
+    structure : str
+        Built-in structure.
+    number : str
+        Number of the table.
+    part : str
+        Part of the table, if there are several.
+
+    Returns
+    -------
+    PublishedTable
+        Table as printed.
+
+    Raises
+    ------
+    UnknownName
+        There is no such table; the message lists the available ones.
+    """
     tables = published_tables(structure)
     for table in tables:
         if table.number == number and table.part == part:
@@ -128,13 +154,31 @@ def published_table(structure: str, number: str, part: str = "") -> PublishedTab
 
 
 def published_designs(structure: str) -> tuple[PublishedDesign, ...]:
-    """Return what the published designs of a structure were asked for, or none."""
+    """Return the settings of the published designs of a structure; empty without publication."""
     content = _published(structure)
     return () if content is None else tuple(content.design)
 
 
 def published_design(structure: str, name: str = "identity") -> PublishedDesign:
-    """Return one of them, or raise `UnknownName` with the ones there are."""
+    """Return the settings of one published design.
+
+    Parameters
+    ----------
+    structure : str
+        Built-in structure.
+    name : str
+        Name of the design.
+
+    Returns
+    -------
+    PublishedDesign
+        Settings as printed.
+
+    Raises
+    ------
+    UnknownName
+        There is no such design; the message lists the available ones.
+    """
     designs = published_designs(structure)
     for design in designs:
         if design.name == name:

@@ -1,1 +1,1 @@
-"""One-file HTML reports."""
+"""HTML reports in one file."""

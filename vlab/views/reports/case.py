@@ -1,4 +1,4 @@
-"""Sections of a report, and a Rerun file, about a case: recordings beside their model."""
+"""Report and Rerun file of a case: recordings beside their model."""
 
 from pathlib import Path
 
@@ -23,7 +23,18 @@ HEADERS = (
 
 
 def misfit_rows(comparison: Comparison) -> list[list[object]]:
-    """Return one row a recording and channel, under `HEADERS`."""
+    """Return one row per recording and channel, under `HEADERS`.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Comparison of the case.
+
+    Returns
+    -------
+    list of list of object
+        Cells of each row.
+    """
     rows: list[list[object]] = []
     for run in comparison.runs:
         for m in run.misfits:
@@ -41,7 +52,18 @@ def misfit_rows(comparison: Comparison) -> list[list[object]]:
 
 
 def case_sections(comparison: Comparison) -> list[Section]:
-    """Return the misfit table and one overlay a recording and channel."""
+    """Return the residual table and one overlay per recording and channel.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Comparison of the case.
+
+    Returns
+    -------
+    list of Section
+        Sections in reading order.
+    """
     return [
         Section(
             title=comparison.case.table.title,
@@ -67,7 +89,10 @@ def _overlays(run: RunComparison) -> list[tuple[str, str]]:
 
 
 def write_case(comparison: Comparison, folder: Path) -> None:
-    """Write ``report.html`` and ``run.rrd`` of a comparison into a folder; the Rerun file shows the first recording."""
+    """Write ``report.html`` and ``run.rrd`` of a comparison.
+
+    The Rerun file shows the first recording.
+    """
     write_report(folder / "report.html", title=comparison.case.table.title, sections=case_sections(comparison))
     first = next((run for run in comparison.runs if run.misfits), None)
     if first is None:

@@ -1,4 +1,4 @@
-"""Figures of control tests: the drawing as SVG, its data as CSV, its numbers as JSON."""
+"""Figures of control tests: SVG, CSV data and JSON numbers."""
 
 import csv
 import json
@@ -16,14 +16,27 @@ from vlab.views.figures import to_svg
 from vlab.views.figures.style import GREY, as_text, draw_legend, draw_line, stacked_axes, styled
 
 PRINTED = {"displacement": ("in/lbf", "m/N"), "velocity": ("in/s/lbf", "m/s/N")}
-"""The units of the dissertation's figures, and ours."""
+"""PRINTED: units of the dissertation's figures, and SI units."""
 ENVELOPE_POINTS = 400
 RESPONSE_HEADERS = ("panel", "curve", "frequency_hz", "real", "imaginary", "unit", "coherence")
 RELEASE_HEADERS = ("law", "channel", "time_s", "value", "unit")
 
 
 def write_control_figure(folder: Path, figure: ControlFigure) -> list[str]:
-    """Write a figure into a folder as ``figure-NUMBER.svg``, ``.csv`` (SI) and ``.json``; return the names."""
+    """Write a figure as ``figure-NUMBER.svg``, ``.csv`` (SI) and ``.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Output folder.
+    figure : ControlFigure
+        Figure with its data.
+
+    Returns
+    -------
+    list of str
+        Names of the files.
+    """
     stem = figure.number if figure.ring_downs else f"figure-{figure.number}"
     names = [f"{stem}.{kind}" for kind in ("svg", "csv", "json")]
     drawn = ring_down_figure(figure) if figure.ring_downs else control_figure_drawing(figure)
@@ -55,7 +68,18 @@ def _release_rows(releases: Sequence[RingDown]) -> Iterator[tuple[Any, ...]]:
 
 @styled
 def control_figure_drawing(figure: ControlFigure) -> Figure:
-    """Draw the magnitude of every response over frequency, a panel each, in the units of the dissertation."""
+    """Draw the magnitude of every response over frequency, in printed units.
+
+    Parameters
+    ----------
+    figure : ControlFigure
+        Figure with its data.
+
+    Returns
+    -------
+    Figure
+        Figure with one panel per response.
+    """
     unit, si = PRINTED[figure.quantity]
     drawing, axes = stacked_axes(len(figure.panels), each=2.4 if len(figure.panels) == 1 else 1.8)
     handles: dict[str, Any] = {}
@@ -85,7 +109,18 @@ def control_figure_drawing(figure: ControlFigure) -> Figure:
 
 @styled
 def ring_down_figure(figure: ControlFigure) -> Figure:
-    """Draw every release, with the envelope that the pole of the first mode predicts."""
+    """Draw every release with the envelope of the predicted first pole.
+
+    Parameters
+    ----------
+    figure : ControlFigure
+        Figure with its data.
+
+    Returns
+    -------
+    Figure
+        Figure with one panel per release.
+    """
     drawing, axes = stacked_axes(len(figure.ring_downs), each=1.4)
     handles: dict[str, Any] = {}
     for row, part in zip(axes, figure.ring_downs, strict=True):

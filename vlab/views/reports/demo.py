@@ -1,4 +1,4 @@
-"""The demo's page."""
+"""Report of the demonstration."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from vlab.views.reports.page import Section, write_report
 from vlab.views.rerun.scene import write_run
 
 OBSERVED = "probe:30in"
-"""Response at grid point 6 to excitation at grid point 9, as in Figures 4 and 22."""
+"""OBSERVED: response at grid point 6 to excitation at grid point 9, as in Figures 4 and 22."""
 
 
 def write_demo(demo: Demo, folder: Path) -> None:
-    """Write the demo's page ``report.html``, its Rerun file ``run.rrd``, and its two main figures by themselves."""
+    """Write ``report.html``, ``run.rrd`` and the two main figures of the demonstration."""
     closed = demo.closed_loop
     write_run(
         folder / "run.rrd",

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: what is missing, where, by which law, how much better it fits, and what was not excluded."""
+"""Report of a diagnosis: findings, places, laws, gap closed, open alternatives."""
 
 import json
 import math
@@ -40,22 +40,34 @@ from vlab.views.reports.rejected_case import write_stopped
 from vlab.views.rerun.diagnosis import write_scene
 
 FIGURES = {"Measured, calibrated and extended": "overlay.svg", "The missing force": "missing-force.svg"}
-"""Sections whose first figure is written by itself as well."""
+"""FIGURES: sections whose first figure is also a file."""
 OVERLAYS = 4
-"""Most channels that are drawn over time: the worst of every recording in turn."""
+"""OVERLAYS [-]: most channels drawn over time, the worst of every recording in turn."""
 NOTHING = "no added physics"
 VALUES = ("effect", "place", "parameter", "value", "unit", "90 % interval")
 ROWS = 24
-"""Most rows of the mismatch picture and of the calibrated parameters."""
+"""ROWS [-]: most rows of the mismatch picture and of the calibrated parameters."""
 REPRODUCED = 0.05
-"""The written model counts as reproducing the diagnosis where its NRMSE differs by less than this share of it: MuJoCo's own
-elements take their step a little differently from a law that acts as a force."""
+"""REPRODUCED [-]: relative NRMSE difference up to which the written model reproduces the diagnosis. MuJoCo integrates
+its own elements slightly differently from a law that acts as a force."""
 
 
 def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
-    """Write ``diagnosis.json``, ``report.html``, its main figures, ``run.rrd`` and the extended model; return the report's sections.
+    """Write ``diagnosis.json``, ``report.html``, main figures, ``run.rrd`` and the extended model.
 
-    Of one that ended before its search there is only the report.
+    A diagnosis that ended before its search has a report only.
+
+    Parameters
+    ----------
+    done : Done or RejectedCase
+        Completed diagnosis, or rejected case.
+    folder : Path
+        Output folder.
+
+    Returns
+    -------
+    list of Section
+        Sections of the report.
 
     Raises
     ------
@@ -93,7 +105,20 @@ def _number(value: float) -> str:
 
 
 def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Section]:
-    """Return the sections of the report in reading order."""
+    """Return the sections of the report in reading order.
+
+    Parameters
+    ----------
+    done : Done
+        Completed diagnosis.
+    files : ExtendedModelFiles or None
+        Files of the extended model, if written.
+
+    Returns
+    -------
+    list of Section
+        Sections of the report.
+    """
     diagnosis = done.diagnosis
     out = [_found(done), _drawing(done)]
     if isinstance(done, FrequencyDiagnosed):
@@ -156,7 +181,7 @@ def _found(done: Done) -> Section:
 
 
 def _values(findings: Sequence[Finding]) -> list[list[Any]]:
-    """Return the parameters of findings, a row each."""
+    """Return the parameters of findings, one row each."""
     return [
         [f.name, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
         for f in findings
@@ -197,7 +222,10 @@ def _drawing(done: Done) -> Section:
 
 
 def _marks(done: Done) -> list[tuple[str, float]]:
-    """Return the places to mark with their probabilities: of the first finding all that hold 90 %, of others the best."""
+    """Return the marked places with probabilities.
+
+    The first finding has its 90 % credible set, each further finding its best place.
+    """
     marks: dict[str, float] = {}
     for finding in done.diagnosis.findings:
         first = done.choice.best.terms[0].effect.name if done.choice.best.terms else ""
@@ -208,7 +236,7 @@ def _marks(done: Done) -> list[tuple[str, float]]:
 
 
 def _chosen(checked: Sequence[Checked]) -> list[tuple[Checked, str]]:
-    """Return recordings and channels to draw: the worst channel of every recording, then the second worst, ..."""
+    """Return recordings and channels for drawing, the worst channel of each recording first."""
     orders = [sorted(c.channels, key=lambda n, c=c: -_finite_or(c.channels[n][1])) for c in checked]  # type: ignore[misc]
     depth = max((len(order) for order in orders), default=0)
     return [(c, order[k]) for k in range(depth) for c, order in zip(checked, orders, strict=True) if k < len(order)]
@@ -251,7 +279,7 @@ def _overlays(done: Diagnosed) -> Section:
 
 
 def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
-    """Return the terms whose forces are shown: those found, or where none explains enough the best one that was tried."""
+    """Return the terms with drawn forces: the findings, or else the best tried term."""
     if done.diagnosis.findings or done.diagnosis.verdict != "none-of-these":
         return done.fit.terms
     attempt = done.diagnosis.attempt

@@ -1,4 +1,4 @@
-"""The parts of a diagnosis' report that are of frequency responses and tables of modes, and their Rerun file."""
+"""Report sections and Rerun file of a diagnosis in frequency."""
 
 import hashlib
 import uuid
@@ -20,12 +20,23 @@ from vlab.views.rerun.documents import fact_list, log_document
 from vlab.views.rerun.rrd import blueprint, plain, rrd_file
 
 DRAWN = 6
-"""Most responses that are drawn: the worst output of every set of data in turn."""
+"""DRAWN [-]: most drawn responses, the worst output of every data set in turn."""
 MODELS = ("nominal", "calibrated", "extended")
 
 
 def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
-    """Return the overlays of the data that were checked, and the mismatch without any hypothesis."""
+    """Return the overlays of the checked data, and the mismatch without any hypothesis.
+
+    Parameters
+    ----------
+    done : FrequencyDiagnosed
+        Completed diagnosis in frequency.
+
+    Returns
+    -------
+    list of Section
+        Sections in reading order.
+    """
     what = (
         "Held-out data: the search never saw them."
         if done.diagnosis.is_held_out
@@ -47,7 +58,18 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
 
 
 def figures(done: FrequencyDiagnosed) -> list[tuple[str, Figure, str]]:
-    """Return name, figure and caption of what is drawn."""
+    """Return name, figure and caption of each drawing.
+
+    Parameters
+    ----------
+    done : FrequencyDiagnosed
+        Completed diagnosis in frequency.
+
+    Returns
+    -------
+    list of (name, Figure, caption)
+        Drawings.
+    """
     diagnosis = done.diagnosis
     is_extended = bool(diagnosis.findings) or diagnosis.attempt is not None
     models = MODELS if is_extended else MODELS[:2]
@@ -138,7 +160,18 @@ def _mismatch(done: FrequencyDiagnosed) -> Section:
 
 
 def write_frequency_scene(path: Path, done: FrequencyDiagnosed, *, title: str, verdict: str) -> None:
-    """Write a Rerun file with the figures of a diagnosis in frequency and its facts.
+    """Write a Rerun file with figures and facts of a diagnosis in frequency.
+
+    Parameters
+    ----------
+    path : Path
+        Output file.
+    done : FrequencyDiagnosed
+        Completed diagnosis in frequency.
+    title : str
+        Title of the scene.
+    verdict : str
+        Verdict in one sentence.
 
     Raises
     ------

@@ -1,11 +1,22 @@
-"""A diagnosis in a few plain sentences."""
+"""Summary of a diagnosis in plain sentences."""
 
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
 
 
 def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
-    """Return the verdict in one plain sentence."""
+    """Return the verdict in one plain sentence.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Completed diagnosis.
+
+    Returns
+    -------
+    str
+        Sentence with gap or residual.
+    """
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
     spoilt_note = any(c.is_spoilt for c in diagnosis.checked)
@@ -46,7 +57,18 @@ def _ratio(error: float | None, noise: float | None) -> str:
 
 
 def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
-    """Return the paragraphs under the title: the verdict, what it means, and what limits it."""
+    """Return the paragraphs under the title: verdict, findings, notes, next measurement.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Completed diagnosis.
+
+    Returns
+    -------
+    list of str
+        Paragraphs.
+    """
     diagnosis = done.diagnosis
     out = [verdict_sentence(done)]
     for finding in diagnosis.findings:

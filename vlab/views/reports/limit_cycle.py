@@ -1,4 +1,4 @@
-"""The folder of the 41 Hz study: what the model says as JSON, and its figures."""
+"""Output folder of the 41 Hz study: JSON document and figures."""
 
 import json
 from collections.abc import Callable
@@ -29,18 +29,27 @@ def write_limit_cycle(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Write limit-cycle.json and its figures into a folder; return the document.
+    """Write limit-cycle.json and figures; return the document.
 
     Parameters
     ----------
     folder : Path
-        Exists already.
+        Existing output folder.
+    structure : Structure
+        Structure.
     odds : dict
-        Of the explanations, as `vlab.reproduce.limit_cycle.odds` gives them.
+        Odds of the explanations, from `vlab.reproduce.limit_cycle.odds`.
     seconds : float
         Duration of the simulated experiments [s].
+    seed : int
+        Seed of the experiments.
     progress : callable or None
-        Called with the simulated seconds done, of `simulated_seconds` in all.
+        Receives the simulated time [s], of `simulated_seconds` in all.
+
+    Returns
+    -------
+    dict
+        Document.
     """
     hardware, law = load_hardware().at_rate(RATE), published_way(structure, "lqg", rate=RATE).controller
     fe = build_fe_model(structure)

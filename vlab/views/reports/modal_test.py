@@ -1,4 +1,4 @@
-"""The page of a modal test: one HTML file with its tables and figures."""
+"""Report of a modal test: tables and figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,16 +16,17 @@ from vlab.views.figures.modal_test import distortion_figure, indicator_figure, s
 from vlab.views.reports.page import Section, write_report
 
 DRAWN = 8
-"""Most responses, and most outputs with their distortion, that are drawn; the numbers of all are in the JSON."""
+"""DRAWN [-]: most drawn responses, and most outputs with drawn distortion; the JSON holds all numbers."""
 DISTORTED = 2
 MUCH_LEFT = 0.1
-"""Misfit, relative to the responses, from which is said where it lies."""
+"""MUCH_LEFT [-]: relative residual above which its frequency band is reported."""
 RINGING = 0.03
-"""Part of a transient, left where averaging begins, from which it is said: it moves damping by some per cent."""
+"""RINGING [-]: remaining transient at the start of averaging above which it is reported; it biases damping by some per
+cent."""
 
 
 def found_rows(found: Sequence[FoundMode]) -> list[list[Any]]:
-    """Return one row a mode of the plant, under `FOUND_HEADERS`."""
+    """Return one row per mode of the plant, under `FOUND_HEADERS`."""
     return [
         [i + 1, m.hz, m.found_hz, 100 * m.hz_error, m.zeta, m.found_zeta, 100 * m.zeta_error, m.mac, m.ok]
         for i, m in enumerate(found)
@@ -38,14 +39,25 @@ LEVEL_HEADERS = ("output", "noise dB", "nonlinear dB", "even lines dB", "odd lin
 
 
 def mode_rows(result: ModalTestResult) -> list[list[Any]]:
-    """Return one row a mode, under `MODE_HEADERS`."""
+    """Return one row per mode, under `MODE_HEADERS`."""
     e = result.poles
     columns = zip(e.freq, e.freq_sd, e.zeta, e.zeta_sd, e.confidence, strict=True)
     return [[i + 1, *(float(v) for v in values)] for i, values in enumerate(columns)]
 
 
 def doubts(result: ModalTestResult) -> list[str]:
-    """Return what a reader should know before believing the modes, a sentence each."""
+    """Return the reservations about the modes, one sentence each.
+
+    Parameters
+    ----------
+    result : ModalTestResult
+        Result of the modal test.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
     out = []
     if result.poles.residual > MUCH_LEFT:
         low, high = result.misfit_band()
@@ -75,7 +87,7 @@ def doubts(result: ModalTestResult) -> list[str]:
 
 
 def level_rows(levels: Sequence[dict[str, Any]]) -> list[list[Any]]:
-    """Return one row an output of noise and distortion relative to the linear output, under `LEVEL_HEADERS`."""
+    """Return noise and distortion relative to the linear output, under `LEVEL_HEADERS`."""
     keys = ("noise_db", "nonlinear_db", "even_db", "odd_db")
     return [[row["output"], *(_level(row[key]) for key in keys)] for row in levels]
 
@@ -94,12 +106,18 @@ def write_modal_test(
     found: Sequence[FoundMode] = (),
     true: ModalModel | None = None,
 ) -> None:
-    """Write ``report.html`` and every figure as SVG into a folder.
+    """Write ``report.html`` and every figure as SVG.
 
     Parameters
     ----------
+    result : ModalTestResult
+        Result of the modal test.
+    folder : Path
+        Output folder.
+    title : str
+        Title of the page.
     found, true : sequence of FoundMode, and ModalModel
-        The plant's own modes beside those of the test, where the recordings are simulated.
+        Modes of the simulated plant beside those of the test.
     """
     figures: dict[str, tuple[str, str]] = {}
 
@@ -180,7 +198,7 @@ def _shapes(result: ModalTestResult, true: ModalModel | None, draw: Any) -> Sect
 
 
 def _paired(result: ModalTestResult, true: ModalModel) -> Array:
-    """Return the plant's shape of each mode found, largest component 1, NaN where it has none."""
+    """Return the plant's shape of each identified mode, largest component 1, NaN without a pair."""
     out = np.full((len(result.mean.outputs), result.poles.freq.size), np.nan)
     pairing = match_modes(true, result.poles.to_modal_model())
     for a, b in zip(pairing.a, pairing.b, strict=True):
@@ -225,7 +243,7 @@ def _distortion(part: Any, draw: Any) -> Section:
 
 
 def write_dwells(dwells: Sequence[DwellResult], folder: Path, *, title: str) -> None:
-    """Write ``report.html`` of modes held by dwells into a folder."""
+    """Write ``report.html`` of modes held by dwells."""
     headers = ("mode", "driven Hz", "indicator", "decay Hz", "decay zeta", "decay residual")
     rows = [[i + 1, d.hz, d.indicator, d.decay_hz, d.decay_zeta, d.decay_residual] for i, d in enumerate(dwells)]
     shapes = [[name, *(float(d.shape[k]) for d in dwells)] for k, name in enumerate(dwells[0].outputs)]

@@ -1,4 +1,4 @@
-"""Reports: one HTML file with its figures inside, readable offline and for years; everything in it is escaped."""
+"""HTML reports in one file, readable offline, with all content escaped."""
 
 import math
 import re
@@ -23,28 +23,28 @@ _SVG_TAGS = {
 
 
 class BadFigure(VlabError, ValueError):
-    """A figure that is not a plain SVG drawing."""
+    """Figure that is not a plain SVG drawing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of a report.
+    """Part of a report.
 
     Parameters
     ----------
     title : str
-        Its heading.
+        Heading.
     text : sequence of str
         Paragraphs.
     tables : sequence of (headers, rows)
-        Cells may be text or numbers; floats are printed with four digits, None and NaN as a dash.
+        Text or numbers; floats have four digits, None and NaN a dash.
     figures : sequence of (svg, caption)
-        Drawings as `vlab.views.figures.to_svg` returns them.
+        Drawings of `vlab.views.figures.to_svg`.
 
     Raises
     ------
     BadFigure
-        A drawing that is not SVG, or that holds scripts or references to elsewhere.
+        A drawing is not SVG, or holds scripts or external references.
     """
 
     title: str
@@ -64,16 +64,23 @@ class Section:
 
 
 def write_report(path: Path | str, *, title: str, sections: Sequence[Section], summary: Sequence[str] = ()) -> Path:
-    """Write a report as one HTML file that needs nothing else.
+    """Write a report as one self-contained HTML file.
 
     Parameters
     ----------
     path : path
-        It appears whole or not at all.
+        Output file, which appears whole or not at all.
+    title : str
+        Title of the page.
     sections : sequence of Section
-        In reading order.
+        Sections in reading order.
     summary : sequence of str
         Paragraphs under the title.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------
@@ -101,17 +108,20 @@ def _environment() -> Environment:
 
 
 def _plain(value: object) -> object:
-    """Return what a page shows of a text from data: no control characters, no turned direction; drawings as they are."""
+    """Return a text from data without control characters and direction marks; drawings stay unchanged."""
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _number_columns(rows: Sequence[Sequence[object]]) -> list[bool]:
-    """Return which columns are set flush right: those with nothing but numbers, so that a place called 40in is none."""
+    """Return the flush-right columns: those with nothing but numbers.
+
+    A column of places such as 40in is text.
+    """
     return [all(_is_number(value) for value in column) for column in zip(*rows, strict=True)]
 
 
 def _is_number(value: object) -> bool:
-    """Whether a cell is a number, or text that reads like one, with a unit or without."""
+    """Return whether a cell is a number, or reads like one with or without a unit."""
     if isinstance(value, str):
         return re.fullmatch(r"\s*[-–]?\s*|\s*[-+±]?\d[\d.,]*(e[-+]?\d+)?\s*(%|[A-Za-z/²]{1,4})?\s*", value) is not None
     return value is None or isinstance(value, (int, float)) or hasattr(value, "dtype")
@@ -128,12 +138,12 @@ def _cell(value: object) -> str:
 
 
 def _check_svg(svg: str, caption: str) -> None:
-    """Refuse what is more than a drawing: it goes into the page as it is.
+    """Refuse an SVG with more than a drawing, for it enters the page unchanged.
 
     Raises
     ------
     BadFigure
-        Not well-formed, a document type, an element or a reference that a drawing does not need.
+        The text is not well-formed, or has a document type or an element or reference foreign to drawings.
     """
     if not svg.lstrip().startswith("<svg") or "<!" in svg:
         raise BadFigure(f"figure {caption!r} is not an <svg> element; make it with vlab.views.figures.to_svg")

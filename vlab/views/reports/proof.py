@@ -1,4 +1,4 @@
-"""The page of a campaign of concealed cases: what was counted, with intervals, figures and the failures by name."""
+"""Report of a campaign of concealed cases: counts, intervals, figures, failures."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +13,14 @@ from vlab.views.reports.page import Section, write_report
 
 
 def write_proof(found: Mapping[str, Any], path: Path) -> None:
-    """Write a score, as `vlab.proof.prove.prove` returns it, as one HTML page.
+    """Write a score of `vlab.proof.prove.prove` as one HTML page.
+
+    Parameters
+    ----------
+    found : mapping
+        Score.
+    path : Path
+        Output file.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def evidence_figure(found: Mapping[str, Any]) -> str:
 def _rates(
     measures: Sequence[Mapping[str, Any]],
 ) -> list[tuple[str, int, int, tuple[float, float], tuple[float | None, float | None]]]:
-    """Return the rows of `rates_figure`: what was counted at least once."""
+    """Return the rows of `rates_figure` with at least one count."""
     rows = []
     for m in measures:
         if "count" not in m or not m["of"]:
@@ -118,7 +125,7 @@ def _detection(found: Mapping[str, Any]) -> Section:
 
 
 def _limits(d: Mapping[str, Any]) -> list[Any]:
-    """Return the count of what was detected, and the sizes at which half and nine in ten are."""
+    """Return the detected count, and the sizes at 50 % and 90 % detection."""
     return [d["detected"], *(_limit(d, key) for key in ("size_50", "size_90"))]
 
 

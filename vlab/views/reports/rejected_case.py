@@ -1,4 +1,4 @@
-"""The report of a diagnosis that ended before its search: what is wrong with the files, and the model as given beside them."""
+"""Report of a rejected case: file faults, and recordings beside the nominal model."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,19 @@ from vlab.views.reports.page import Section, write_report
 
 
 def write_stopped(done: RejectedCase, folder: Path) -> list[Section]:
-    """Write ``diagnosis.json`` and ``report.html``; return the report's sections.
+    """Write ``diagnosis.json`` and ``report.html`` of a rejected case.
+
+    Parameters
+    ----------
+    done : RejectedCase
+        Rejected case.
+    folder : Path
+        Output folder.
+
+    Returns
+    -------
+    list of Section
+        Sections of the report.
 
     Raises
     ------

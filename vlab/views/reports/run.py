@@ -1,4 +1,4 @@
-"""The page of a run: traces, spectra, frequency responses, the effort of the actuators, and what was run."""
+"""Report of a run: traces, spectra, frequency responses, actuator effort, settings."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -12,23 +12,32 @@ from vlab.views.reports.page import Section, write_report
 from vlab.views.rerun.documents import PICTURES, run_facts
 
 CHANNELS = 8
-"""Most channels that are drawn; the page says how many there are."""
+"""CHANNELS [-]: most drawn channels; the page states their total."""
 POINTS = 800
-"""Of a trace: its extremes at twice the resolution of the page."""
+"""POINTS [-]: points of a drawn trace, its extremes at twice the resolution of the page."""
 STRETCH_S = 2.0
-"""What is drawn of the end of a long run besides the whole [s]."""
+"""STRETCH_S [s]: enlarged stretch at the end of a long run."""
 EFFORT = ("actuator", "unit", "command, rms", "largest", "force with excitation, rms", "largest", "at the limit %")
 
 
 def write_run_report(
     path: Path, done: DoneRun, frf: FrequencyResponse | None, analytical: FrequencyResponse | None
 ) -> Path:
-    """Write the page of a run on a structure.
+    """Write the report of a run on a structure.
 
     Parameters
     ----------
+    path : Path
+        Output file.
+    done : DoneRun
+        Completed run.
     frf, analytical : FrequencyResponse or None
-        Measured in the run, and what the FE model expects of the same loop.
+        Measured response, and the FE model's response in the same loop.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------
@@ -102,7 +111,7 @@ def _histories(recording: Recording, high_hz: float | None) -> Section:
 
 
 def _shown(recording: Recording) -> list[Channel]:
-    """Return the channels that are drawn: what drives, the largest forces, the first sensors."""
+    """Return the drawn channels: drives, largest forces, first sensors."""
     driving = [c for c in recording.channels if c.is_input]
     forces = [c for c in recording.channels if c.kind == "force"]
     forces.sort(key=lambda c: -_rms(recording[c.name]))

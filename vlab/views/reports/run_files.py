@@ -1,4 +1,4 @@
-"""What is written of a run on a structure: its Rerun file and its report."""
+"""Rerun file and report of a run on a structure."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +15,27 @@ from vlab.views.rerun.scene import write_run
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Responses:
-    """The responses of a run that has some: measured, and what the FE model expects; the first few sensors."""
+    """Measured and analytical responses of the first few sensors of a run."""
 
     measured: MeasuredFrequencyResponse | None = None
     analytical: FrequencyResponse | None = None
 
 
 def responses(prepared: PreparedRun, result: Result) -> Responses:
-    """Return the responses of the first sensors of a periodic run, measured and analytical, in the excitation's band."""
+    """Return measured and analytical responses of a periodic run, in the excited band.
+
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    result : Result
+        Result of the run.
+
+    Returns
+    -------
+    Responses
+        Responses of the first sensors; empty for other excitations.
+    """
     recording = result.recording
     sensors = [c.name for c in recording.channels if c.kind == "velocity"][:PICTURES]
     shown = recording.select([*recording.inputs, *sensors])
@@ -35,7 +48,7 @@ def responses(prepared: PreparedRun, result: Result) -> Responses:
 
 
 def write_run_view(path: Path, prepared: PreparedRun, result: Result, found: Responses | None = None) -> None:
-    """Write the moving structure, its traces, spectra and controller, and the measured response beside the analytical one."""
+    """Write structure, traces, spectra, controller and responses as a Rerun file."""
     found = responses(prepared, result) if found is None else found
     write_run(
         path,
@@ -51,7 +64,7 @@ def write_run_view(path: Path, prepared: PreparedRun, result: Result, found: Res
 
 
 def write_run_views(folder: Path, done: DoneRun, *, report: bool) -> None:
-    """Write ``run.rrd`` and, where asked for, ``report.html`` of a run into its folder."""
+    """Write ``run.rrd`` and, on request, ``report.html`` of a run."""
     found = responses(done.prepared, done.result)
     write_run_view(folder / "run.rrd", done.prepared, done.result, found)
     if report:
