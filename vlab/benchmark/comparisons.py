@@ -51,7 +51,7 @@ class Row:
 
 
 def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time the beam's plants under the published 2 kHz law beside scipy's `solve_ivp`.
+    """Time the beam's plants beside scipy's `solve_ivp`.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
 
 
 def refit_rows() -> list[Row]:
-    """Time the calibration of a real rig, and its whole diagnosis.
+    """Time calibration and diagnosis of a real rig.
 
     The peer mujoco.sysid fits the same parameters. Its model contains dry friction by hand.
     """
@@ -148,14 +148,14 @@ class PlainObserver:
         self.x = np.zeros(len(self.A))
 
     def step(self, y: Array) -> Array:
-        """Return u = C x + D y; x+ = A x + B y."""
+        """Return the commands after one sample."""
         u = self.C @ self.x + self.D @ y
         self.x = self.A @ self.x + self.B @ y
         return u
 
 
 def tick_row() -> Row:
-    """Time one sample of a 24-state LQG: sensors, law, delay, filter and forces.
+    """Time one sample of a 24-state LQG.
 
     The loop runs on the modal plant of the grid with the law and without it. The tick is the difference divided by
     the number of samples.
@@ -188,7 +188,7 @@ def as_document(rows: list[Row]) -> dict[str, Any]:
 
 
 def _best(work: Callable[[], Any], times: int) -> float:
-    """Return the shortest of several timings, nearest to an undisturbed machine."""
+    """Return the shortest of several timings."""
     best = np.inf
     for _ in range(times):
         begun = time.perf_counter()
@@ -200,7 +200,7 @@ def _best(work: Callable[[], Any], times: int) -> float:
 def integrate_with_scipy(
     fe: FeModel, hardware: Hardware, law: Controller, excitation: Multisine, *, seconds: float
 ) -> Array:
-    """Run the same loop on the FE state space with scipy, sample by sample.
+    """Run the same loop with scipy, sample by sample.
 
     A user without vlab writes a state-space model, calls `solve_ivp` from sample to sample, and evaluates the law
     between calls. Law, output chain and excitation are those of the plants, so the result is an independent check.

@@ -36,7 +36,7 @@ class Timing:
 
 
 def design_timings(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Timing]:
-    """Time the designs of section 6.1 on the full model of the beam.
+    """Time the designs of section 6.1 on the beam.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def with_slsqp(fe: FeModel, objective: Callable[[Array], float], seed: int) -> f
 
 
 def _index(model: StateModel, D: Array, weights: Weights, x0: Array) -> Array:
-    """Return the index, or a large number for an unstable trial of SLSQP."""
+    """Return the index, or a large number if unstable."""
     A = performance.rate_feedback_loop(model, D)
     if linalg.eigvals(A).real.max() >= 0:
         return np.full(x0.shape[1], 1e6)

@@ -19,7 +19,7 @@ PEER_ROWS = 20_000
 
 
 def rerun_row() -> Row:
-    """Time the writing of 60 s of 50 channels at 2 kHz [s per recorded second]."""
+    """Time the writing of a long recording."""
     recording = long_recording()
     with tempfile.TemporaryDirectory(prefix="vlab-") as folder:
         path = Path(folder) / "traces.rrd"
@@ -37,7 +37,7 @@ def rerun_row() -> Row:
 
 
 def long_recording() -> Recording:
-    """Return noise in five kinds of channel, as long as a test of one minute."""
+    """Return noise in five kinds of channel."""
     samples = round(SECONDS * RATE_HZ)
     kinds = (("velocity", "m/s"), ("displacement", "m"), ("force", "N"), ("command", "N"), ("acceleration", "m/s^2"))
     channels = tuple(
@@ -50,7 +50,7 @@ def long_recording() -> Recording:
 
 
 def write_traces(path: Path, recording: Recording) -> None:
-    """Write the traces of a recording as a Rerun file, as every view of vlab does."""
+    """Write the traces of a recording as a Rerun file."""
     layout = blueprint(trace_views(recording)[0])
     with rrd_file(path, "traces", layout, identity_of(recording.between(0.0, 1.0))) as stream:
         log_traces(stream, recording)

@@ -336,7 +336,7 @@ def _sensor(plant: Plant, name: str) -> int:
 
 
 def _actuator_unit(table: ControllerTable, unit: str, name: str) -> str:
-    """Return the SI unit of an actuator's command, or the law's unit of a bare command."""
+    """Return the SI unit of an actuator's command."""
     if unit != "command":
         return unit
     if table.gains_unit and not table.actuator_unit:
@@ -419,6 +419,6 @@ def _part(whole: Recording, start: float, stop: float) -> Recording | None:
 
 
 def compared_with_sensors(run: Run, sensors: Sequence[int]) -> list[Compared] | None:
-    """Return the measured channels of some sensors in their order, or None without all of them."""
+    """Return measured channels of some sensors, or None."""
     by_sensor = {c.sensor: c for c in run.compared if c.sensor is not None}
     return [by_sensor[i] for i in sensors] if all(i in by_sensor for i in sensors) else None

@@ -1,4 +1,4 @@
-"""Step-by-step replay of a recording on a plant, with channel values at exact times.
+"""Step-by-step replay of a recording on a plant.
 
 MuJoCo's semi-implicit steps keep the position half a step ahead of the velocity (see `vlab.plants.base`). A state
 here holds position and velocity at the same time.
@@ -79,7 +79,7 @@ class Clock:
 
 
 def plan_clock(timestep: float, run: Run) -> Clock:
-    """Fit the integration step to the samples and the law, never above the given step.
+    """Fit the integration step to samples and law.
 
     Parameters
     ----------
@@ -168,13 +168,13 @@ class Bench:
         mujoco.mj_forward(self.model, self.data)
 
     def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
-        """Return whether a sensor or compared channel depends on forces, as accelerations do."""
+        """Return whether compared values depend on forces."""
         return any(c.order == 2 for c in compared) or bool(
             np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
         )
 
     def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
-        """Evaluate the present true state in the copy, under commands and applied forces.
+        """Evaluate the present true state in the copy.
 
         Attached physics acts there without updating its memory.
 
@@ -211,7 +211,7 @@ class Bench:
         data.qfrc_applied[:] = applied
 
     def look_at_motion(self) -> None:
-        """Evaluate positions and velocities of the present true state in the copy, without forces."""
+        """Evaluate the present motion in the copy, without forces."""
         data, model = self._at_present(), self.model
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)
@@ -334,7 +334,7 @@ def at_timestep(plant: Plant, timestep: float) -> Plant:
 
 
 def bench_for(plant: Plant, run: Run) -> Bench:
-    """Return the bench for a run of a plant with the timestep of the run."""
+    """Return the bench for a run of a plant."""
     return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
 
 
@@ -346,7 +346,7 @@ def play(
     law: Law | None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Played:
-    """Simulate a plant from a true state under recorded inputs and a law.
+    """Simulate a plant under recorded inputs and a law.
 
     Parameters
     ----------
@@ -456,7 +456,7 @@ def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Arr
 
 
 def _physics(bench: Bench, run: Run, clock: Clock, state: State) -> Running | None:
-    """Return the attached physics of a plant, at the start of a run."""
+    """Return the attached physics of a plant."""
     plant = bench.plant
     if not plant.physics:
         return None
@@ -478,7 +478,7 @@ def _advance(
     ports: Sequence[Port],
     physics: Running | None = None,
 ) -> None:
-    """Integrate to the next reading under forces (n, n_actuators) and optional loads (n, n_ports)."""
+    """Integrate to the next reading under forces and loads."""
     plant, data = bench.plant, bench.data
     if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
         data.ctrl[:] = controls @ force[0]
@@ -495,7 +495,7 @@ def _advance(
 
 
 def _chain(law: Law, run: Run, clock: Clock) -> Callable[[Array], Array]:
-    """Return the map from a command to the forces of the steps until the next command."""
+    """Return the map from commands to forces."""
     substeps = clock.steps * clock.law_every
     converter = _ideal(law.rate_hz) if run.hardware is None else run.hardware.at_rate(law.rate_hz).converter
     return OutputChain(converter, channels=len(law.actuators), substeps=substeps).push
@@ -506,7 +506,7 @@ def _ideal(rate: float) -> Converter:
 
 
 def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
-    """Return inputs of all actuators: means over integration steps, and values at readings."""
+    """Return mean and present inputs of all actuators."""
     means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
     present = np.zeros((clock.readings, len(plant.actuators)))
     drives = [drive for drive in run.drives if drive.actuator is not None]
@@ -538,7 +538,7 @@ def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
 
 
 def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
-    """Return drives of a plant: means over the integration steps, and values at readings."""
+    """Return mean and present drives of a plant."""
     time = run.measured.time - run.measured.time[0]
     steps = (clock.readings - 1) * clock.steps
     means, present = np.zeros((steps, len(drives))), np.zeros((clock.readings, len(drives)))
@@ -567,7 +567,7 @@ def before(u: Array) -> Array:
 
 
 def _held_means(time: Array, values: Array, edges: Array) -> Array:
-    """Return means between edges of a staircase with a step at every time stamp."""
+    """Return means between the edges of a staircase."""
     end = max(edges[-1], time[-1]) + 1.0
     stamps = np.append(time, end)
     integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])

@@ -156,7 +156,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _said(error: BaseException, *, is_debug: bool) -> int:
-    """Print the reason of a failure in one line, and return the exit status."""
+    """Print the reason of a failure, return the status."""
     if isinstance(error, BrokenPipeError):
         return 141
     if isinstance(error, KeyboardInterrupt):

@@ -17,7 +17,7 @@ LOG_S = 30.0
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Outcome of a command: JSON document, text, and whether its checks hold."""
+    """Outcome of a command: document, text, checks."""
 
     document: Any
     text: str
@@ -75,7 +75,7 @@ class _Lines:
 
 
 def _bar(**settings: Any) -> tqdm:
-    """Return a transient bar on stderr, or a line every half minute outside a terminal."""
+    """Return a progress bar on stderr."""
     if sys.stderr.isatty():
         return tqdm(file=sys.stderr, leave=False, **settings)
     return tqdm(
@@ -121,7 +121,7 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
 
 @contextlib.contextmanager
 def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
-    """Show the completed share and the present step of a long work on stderr.
+    """Show the completed share of a long work.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 
 @contextlib.contextmanager
 def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """Show the number of completed cases and the remaining time on stderr.
+    """Show the number of completed cases.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None:
-    """Return the modes of the full model, from 1, in the design model."""
+    """Return the modes in the design model."""
     return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
 
 
@@ -206,7 +206,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
 
 
 def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
-    """Design LQG for the sampled plant with delay and hold, with damping ratios of its regulator."""
+    """Design LQG for the sampled plant with delay."""
     state, converter = state_model(fe), laboratory_for(None, asked.rate).converter
     design = delayed_lqg.design(
         state,
@@ -237,7 +237,7 @@ def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
 
 
 def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
-    """Load a finished law and evaluate it in the sampled loop of the laboratory."""
+    """Load a finished law and evaluate it."""
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
     asked = requested_of(
@@ -261,13 +261,13 @@ def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> C
 
 
 def _shown(fe: FeModel, asked: Asked) -> tuple[int, ...]:
-    """Return the reported modes: those with measured damping ratios or bounds."""
+    """Return the reported modes."""
     driven = len(driven_modes(fe.coils.T @ fe.linear.eigen[1]))
     return bounded_modes(fe, min(max(len(fe.structure.damping.ratios), asked.modes), driven))
 
 
 def describe(fe: FeModel, design: Design, law: str, model: str, asked: Asked) -> dict[str, Any]:
-    """Return a design as plain data: gains, damping ratios, indices, objective, search.
+    """Return a design as plain data.
 
     Parameters
     ----------

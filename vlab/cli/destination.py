@@ -1,6 +1,6 @@
 """Output folder of a command: ``--out`` and ``--overwrite``.
 
-Existing files stay unless the user asks for their replacement.
+Existing files stay without an explicit ``--overwrite``.
 """
 
 import argparse
@@ -57,7 +57,7 @@ def check_out(arguments: argparse.Namespace, *, read: Iterable[Path | str] = ())
 
 @contextlib.contextmanager
 def destination(arguments: argparse.Namespace, default: str) -> Iterator[Path]:
-    """Yield the named folder, or the next number of the default, claimed for the block.
+    """Yield the named or next numbered folder.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def _text(diagnosis: Diagnosis) -> str:
 
 
 def _values(finding: Finding) -> list[str]:
-    """Return the law of a finding and its parameters, one line each."""
+    """Return law and parameters of a finding."""
     lines = [f"  law: {finding.law}"]
     for name, p in finding.parameters.items():
         lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")

@@ -1,4 +1,4 @@
-"""Evaluation of a finished law on a model: user code or a law file."""
+"""Evaluation of a finished law on a model."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +25,7 @@ def is_given(name: str) -> bool:
 
 
 def file_of(name: str) -> str:
-    """Return the file in the name of a law, such as ``mine.py`` of ``mine.py:Class``.
+    """Return the file in the name of a law.
 
     A name without a file is returned unchanged.
     """
@@ -34,7 +34,7 @@ def file_of(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawArgument:
-    """Law in the laboratory's sampled loop around a model, with hold, delay and filter.
+    """Law in the laboratory's sampled loop.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class LawArgument:
     fe: FeModel
 
     def describe(self, modes: tuple[int, ...], asked: Asked) -> dict[str, Any]:
-        """Return matrices, damping ratios of the sampled loop, and continuous indices.
+        """Return matrices, damping ratios and continuous indices.
 
         A law with states has no continuous indices.
 
@@ -84,7 +84,7 @@ class LawArgument:
         }
 
     def _indices(self, modes: tuple[int, ...], asked: Asked) -> list[float | None]:
-        """Return (4.33) without delay; none for a law with states or an unstable loop."""
+        """Return (4.33) without delay, if it applies."""
         model = state_model(self.fe)
         A, _, _, D = self.law.matrices
         same = self.law.sensors == model.channels and self.law.actuators == model.channels
@@ -125,7 +125,7 @@ def load_law_argument(fe: FeModel, name: str, rate: float | None) -> LawArgument
 
 
 def laboratory_for(law: LinearController | None, rate: float | None) -> Hardware:
-    """Return the laboratory's hardware at a rate [Hz], or at the rate of the law."""
+    """Return the laboratory's hardware at a rate [Hz]."""
     hardware, chosen = load_hardware(), rate or getattr(law, "rate", None)
     return hardware.at_rate(chosen) if chosen else hardware
 

@@ -14,7 +14,7 @@ LEAST_PERIODS = 2
 
 
 def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return commands, forces and time at the limit of every actuator, by run.
+    """Return actuator effort as a text table.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def effort_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def ring_down_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Return frequency and damping of every mode after a release, beside the predicted poles."""
+    """Return identified and predicted modes after a release."""
     keys = ("mode", "predicted_hz", "hz", "predicted_zeta", "zeta", "zeta_envelope")
     rows = [[run, *(mode[key] for key in keys)] for run, modes in runs.items() for mode in modes]
     headers = ["run", "mode", "pole Hz", "released Hz", "pole zeta", "released zeta", "envelope zeta"]
@@ -45,7 +45,7 @@ def ring_down_table(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def loop_facts(done: DoneRun) -> dict[str, Any]:
-    """Return the effort of the actuators and the decay after a release as plain data.
+    """Return actuator effort and decay as plain data.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ def loop_text(document: Mapping[str, Any]) -> str:
 
 
 def periods_of(excitation: Excitation | None, seconds: float) -> float | None:
-    """Return the number of excitation periods in a record; None without a period."""
+    """Return the number of excitation periods, or None."""
     period = None if excitation is None else excitation.period_s
     return None if period is None else seconds / period
 
 
 def period_text(excitation: Excitation | None, seconds: float) -> str:
-    """Return a warning line for a record too short for a response without leakage.
+    """Return a warning for a too short record.
 
     Parameters
     ----------

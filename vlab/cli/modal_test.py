@@ -219,7 +219,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
 def _against_plant(
     result: ModalTestResult, runs: Sequence[tuple[Recording, RunSettings | None]], folders: Sequence[str]
 ) -> tuple[list[FoundMode], ModalModel]:
-    """Compare with the linearised plant of the first run; all runs share that plant."""
+    """Compare with the linearised plant of the first run."""
     settings = [own.inside(Path(at)) for (_, own), at in zip(runs, folders, strict=True) if own is not None]
     first = settings[0] if len(settings) == len(runs) else None
     if first is None or any(not _same_plant(first, other) for other in settings):
@@ -253,7 +253,7 @@ def _name(text: str) -> str:
 
 
 def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder, a recording of vlab, or a foreign one with named columns."""
+    """Load a run folder or a recording."""
     if Path(path).is_dir():
         return load_run(path)
     table = open_table(path)

@@ -132,7 +132,7 @@ def _table_lines(table: ReproducedTable) -> list[str]:
 
 
 def _shares(tables: Sequence[ReproducedTable], structure: str) -> dict[str, int]:
-    """Count the determined cells: all, within the honest tolerance, within the applied tolerance."""
+    """Count the determined cells within tolerance."""
     own = [table for table in tables if structure_of(table.table) == structure]
     held, honest = share(own), share(own, honest=True)
     return {"of": held.of, "inside_honest": honest.inside, "inside": held.inside}

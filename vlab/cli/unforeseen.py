@@ -35,7 +35,7 @@ def line_of(error: BaseException) -> str:
 
 
 def place_of(error: BaseException) -> str:
-    """Return module and line of the innermost frame of vlab in an error.
+    """Return the innermost place of vlab in an error.
 
     Frames of worker processes count.
 

@@ -61,7 +61,7 @@ LEVELS = {"quiet": 0.03, "loud": 0.15, "held-out": 0.08}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConcealedTest:
-    """Experiments with a concealed effect, and the diagnosis before the truth was read.
+    """Experiments with a concealed effect, and their diagnosis.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Demo:
     seconds: float
 
     def damping_rows(self) -> list[list[Any]]:
-        """Return predicted and identified frequencies and damping ratios of the closed loop."""
+        """Return predicted and identified closed-loop modes."""
         test = self.closed_loop
         assert test.poles is not None
         assert test.predicted_freq is not None
@@ -204,7 +204,7 @@ def _experiment(label: str, prepared: PreparedRun) -> LoopTest:
 
 
 def _identified(test: LoopTest) -> LoopTest:
-    """Add closed-loop poles, identified from the time histories and predicted by the sampled loop."""
+    """Add closed-loop poles, identified and predicted."""
     law, fe = test.prepared.law, test.prepared.fe_model()
     assert isinstance(law, DirectRateFeedback)
     rate = test.prepared.hardware.converter.rate

@@ -1,4 +1,4 @@
-"""The figures of a design: Bode, Nyquist and pole plots, and how robust its sampled loop is."""
+"""Figures of a design: loop plots and robustness."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from vlab.views.figures import frf_figure, nyquist_figure, pole_figure, to_png, 
 from vlab.views.figures.robustness import dampers_figure, sweep_figure
 
 DRAWN = 16
-"""Modes of the structure up to which a law is drawn as dampers."""
+"""DRAWN [-]: highest mode of the structure in the drawing of a law as dampers."""
 
 
 def write_figures(folder: Path, figures: dict[str, Figure]) -> None:
@@ -27,14 +27,25 @@ def write_figures(folder: Path, figures: dict[str, Figure]) -> None:
 
 
 def design_figures(fe: FeModel, design: Design, *, title: str, top: float, damping: float) -> dict[str, Figure]:
-    """Return Bode, Nyquist and pole plot of the continuous loops of a design on the model it was made on.
+    """Return Bode, Nyquist and pole plots of a design.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
+    design : Design
+        Design.
+    title : str
+        Title of the figures.
     top : float
-        Highest frequency that is drawn [Hz].
+        Highest drawn frequency [Hz].
     damping : float
-        The damping ratio that was asked for.
+        Requested damping ratio [-].
+
+    Returns
+    -------
+    dict
+        Figures by file name.
     """
     loops, channels = loops_of(design), design.model.channels
     freq = _lines(_lowest(fe), top, [loops.plant.poles(), loops.closed.poles()])
@@ -55,7 +66,26 @@ def design_figures(fe: FeModel, design: Design, *, title: str, top: float, dampi
 
 
 def loop_figures(fe: FeModel, loop: SampledLoop, *, title: str, top: float, damping: float) -> dict[str, Figure]:
-    """Return Nyquist and pole plot of a law that has no continuous loop, in its sampled one; see `design_figures`."""
+    """Return Nyquist and pole plots of a sampled loop.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    loop : SampledLoop
+        Sampled loop.
+    title : str
+        Title of the figures.
+    top : float
+        Highest drawn frequency [Hz].
+    damping : float
+        Requested damping ratio [-].
+
+    Returns
+    -------
+    dict
+        Figures by file name.
+    """
     free, closed = (part.closed().s for part in (loop.with_gain(0.0), loop))
     freq = _lines(_lowest(fe), top, [free, closed])
     return {
@@ -65,7 +95,22 @@ def loop_figures(fe: FeModel, loop: SampledLoop, *, title: str, top: float, damp
 
 
 def robustness_figures(loop: SampledLoop, report: dict[str, Any], name: str) -> dict[str, Figure]:
-    """Return the sweeps of a robustness report and, for collocated pairs, the law as dampers over frequency."""
+    """Return robustness sweeps and damper strengths of a law.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+    report : dict
+        Report of `vlab.lab.robustness.robustness_report`.
+    name : str
+        Name of the law.
+
+    Returns
+    -------
+    dict
+        Figures by file name.
+    """
     figures = {"robustness-sweeps": sweep_figure([(name, report)])}
     if loop.at_coils.shape == loop.at_sensors.shape:
         modes = loop.omega[:DRAWN] / (2 * np.pi)
@@ -85,7 +130,7 @@ def _lowest(fe: FeModel) -> float:
 
 
 def _lines(low: float, high: float, poles: list[Any]) -> Array:
-    """Return frequencies [Hz] that are dense around every resonance, so that the circles of a Nyquist plot are round."""
+    """Return frequencies [Hz], dense around resonances for round Nyquist circles."""
     lines = [np.geomspace(low, high, 800)]
     around = np.sinh(np.linspace(-4, 4, 81))  # half widths of the resonance
     for s in np.concatenate(poles):

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis in frequency: responses with what each model leaves, and modes as differences."""
+"""Figures of a diagnosis in frequency: responses and modes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,16 +22,27 @@ def response_overlay(
     title: str,
     has_phase: bool = True,
 ) -> Figure:
-    """Draw a response measured and under the models: magnitude, phase, and what each leaves over.
+    """Draw a response of the measurement and the models.
 
     Parameters
     ----------
+    freq : array
+        Frequencies [Hz].
     curves : sequence of (label, (n,) complex array)
-        ``"measured"`` first, then ``"as given"``, ``"refitted"``, ``"amended"``.
+        ``"measured"`` first, then ``"nominal"``, ``"calibrated"``, ``"extended"``.
     noise : (n,) array
-        Standard deviation of the measured one.
+        Standard deviation of the measured response.
+    unit : str
+        Unit of the response.
+    title : str
+        Title of the figure.
     has_phase : bool
         Whether the measured phase is known.
+
+    Returns
+    -------
+    Figure
+        Figure with two or three panels.
     """
     ratios = [2.2, 1.0, 1.4] if has_phase else [2.2, 1.4]
     figure = Figure(figsize=(7.2, 1.35 * sum(ratios) + 0.8), layout="constrained")
@@ -68,14 +79,21 @@ def response_overlay(
 def modes_figure(
     freq: Array, panels: Sequence[tuple[str, Sequence[tuple[str, Array]], Array]], *, title: str
 ) -> Figure:
-    """Draw how far the modes of models are from those of a table, one row a mode.
+    """Draw deviations of models from a modal table.
 
     Parameters
     ----------
     freq : (n,) array
         Measured natural frequencies [Hz].
     panels : sequence of (axis label, sequence of (model, (n,) values), (n,) standard deviations)
-        One a kind of number.
+        One entry per quantity.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    Figure
+        Figure with one panel per quantity.
     """
     figure = Figure(figsize=(7.2, 1.5 + 0.36 * len(freq)), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]

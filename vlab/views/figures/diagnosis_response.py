@@ -1,4 +1,4 @@
-"""Frequency responses of a checked recording: measured, refitted and amended."""
+"""Frequency responses of a checked recording: measured, calibrated and extended."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,11 +13,26 @@ from vlab.views.figures import to_svg
 from vlab.views.figures.diagnosis import response_figure
 
 POWERFUL = 1e-3
-"""A frequency response is drawn where the input has more than this share of its largest power density."""
+"""POWERFUL [-]: share of the input's largest power density above which a response is drawn."""
 
 
 def responses(run: Checked, name: str) -> list[tuple[str, str]]:
-    """Return the frequency response of a channel to the strongest input, where the recording has one and is evenly sampled."""
+    """Return the response of a channel to the strongest input.
+
+    The result is empty without a varying input, or with uneven samples.
+
+    Parameters
+    ----------
+    run : Checked
+        Checked recording.
+    name : str
+        Name of the channel.
+
+    Returns
+    -------
+    list of (svg, caption)
+        Drawing, if there is one.
+    """
     inputs = [n for n in run.measured.inputs if np.ptp(run.measured[n]) > 0]
     if not inputs or not run.measured.is_uniform:
         return []
@@ -43,7 +58,7 @@ def responses(run: Checked, name: str) -> list[tuple[str, str]]:
 
 
 def _driven_band(values: Any, rate: float, lines: int) -> tuple[float, float]:
-    """Return the lowest and the highest frequency at which an input has power to speak of."""
+    """Return the frequency range with substantial input power [Hz]."""
     freq, power = signal.welch(values, rate, nperseg=min(2 * lines, len(values)))
     there = freq[1:][power[1:] > POWERFUL * power[1:].max()]
     return float(there[0]), float(there[-1])

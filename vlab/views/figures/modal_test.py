@@ -1,4 +1,4 @@
-"""Figures of a modal test: stabilisation chart, shapes side by side, noise and distortion, mode indicators."""
+"""Figures of a modal test: poles, shapes, distortion, indicators."""
 
 from typing import Any
 
@@ -13,14 +13,24 @@ from vlab.signals import Array, FrequencyResponse
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, draw_line, pretty_unit, styled
 
 MOST_DAMPED = 0.3
-"""Poles with more damping than this are left out of the chart: they stand for lags and residual terms."""
+"""MOST_DAMPED [-]: largest damping ratio in the chart; larger ones belong to lags and residual terms."""
 
 
 @styled
 def stabilisation_figure(estimate: PoleEstimate) -> Figure:
-    """Draw the poles found at every model order over the sum of the fitted responses, and those that are reported.
+    """Draw the poles of every model order.
 
-    A filled dot is a pole that the order before had, too.
+    A filled dot repeats a pole of the next lower order.
+
+    Parameters
+    ----------
+    estimate : PoleEstimate
+        Estimated poles with their chart.
+
+    Returns
+    -------
+    Figure
+        Stabilisation chart.
     """
     chart = estimate.stabilisation
     keep = (
@@ -60,14 +70,25 @@ def shapes_figure(
     true: Array | None = None,
     columns: int = 4,
 ) -> Figure:
-    """Draw each mode's shape over the outputs: from the fit, and read off the peaks; largest component 1.
+    """Draw each mode shape over the outputs.
 
     Parameters
     ----------
+    freq : array
+        Natural frequencies [Hz].
     estimated, peaks : (n_outputs, n_modes) array
-        Real shapes; their signs are made to agree.
+        Real shapes, scaled to largest component 1 and matched in sign.
+    outputs : tuple of str
+        Names of the outputs.
     true : (n_outputs, n_modes) array or None
-        Of the plant, NaN where it has no such mode.
+        Shapes of the plant, NaN without such a mode.
+    columns : int
+        Panels per row.
+
+    Returns
+    -------
+    Figure
+        Figure with one panel per mode.
     """
     n = freq.size
     columns = min(columns, n)
@@ -100,7 +121,20 @@ def shapes_figure(
 
 @styled
 def distortion_figure(part: Distortion, output: str) -> Figure:
-    """Draw the linear output at the excited lines, and the noise and the distortion beside it."""
+    """Draw the linear output with noise and distortion.
+
+    Parameters
+    ----------
+    part : Distortion
+        Distortion of one input.
+    output : str
+        Name of the output.
+
+    Returns
+    -------
+    Figure
+        Figure.
+    """
     if output not in part.outputs:
         raise BadRecording(f"there is no output {output!r} in the separation (has: {', '.join(part.outputs)})")
     o = part.outputs.index(output)
@@ -134,7 +168,22 @@ def _drawn(level: Array) -> Array:
 
 @styled
 def indicator_figure(receptance: FrequencyResponse, modes: Array) -> Figure:
-    """Draw the multivariate mode indicator functions; each dip to 0 is a mode that forces in phase can hold alone."""
+    """Draw the multivariate mode indicator functions.
+
+    Each dip to 0 is a mode that forces in phase can hold alone.
+
+    Parameters
+    ----------
+    receptance : FrequencyResponse
+        Fitted responses.
+    modes : array
+        Natural frequencies [Hz].
+
+    Returns
+    -------
+    Figure
+        Figure.
+    """
     values, _ = mode_indicator(receptance)
     figure = Figure(figsize=(7.2, 2.8), layout="constrained")
     axes: Any = figure.subplots()

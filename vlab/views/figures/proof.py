@@ -1,4 +1,4 @@
-"""Figures of a campaign's score: counts with their intervals, who was taken for whom, what sizes are found, how far odds hold."""
+"""Figures of a campaign's score: rates, confusion, detection limits, reliability."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from scipy import stats
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, styled
 
 SIZE_BINS = 6
-"""Groups of equally many cases in which the share that was found is shown over size."""
+"""SIZE_BINS [-]: groups of equally many cases in the detection rate over size."""
 
 
 @styled
@@ -23,7 +23,12 @@ def rates_figure(
     Parameters
     ----------
     rows : sequence of (name, count, of, interval, (least, most))
-        Of the target its ends; None where it has none.
+        Rates with the bounds of their targets; None without a bound.
+
+    Returns
+    -------
+    Figure
+        Figure with one row per rate.
     """
     figure = Figure(figsize=(7.2, 1.2 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()
@@ -48,7 +53,20 @@ def rates_figure(
 
 @styled
 def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
-    """Draw how often each hidden thing, a row, got each answer, a column; the right effect's own column is ringed."""
+    """Draw counts of first answers for each hidden effect.
+
+    A ring marks the column of the right effect.
+
+    Parameters
+    ----------
+    confusion : mapping
+        Counts of answers by hidden effect.
+
+    Returns
+    -------
+    Figure
+        Figure.
+    """
     truths = list(confusion)
     verdicts = sorted({a for row in confusion.values() for a in row} - set(truths))
     answers = [t for t in truths if any(t in row for row in confusion.values())] + verdicts
@@ -71,12 +89,19 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
 
 @styled
 def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]) -> Figure:
-    """Draw the share of single effects that were found over what a refit leaves of them in units of the noise.
+    """Draw the found share of effects over their size.
 
     Parameters
     ----------
+    sizes : sequence of float
+        Residuals in multiples of the noise.
     found : mapping of str to sequence of bool
-        By what counts as found, of every size.
+        Result for each size, by criterion.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -107,12 +132,17 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
 
 @styled
 def reliability_figure(curve: Sequence[Mapping[str, float]]) -> Figure:
-    """Draw how often findings were right over the probability that they were given.
+    """Draw the rate of right findings over their stated probability.
 
     Parameters
     ----------
     curve : sequence of mappings
-        See `vlab.proof.statistics.calibration`.
+        Bins of `vlab.proof.statistics.calibration`.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure = Figure(figsize=(4.2, 3.6), layout="constrained")
     axes = figure.subplots()

@@ -1,4 +1,4 @@
-"""The force that a model lacks: the fitted law along the motion, and what the recordings say of it without any law."""
+"""Restoring force of a missing effect, with and without law."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,23 +16,23 @@ from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PortEffect, Se
 from vlab.signals import Array
 
 SHOWN = 400
-"""Samples of the stretch that is drawn over time."""
+"""SHOWN [samples]: length of the stretch drawn over time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Missing:
-    """What a finding's law gives along the fit recordings.
+    """Fitted law of a finding along the fit recordings.
 
     Parameters
     ----------
     curves : tuple of (name, unit, x, free, law)
-        What the law acts on, what was found without it (or None), and the law; one value a sample.
+        Variable of the law, estimate without a law (or None), and law, one value per sample.
     label : str
-        What the law gives, with its unit.
+        Quantity and unit of the law.
     series : (time [s], law, free or None)
-        A stretch of one recording.
+        Stretch of one recording.
     words : str
-        How to read the figure.
+        Explanation of the figure.
     """
 
     curves: tuple[tuple[str, str, Array, Array | None, Array], ...]
@@ -42,7 +42,20 @@ class Missing:
 
 
 def restoring_force(done: Diagnosed, term: Term) -> Missing:
-    """Return what one of the fitted effects does along the fit recordings."""
+    """Return the action of a fitted effect.
+
+    Parameters
+    ----------
+    done : Diagnosed
+        Completed diagnosis.
+    term : Term
+        Fitted effect at its place.
+
+    Returns
+    -------
+    Missing
+        Law and estimate.
+    """
     if isinstance(term.effect, ActuatorEffect):
         return _at_actuator(done, term, term.effect)
     if isinstance(term.effect, SensorEffect):
@@ -76,10 +89,10 @@ def _at_port(done: Diagnosed, term: Term) -> Missing:
 
 
 def _motion(done: Diagnosed, group: Group, term: Term) -> tuple[Array, Array, Array, Array, Any]:
-    """Return the free force at a port and its displacement, velocity and acceleration in the steps, (n - 1, n_runs), and the command.
+    """Return estimated force, motion and command at a port.
 
-    The force is what takes the smoothed state of one sample to that of the next, over what the refitted model does with
-    the known forces; of all modal forces that do, the part along the port's row. What other fitted effects do is taken off.
+    The force takes the smoothed state from one sample to the next, beyond the calibrated model under known forces.
+    Modal forces are projected on the row of the port. Forces of other fitted effects are subtracted.
     """
     screen, reduced_model = done.found.screen, done.problem.reduced_model
     if isinstance(screen, TrajectoryScoreTest):

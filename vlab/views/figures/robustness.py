@@ -1,4 +1,4 @@
-"""Robustness of a sampled loop: its least stable pole over delay and gain, and where the law drives instead of damping."""
+"""Robustness of a sampled loop over delay and gain."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,17 +13,22 @@ from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, d
 
 @styled
 def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
-    """Draw the growth of the least stable pole over the delay and over the gain, one curve a law.
+    """Draw the growth of the least stable pole.
 
     Parameters
     ----------
     reports : sequence of (label, report)
-        Of `vlab.lab.robustness.robustness_report`, with their sweeps.
+        Reports of `vlab.lab.robustness.robustness_report` with sweeps.
+
+    Returns
+    -------
+    Figure
+        Figure with two panels.
 
     Raises
     ------
     BadRecording
-        No report, or one without sweeps.
+        There is no report, or one without sweeps.
     """
     if not reports or any("delay_sweep" not in report for _, report in reports):
         raise BadRecording("no robustness report with sweeps was given to draw")
@@ -53,7 +58,7 @@ def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
 
 
 def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: str) -> None:
-    """Write the frequency beside each stretch of a curve that belongs to one mode, on the side that the curve leaves free."""
+    """Write the frequency beside each single-mode stretch of a curve."""
     axes.autoscale_view()
     at = axes.transAxes.inverted().transform(axes.transData.transform([(p[key], p["growth_per_s"]) for p in points]))
     start = 0
@@ -74,16 +79,23 @@ def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: s
 
 @styled
 def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tuple[float, str]] = ()) -> Figure:
-    """Draw how a law acts as dampers over frequency; below zero it drives a motion of that frequency.
+    """Draw the damper strengths of a law over frequency.
+
+    Below zero the law drives motion of that frequency.
 
     Parameters
     ----------
     freq : (n_freq,) array
-        [Hz].
+        Frequencies [Hz].
     strengths : (n_freq, n_coils) array
-        [N s/m], of `vlab.lab.robustness.damper_strengths`.
+        Strengths [N s/m] of `vlab.lab.robustness.damper_strengths`.
     marks : sequence of (frequency [Hz], label)
-        Frequencies to point out, for example the modes.
+        Marked frequencies, for example of the modes.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     freq, strengths = np.asarray(freq, dtype=float), np.asarray(strengths, dtype=float)
     figure, (axes,) = stacked_axes(1, each=3.0)
@@ -114,11 +126,19 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
 
 @styled
 def levels_figure(histories: Sequence[tuple[str, ArrayLike, ArrayLike]], *, ylabel: str = "command, rms [N]") -> Figure:
-    """Draw levels over time on a logarithmic axis: steady growth is a straight line.
+    """Draw levels over time on a logarithmic axis.
 
     Parameters
     ----------
     histories : sequence of (label, time [s], level)
+        Curves.
+    ylabel : str
+        Label of the level axis.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure, (axes,) = stacked_axes(1, each=3.0)
     handles = [draw_line(axes, time, np.maximum(level, 1e-300), k) for k, (_, time, level) in enumerate(histories)]

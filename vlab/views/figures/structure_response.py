@@ -1,4 +1,4 @@
-"""Analytical frequency responses of a structure as figures."""
+"""Figures of analytical frequency responses of a structure."""
 
 from collections.abc import Sequence
 
@@ -15,19 +15,26 @@ QUANTITIES: tuple[Quantity, ...] = ("velocity", "displacement")
 
 
 def response_figures(fe: FeModel, force: str, places: Sequence[str] = ()) -> dict[str, Figure]:
-    """Return velocity and displacement at some places per force at one, a figure each, by file name.
+    """Return velocity and displacement responses to a force.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     force : str
-        A point of the structure, or the place of a coil.
+        Point of the structure, or place of a coil.
     places : sequence of str
-        Where the response is taken; at the coils by default.
+        Places of the response; the coils by default.
+
+    Returns
+    -------
+    dict
+        Figures by file name.
 
     Raises
     ------
     UnknownName
-        No such place.
+        There is no such place.
     """
     known = list(dict.fromkeys([*(p.name for p in fe.structure.point), *fe.structure.coil_places]))
     places = list(places) or fe.structure.coil_places
@@ -48,7 +55,7 @@ def response_figures(fe: FeModel, force: str, places: Sequence[str] = ()) -> dic
 
 
 def _lines(fe: FeModel) -> Array:
-    """Return frequencies [Hz] up to the modes with measured damping ratios, dense around each resonance."""
+    """Return frequencies, dense around each resonance [Hz]."""
     modes = fe.linear.freq[: len(fe.structure.damping.ratios)]
     top = 1.1 * modes[-1]
     around = np.sinh(np.linspace(-5, 5, 61))

@@ -236,7 +236,7 @@ def _marks(done: Done) -> list[tuple[str, float]]:
 
 
 def _chosen(checked: Sequence[Checked]) -> list[tuple[Checked, str]]:
-    """Return recordings and channels for drawing, the worst channel of each recording first."""
+    """Return recordings and channels for drawing."""
     orders = [sorted(c.channels, key=lambda n, c=c: -_finite_or(c.channels[n][1])) for c in checked]  # type: ignore[misc]
     depth = max((len(order) for order in orders), default=0)
     return [(c, order[k]) for k in range(depth) for c, order in zip(checked, orders, strict=True) if k < len(order)]
@@ -279,7 +279,7 @@ def _overlays(done: Diagnosed) -> Section:
 
 
 def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
-    """Return the terms with drawn forces: the findings, or else the best tried term."""
+    """Return the terms with drawn forces."""
     if done.diagnosis.findings or done.diagnosis.verdict != "none-of-these":
         return done.fit.terms
     attempt = done.diagnosis.attempt

@@ -25,7 +25,7 @@ MODELS = ("nominal", "calibrated", "extended")
 
 
 def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
-    """Return the overlays of the checked data, and the mismatch without any hypothesis.
+    """Return overlays and mismatch of the checked data.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _mismatch(done: FrequencyDiagnosed) -> Section:
 
 
 def write_frequency_scene(path: Path, done: FrequencyDiagnosed, *, title: str, verdict: str) -> None:
-    """Write a Rerun file with figures and facts of a diagnosis in frequency.
+    """Write figures and facts of a diagnosis in frequency.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ def _shapes(result: ModalTestResult, true: ModalModel | None, draw: Any) -> Sect
 
 
 def _paired(result: ModalTestResult, true: ModalModel) -> Array:
-    """Return the plant's shape of each identified mode, largest component 1, NaN without a pair."""
+    """Return the plant's shape of each identified mode."""
     out = np.full((len(result.mean.outputs), result.poles.freq.size), np.nan)
     pairing = match_modes(true, result.poles.to_modal_model())
     for a, b in zip(pairing.a, pairing.b, strict=True):

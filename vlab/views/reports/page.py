@@ -108,7 +108,7 @@ def _environment() -> Environment:
 
 
 def _plain(value: object) -> object:
-    """Return a text from data without control characters and direction marks; drawings stay unchanged."""
+    """Return a text without control characters."""
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
@@ -121,7 +121,7 @@ def _number_columns(rows: Sequence[Sequence[object]]) -> list[bool]:
 
 
 def _is_number(value: object) -> bool:
-    """Return whether a cell is a number, or reads like one with or without a unit."""
+    """Return whether a cell reads like a number."""
     if isinstance(value, str):
         return re.fullmatch(r"\s*[-–]?\s*|\s*[-+±]?\d[\d.,]*(e[-+]?\d+)?\s*(%|[A-Za-z/²]{1,4})?\s*", value) is not None
     return value is None or isinstance(value, (int, float)) or hasattr(value, "dtype")
@@ -138,7 +138,7 @@ def _cell(value: object) -> str:
 
 
 def _check_svg(svg: str, caption: str) -> None:
-    """Refuse an SVG with more than a drawing, for it enters the page unchanged.
+    """Refuse an SVG with more than a drawing.
 
     Raises
     ------

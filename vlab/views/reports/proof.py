@@ -125,7 +125,7 @@ def _detection(found: Mapping[str, Any]) -> Section:
 
 
 def _limits(d: Mapping[str, Any]) -> list[Any]:
-    """Return the detected count, and the sizes at 50 % and 90 % detection."""
+    """Return the detected count and size limits."""
     return [d["detected"], *(_limit(d, key) for key in ("size_50", "size_90"))]
 
 

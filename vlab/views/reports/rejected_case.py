@@ -1,4 +1,4 @@
-"""Report of a rejected case: file faults, and recordings beside the nominal model."""
+"""Report of a rejected case."""
 
 import json
 from pathlib import Path

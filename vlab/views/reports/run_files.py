@@ -22,7 +22,7 @@ class Responses:
 
 
 def responses(prepared: PreparedRun, result: Result) -> Responses:
-    """Return measured and analytical responses of a periodic run, in the excited band.
+    """Return the responses of a periodic run.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Bars over time in a Rerun scene: what `rr.BarChart` draws at one time, written as columns for all times."""
+"""Bars over time in a Rerun scene, in columns for all times."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from vlab.signals import Array
 from vlab.views.rerun.rrd import plain
 
 _LOOK = rr.BarChart
-"""Where the components of a bar chart are described."""
+"""_LOOK: archetype with the component descriptions of a bar chart."""
 
 
 def log_bars(
@@ -21,18 +21,24 @@ def log_bars(
 ) -> None:
     """Log bars whose heights change over time.
 
-    `rr.BarChart.columns` takes one row only (rerun-sdk 0.41), so the column of its tensors is put together here.
+    `rr.BarChart.columns` takes one row only (rerun-sdk 0.41). This function assembles the column of its tensors.
 
     Parameters
     ----------
+    stream : object
+        Rerun stream.
+    path : str
+        Entity.
     indexes : list of TimeColumn
-        Of the rows.
+        Times of the rows.
     heights : (n_rows, n_bars) array
-        One row a time.
+        One row per time.
     middles : (n_bars,) array
-        Where the bars stand.
+        Positions of the bars.
     width : float
-        Of each bar, in the unit of `middles`.
+        Width of each bar, in the unit of `middles`.
+    colour : object
+        Colour of the bars.
     """
     left = np.asarray(middles, dtype=float) - width / 2  # the viewer starts a bar at its place
     look = [

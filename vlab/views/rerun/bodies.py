@@ -1,4 +1,4 @@
-"""The bodies of any MuJoCo model in a Rerun scene, to scale."""
+"""Bodies of a MuJoCo model in a Rerun scene, to scale."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ from vlab.views.rerun.frames import configurations, frame_columns
 from vlab.views.rerun.rrd import LIGHT, PURPLE, eye_view, send
 
 LABELS = 12
-"""Most bodies that are labelled by name."""
+"""LABELS [-]: most bodies with a name label."""
 
 
 class BodyScene:
-    """The bodies of any model, ready to be logged."""
+    """Scene of the bodies of any model."""
 
     def __init__(self, plant: Plant, result: Result) -> None:
         self.model, self.name = plant.model, model_name(plant)
@@ -74,10 +74,10 @@ class BodyScene:
             send(stream, f"bodies/{name}", self.indexes, look, columns)
 
     def view(self) -> Any:
-        """Return the view that shows them."""
+        """Return the view of the bodies."""
         return eye_view(f"{self.name}, true motion", "/bodies", (self.low + self.high) / 2, self.size)
 
 
 def model_name(plant: Plant) -> str:
-    """Return the name of the MuJoCo model, or of the plant where it has none."""
+    """Return the name of the MuJoCo model, or else of the plant."""
     return str(getattr(plant.spec, "modelname", "") or plant.name)

@@ -1,4 +1,4 @@
-"""The inside of a controlled run in a Rerun scene: what the law asked, what the amplifiers gave, what the law remembers."""
+"""Control law in a Rerun scene: commands, amplifier forces, states."""
 
 from typing import Any
 
@@ -14,18 +14,18 @@ from vlab.views.rerun.rrd import BLUE, GREEN, GREY, ORANGE, rgb
 from vlab.views.rerun.traces import log_many, plot_view
 
 COILS = 5
-"""Most actuators that get a plot of their own: those with the largest forces."""
+"""COILS [-]: most actuators with a plot of their own, those with the largest forces."""
 SAME = 1e-9
-"""Two ways to one command differ by rounding: less than this share of the largest."""
+"""SAME [-]: relative rounding difference of two evaluations of one command."""
 
 
 class LawStates:
-    """The states of a linear law in a run, followed from its recorded samples: x+ = A x + B y, u = C x + D y.
+    """States of a linear law along a recording.
 
     Parameters
     ----------
     law : LinearController
-        What ran; only its matrices are read.
+        Law of the run; only its matrices are used.
     """
 
     def __init__(self, law: LinearController, plant: Plant) -> None:
@@ -36,7 +36,22 @@ class LawStates:
         self._x = np.zeros(self.size)
 
     def follow(self, recording: Recording, since: int, until: int) -> Array:
-        """Return the states (n, n_states) at the samples from `since` to before `until`, which come in order."""
+        """Return the states of a range of samples.
+
+        Parameters
+        ----------
+        recording : Recording
+            Recording of the run.
+        since : int
+            First sample.
+        until : int
+            Sample after the last.
+
+        Returns
+        -------
+        array
+            States, (n, n_states).
+        """
         states = np.empty((until - since, self.size))
         columns = [recording.index(name) for name in self._sensors]
         for row, y in zip(states, recording.data[since:until, columns], strict=True):
@@ -45,7 +60,24 @@ class LawStates:
         return states
 
     def explain(self, recording: Recording, states: Array, since: int = 0) -> bool:
-        """Say whether states from the sample `since` on give the recorded commands: not if the law does more than its matrices."""
+        """Return whether the states reproduce the recorded commands.
+
+        Nonlinear action of the law breaks the agreement.
+
+        Parameters
+        ----------
+        recording : Recording
+            Recording of the run.
+        states : array
+            States, (n, n_states).
+        since : int
+            First sample.
+
+        Returns
+        -------
+        bool
+            Whether commands agree within rounding.
+        """
         part = slice(since, since + len(states))
         given = np.column_stack([recording[name][part] for name in self._commands])
         samples = np.column_stack([recording[name][part] for name in self._sensors])
@@ -54,7 +86,24 @@ class LawStates:
 
 
 def asked_forces(plant: Plant, recording: Recording, hardware: Hardware) -> dict[str, Array]:
-    """Return what every actuator was asked for before its amplifier's limit, means over the samples, by place."""
+    """Return the forces of all actuators before the amplifier limit, by place.
+
+    The values are means over the samples.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    recording : Recording
+        Recording of the run.
+    hardware : Hardware
+        Hardware of the laboratory.
+
+    Returns
+    -------
+    dict
+        Force of each actuator, (n_samples,) [N].
+    """
     chain = OutputChain(hardware.converter, channels=1, substeps=(substeps := plant.substeps(recording.rate)))
     out = {}
     for tap in plant.actuators:
@@ -70,12 +119,12 @@ def asked_forces(plant: Plant, recording: Recording, hardware: Hardware) -> dict
 
 
 class LawScene:
-    """Commands, forces before and after the amplifiers' limit, and the states of the law where it has some.
+    """Scene of commands, actuator forces and states.
 
     Parameters
     ----------
     recording : Recording
-        Of the run, or of its first part.
+        Recording of the run, or of its first part.
     """
 
     def __init__(self, plant: Plant, recording: Recording, hardware: Hardware | None, law: Controller | None) -> None:
@@ -88,7 +137,7 @@ class LawScene:
         self._asked: tuple[Recording | None, dict[str, Array]] = (None, {})
 
     def log(self, stream: Any, recording: Recording, *, since: int = 0, until: int | None = None) -> None:
-        """Log everything from the sample `since` to before `until`."""
+        """Log all samples from `since` to before `until`."""
         part = slice(since, len(recording) if until is None else until)
         time = recording.time[part]
         for k, tap in enumerate(self.taps):
@@ -118,7 +167,7 @@ class LawScene:
         return curves
 
     def views(self) -> list[Any]:
-        """Return the plots, an actuator each, and the states."""
+        """Return one plot per actuator, and the states."""
         views = [plot_view(f"{tap.at} [{pretty_unit(tap.unit)}]", f"/law/{k}") for k, tap in enumerate(self.taps)]
         if self.states is not None:
             views.append(plot_view(f"states of the law ({self.states.size})", "/law/states"))

@@ -1,4 +1,4 @@
-"""A Rerun file of a diagnosis: what was recorded, the refitted and the amended simulation, and what each leaves over."""
+"""Rerun file of a diagnosis: measurement, simulations and residuals."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,15 +16,31 @@ from vlab.views.rerun.rrd import BLUE, GREY, ORANGE, blueprint, identity_of, pla
 from vlab.views.rerun.traces import log_series, plot_view
 
 ROWS = 4
-"""Channels on one page."""
+"""ROWS [-]: channels on one page."""
 _CURVES = (("measured", GREY, 2.5), ("nominal", ORANGE, 1.5), ("calibrated", ORANGE, 1.5), ("extended", BLUE, 1.5))
-"""Of the model as given and the refitted one only the nearer."""
+"""_CURVES: labels and looks; of nominal and calibrated model only the nearer is drawn."""
 
 
 def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, facts: Mapping[str, object]) -> Path:
-    """Write checked recordings beside their simulations: a page for each recording, a row for each channel.
+    """Write checked recordings beside their simulations, one page each.
 
-    On the left the curves lie over each other, on the right stands what each model leaves over.
+    Each row is a channel. The left panel shows the overlaid curves, the right panel the residuals.
+
+    Parameters
+    ----------
+    path : Path or str
+        Output file.
+    checked : sequence of Checked
+        Checked recordings.
+    title : str
+        Title of the scene.
+    facts : mapping
+        Further lines of the document.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------

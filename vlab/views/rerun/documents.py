@@ -1,4 +1,4 @@
-"""What is read beside the picture: facts and levels as Markdown that hostile names cannot leave, responses as images."""
+"""Documents of a scene: facts, levels and responses."""
 
 import re
 from collections.abc import Mapping
@@ -15,22 +15,33 @@ from vlab.views.figures import frf_figure, pretty_unit, to_png
 from vlab.views.rerun.rrd import plain
 
 PICTURES = 4
-"""Most pairs of output and input whose frequency response is drawn."""
+"""PICTURES [-]: most drawn pairs of output and input of a frequency response."""
 
 
 def cell(words: object) -> str:
-    """Return text that Markdown shows as it stands: no link, no image, no HTML."""
+    """Return text without links, images and HTML in Markdown."""
     return re.sub(r"([\\`*_{}\[\]()<>#+!|~$&])", r"\\\1", plain(words))
 
 
 def fact_list(title: str, facts: Mapping[str, object]) -> str:
-    """Return a heading and one line a fact; those without a value are left out."""
+    """Return a heading and one line per fact with a value."""
     lines = [f"- **{cell(key)}**: {cell(value)}" for key, value in facts.items() if str(value)]
     return "\n".join([f"## {cell(title)}", "", *lines, ""])
 
 
 def level_table(recording: Recording) -> str:
-    """Return a table of the rms and the largest value of every channel."""
+    """Return a table of rms and peak of every channel.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording.
+
+    Returns
+    -------
+    str
+        Markdown table.
+    """
     lines = ["", "| channel | unit | rms | largest |", "|---|---|---|---|"]
     for channel in recording.channels:
         values = recording[channel.name]
@@ -40,7 +51,24 @@ def level_table(recording: Recording) -> str:
 
 
 def run_facts(plant: Plant, recording: Recording, law: str, hardware: Hardware | None) -> dict[str, object]:
-    """Return what a reader of a run asks first."""
+    """Return the main facts of a run.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    recording : Recording
+        Recording of the run.
+    law : str
+        Name of the law.
+    hardware : Hardware or None
+        Hardware of the laboratory.
+
+    Returns
+    -------
+    dict
+        Facts by heading.
+    """
     meta = recording.meta
     converter = hardware.converter if hardware is not None else None
     duration = recording.time[-1] - recording.time[0] + (recording.time[1] - recording.time[0])
@@ -65,7 +93,20 @@ def log_document(stream: Any, text: str) -> None:
 def response_pictures(
     measured: FrequencyResponse | None, analytical: FrequencyResponse | None
 ) -> list[tuple[str, Any, bytes]]:
-    """Return entity, view and image of the first pairs of output and input."""
+    """Return entity, view and image of the first pairs of output and input.
+
+    Parameters
+    ----------
+    measured : FrequencyResponse or None
+        Measured response.
+    analytical : FrequencyResponse or None
+        Analytical response.
+
+    Returns
+    -------
+    list of (entity, view, image)
+        Pictures.
+    """
     first = measured if measured is not None else analytical
     if first is None:
         return []

@@ -1,4 +1,4 @@
-"""The stored configurations of a run: a plant put into one after the other, and the samples they belong to."""
+"""Stored configurations of a run, with their samples."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -20,23 +20,23 @@ from vlab.structure.model import Structure
 from vlab.views.rerun.rrd import time_columns
 
 MOTION = "motion"
-"""The entity of a Rerun file that holds the true deflections, for views of several runs."""
+"""MOTION: entity of the true deflections in a Rerun file, for views of several runs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """How the points of a structure move.
+    """Motion of the points of a structure.
 
     Parameters
     ----------
     names : tuple of str
-        The points.
+        Points.
     times : (n,) array
-        Of the pictures [s].
+        Times of the pictures [s].
     steps : (n,) int array
-        The sample of the recording that each picture belongs to.
+        Sample of the recording of each picture.
     deflections : (n, n_points) array
-        From equilibrium [m].
+        Deflections from equilibrium [m].
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,7 @@ class Motion:
     def of(
         cls, structure: Structure, plant: Plant, result: Result, *, since: int = 0, until: int | None = None
     ) -> "Motion":
-        """Return the motion of the points that a plant knows, at the configurations of a run from `since` to `until`."""
+        """Return the motion of a plant's points at configurations from `since` to `until`."""
         names, part = tuple(p.name for p in structure.point if p.name in plant.ports), slice(since, until)
         deflections = port_deflections(plant, result.frames[part], names)
         times, steps = result.frame_times[part], frame_steps(result)[part]
@@ -65,7 +65,7 @@ class Motion:
         return float(np.abs(self.deflections).max(initial=0.0))
 
     def log(self, stream: Any) -> None:
-        """Log the true deflections, so that `read` finds them."""
+        """Log the true deflections for `read`."""
         n, count = self.deflections.shape
         stream.log(MOTION, rr.SeriesLines(names=[f"{name} [m]" for name in self.names]), static=True)
         columns = rr.Scalars.columns(scalars=self.deflections.ravel()).partition([count] * n)
@@ -73,12 +73,22 @@ class Motion:
 
     @classmethod
     def read(cls, path: Path) -> "Motion":
-        """Read the motion back from a Rerun file.
+        """Read the motion from a Rerun file.
+
+        Parameters
+        ----------
+        path : Path
+            Rerun file of a run on a structure.
+
+        Returns
+        -------
+        Motion
+            Motion of the points.
 
         Raises
         ------
         BadRecording
-            The file is damaged, or was not written from a run on a structure.
+            The file is damaged, or does not hold a run on a structure.
         """
         try:
             with warnings.catch_warnings():
@@ -112,7 +122,22 @@ def _read_motion(path: Path) -> tuple[list[str], Array, NDArray[np.int64], Array
 
 
 def port_deflections(plant: Plant, frames: Array, names: Sequence[str]) -> Array:
-    """Return the deflections (n_frames, n_names) [m] of ports from their equilibrium at stored configurations."""
+    """Return deflections of ports from equilibrium at stored configurations.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    frames : array
+        Stored configurations.
+    names : sequence of str
+        Names of the ports.
+
+    Returns
+    -------
+    array
+        Deflections, (n_frames, n_names) [m].
+    """
     ports = [plant.port(name) for name in names]
     data = plant.new_data()
     mujoco.mj_forward(plant.model, data)
@@ -124,7 +149,22 @@ def port_deflections(plant: Plant, frames: Array, names: Sequence[str]) -> Array
 
 
 def configurations(plant: Plant, data: Any, frames: Array) -> Iterator[Array]:
-    """Put `data` into one stored configuration after the other, as far as positions go."""
+    """Set `data` to one stored configuration after the other.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    data : object
+        MuJoCo data, whose positions are set.
+    frames : array
+        Stored configurations.
+
+    Yields
+    ------
+    array
+        Stored configuration.
+    """
     model = plant.model
     if frames.ndim != 2 or frames.shape[1] != model.nq:
         raise BadRecording(
@@ -144,6 +184,6 @@ def frame_columns(result: Result) -> list[Any]:
 
 
 def frame_steps(result: Result) -> NDArray[np.int64]:
-    """Return the sample that each stored configuration belongs to."""
+    """Return the sample of each stored configuration."""
     steps = np.searchsorted(result.recording.time, result.frame_times - 1e-9)
     return np.asarray(np.clip(steps, 0, len(result.recording) - 1), dtype=np.int64)

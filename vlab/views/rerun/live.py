@@ -1,4 +1,4 @@
-"""A run as it happens: streamed into a Rerun viewer on this machine while it is simulated."""
+"""Live view of a run in a Rerun viewer."""
 
 import contextlib
 import math
@@ -25,32 +25,32 @@ from vlab.views.rerun.structure import StructureScene
 from vlab.views.rerun.traces import log_traces, trace_views
 
 PICTURES_HZ = 30.0
-"""How often a paced run is sent on, per second of the clock on the wall."""
+"""PICTURES_HZ [Hz]: update rate of a paced run."""
 REST_S = 0.2
-"""Least time between two parts of a run that is not paced; what is sent then costs the run little."""
+"""REST_S [s]: least time between two parts of an unpaced run, which keeps the cost low."""
 LEAVE_S = 10.0
-"""How long the last part may take to arrive [s]."""
+"""LEAVE_S [s]: longest time for the last part to arrive."""
 HIGHEST_HZ = 60.0
-"""Last line of the spectra where the excitation has no band."""
+"""HIGHEST_HZ [Hz]: last line of the spectra for an excitation without a band."""
 
 
 class LiveView:
-    """Sends a run on while it goes; hand `watch` to `vlab.lab.experiment.run_experiment`.
+    """Live view of a run, with `watch` for `vlab.lab.experiment.run_experiment`.
 
-    The first part sets what does not change. The factor on the deflections is chosen then and falls when the motion grows
-    out of the picture; the document says the present one.
+    The first part sets all constants, among them the factor on the deflections. The factor falls when the motion
+    outgrows the picture. The document states the present factor.
 
     Parameters
     ----------
     connect : callable
-        Gives the address of a viewer, see `vlab.views.rerun.viewer.viewer_at`; called at once.
+        Returns the address of a viewer, see `vlab.views.rerun.viewer.viewer_at`; called at once.
     pace : float
-        Simulated seconds a second at most; infinity: as fast as it is computed.
+        Most simulated seconds per second; infinity for no limit.
 
     Raises
     ------
     BadExperiment
-        A pace that is not positive.
+        The pace is not positive.
     """
 
     def __init__(self, prepared: PreparedRun, *, connect: Callable[[], str], pace: float = 1.0) -> None:
@@ -66,14 +66,14 @@ class LiveView:
         self._largest: dict[str, float] = {}
 
     def watch(self, done_s: float, so_far: Callable[[], Result]) -> None:
-        """Send what is new; wait where the run is ahead of its pace.
+        """Send new samples, and wait for the pace.
 
         Parameters
         ----------
         done_s : float
-            Simulated seconds that are done.
+            Completed simulated time [s].
         so_far : callable
-            Gives the result of the whole run, of which the first `done_s` seconds are filled in.
+            Returns the result, complete up to `done_s`.
         """
         now = time.monotonic()
         self._begun = now if self._begun is None else self._begun
@@ -91,7 +91,7 @@ class LiveView:
             time.sleep(1 / PICTURES_HZ)
 
     def finish(self, result: Result) -> None:
-        """Send the rest and let go of the viewer, which stays open; one that was closed is no harm."""
+        """Send the rest and disconnect."""
         self._send(result, math.inf)
         with contextlib.suppress(RuntimeError):
             self._stream.flush(timeout_sec=LEAVE_S)
@@ -123,7 +123,7 @@ class LiveView:
         self._samples, self._frames = samples, frames
 
     def _picture(self, motion: Motion, recording: Recording) -> StructureScene:
-        """Return the structure with the present factor, a smaller one where the motion has grown."""
+        """Return the structure with the present factor."""
         scene = StructureScene(self.prepared.structure, motion)
         if self._factor is not None and scene.factor > self._factor / 2:
             return StructureScene(self.prepared.structure, motion, self._factor)
@@ -151,7 +151,7 @@ class LiveView:
         return scenes
 
     def _document(self, scene: StructureScene, recording: Recording) -> None:
-        """Log what is read; a later one takes the place of an earlier one."""
+        """Log the document, in place of an earlier one."""
         prepared = self.prepared
         facts = run_facts(prepared.plant, recording, prepared.settings.law, prepared.hardware)
         facts["picture"] = f"{scene.title()}; arrows: forces of the coils, the longest is the largest until then"
@@ -159,10 +159,10 @@ class LiveView:
 
 
 class _Moving:
-    """A stream that takes only what moves: what does not was logged with the first part of a run."""
+    """Stream of moving data only."""
 
     def __init__(self, stream: Any) -> None:
         self.send_columns = stream.send_columns
 
     def log(self, *_: Any, **__: Any) -> None:
-        """Drop what is static."""
+        """Drop static data."""

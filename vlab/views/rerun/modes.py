@@ -1,4 +1,4 @@
-"""Modal amplitudes of a run in a Rerun scene: which modes the motion is made of, as bars that move."""
+"""Modal amplitudes of a run in a Rerun scene, as moving bars."""
 
 from typing import Any
 
@@ -15,21 +15,22 @@ from vlab.views.rerun.frames import frame_steps
 from vlab.views.rerun.rrd import BLUE, time_columns
 
 WINDOW_S = 1.0
-"""An amplitude is that of the last second, or of the last two periods where they are longer."""
+"""WINDOW_S [s]: window of an amplitude, at least two periods."""
 EVERY = 6
-"""Pictures between two settings of the bars: ten a second."""
+"""EVERY [pictures]: pictures between two updates of the bars, ten a second."""
 MILLI, LOWEST_HZ = 1e3, 0.1
 
 
 class ModalScene:
-    """The modes of a plant about its equilibrium, each scaled to a largest deflection of one at the structure's points.
+    """Scaled modes of a plant about equilibrium.
 
-    Shown are as many modes as the structure has measured damping ratios, those that move no point left out.
+    The scene shows as many modes as the structure has measured damping ratios. Modes without motion of the points are
+    omitted.
 
     Parameters
     ----------
     structure : Structure
-        Its points give the scale.
+        Structure whose points set the scale.
     """
 
     def __init__(self, structure: Structure, plant: Plant) -> None:
@@ -50,7 +51,20 @@ class ModalScene:
         return np.asarray(away @ self._project.T)
 
     def amplitudes(self, frames: Array, times: Array) -> Array:
-        """Return the amplitudes (n_frames, n_modes) [m]: rms over the window that ends at each time, times sqrt 2."""
+        """Return modal amplitudes before each time.
+
+        Parameters
+        ----------
+        frames : array
+            Stored configurations.
+        times : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Amplitudes, (n_frames, n_modes) [m].
+        """
         squares = np.vstack([np.zeros(len(self.freq)), np.cumsum(self.coordinates(frames) ** 2, axis=0)])
         end = np.arange(1, len(times) + 1)
         out = np.empty((len(times), len(self.freq)))

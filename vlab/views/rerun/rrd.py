@@ -1,4 +1,4 @@
-"""Rerun files: whole or not there at all, opened arranged, in the colours of the figures."""
+"""Rerun files: atomic output, arranged views, colours of the figures."""
 
 import hashlib
 import os
@@ -25,16 +25,33 @@ BLUE, ORANGE, GREEN, PURPLE = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) f
 GREY, LIGHT = (130, 130, 130), (225, 225, 225)
 TOWARDS_EYE = np.array([0.72, -0.66, 0.16])
 EYE_DISTANCE = 1.13
-"""Of the default eye, in extents of what is shown."""
+"""EYE_DISTANCE [-]: distance of the default eye in extents of the scene."""
 FIELD_OF_VIEW = np.radians(55.0)
-"""Of the viewer, from bottom to top."""
+"""FIELD_OF_VIEW [rad]: vertical angle of the viewer."""
 WIDTH_TO_HEIGHT = 0.5
-"""Of the moving picture in a common window, see `arranged`."""
+"""WIDTH_TO_HEIGHT [-]: aspect of the moving picture in a common window, see `arranged`."""
 
 
 @contextmanager
 def rrd_file(path: Path | str, name: str, layout: Any, identity: Any) -> Iterator[Any]:
-    """Yield a recording stream whose file appears under its name only when everything is in it."""
+    """Yield a recording stream whose file appears only when complete.
+
+    Parameters
+    ----------
+    path : Path or str
+        Output file.
+    name : str
+        Name of the recording.
+    layout : object
+        Blueprint of the views.
+    identity : object
+        Identity of the content.
+
+    Yields
+    ------
+    object
+        Rerun stream.
+    """
     path = Path(path)
     try:
         with part_beside(path) as part:  # a folder that cannot be written shows here, before Rerun warns on its own
@@ -61,7 +78,7 @@ def _save(stream: Any, part: Path, layout: Any) -> None:
 
 
 def _check_whole(part: Path) -> None:
-    """Refuse a file without its end: Rerun goes on in silence when the disk is full."""
+    """Refuse a file without its end."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -71,7 +88,18 @@ def _check_whole(part: Path) -> None:
 
 
 def identity_of(*recordings: Recording) -> uuid.UUID:
-    """Return an identity made of the content of recordings."""
+    """Return an identity derived from the content of recordings.
+
+    Parameters
+    ----------
+    recordings : Recording
+        Recordings.
+
+    Returns
+    -------
+    uuid.UUID
+        Identity.
+    """
     content = hashlib.sha256()
     for recording in recordings:
         content.update(repr((recording.channels, dict(recording.meta))).encode())
@@ -80,18 +108,18 @@ def identity_of(*recordings: Recording) -> uuid.UUID:
 
 
 def time_columns(time: Array, steps: NDArray[np.int64]) -> list[Any]:
-    """Return the two timelines: seconds, and the number of the sample."""
+    """Return the two timelines: seconds and sample number."""
     return [rr.TimeColumn("sim_time", duration=time), rr.TimeColumn("step", sequence=steps)]
 
 
 def send(stream: Any, path: str, indexes: list[Any], look: Any, columns: Any) -> None:
-    """Log how an entity looks once, and its values over time."""
+    """Log the look of an entity once, and its values over time."""
     stream.log(path, look, static=True)
     stream.send_columns(path, indexes, columns)
 
 
 def rgb(index: int) -> tuple[int, ...]:
-    """Return the colour of the figures' curve of that number; their black is a grey that shows on black."""
+    """Return the colour of a curve number."""
     colour = COLOURS[index % len(COLOURS)]
     return (120, 120, 120) if colour == "#000000" else tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
@@ -102,7 +130,24 @@ def plain(words: object) -> str:
 
 
 def eye_view(name: str, origin: str, middle: Array, extent: float) -> Any:
-    """Return a view from the front right, where a deflection along y shows to the side."""
+    """Return a view from the front right.
+
+    Parameters
+    ----------
+    name : str
+        Name of the view.
+    origin : str
+        Entity.
+    middle : array
+        Centre of the scene [m].
+    extent : float
+        Extent of the scene [m].
+
+    Returns
+    -------
+    object
+        View.
+    """
     position = middle + EYE_DISTANCE * extent * TOWARDS_EYE
     eye = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=middle, eye_up=[0, 0, 1])
     return rrb.Spatial3DView(
@@ -114,7 +159,20 @@ def eye_view(name: str, origin: str, middle: Array, extent: float) -> Any:
 
 
 def extent_in_view(points: Array, middle: Array) -> float:
-    """Return the smallest extent for `eye_view` with which all points (n, 3) come to lie in the picture."""
+    """Return the smallest extent for `eye_view`.
+
+    Parameters
+    ----------
+    points : array
+        Points, (n, 3) [m].
+    middle : array
+        Centre of the scene [m].
+
+    Returns
+    -------
+    float
+        Extent [m].
+    """
     towards = TOWARDS_EYE / np.linalg.norm(TOWARDS_EYE)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
@@ -126,12 +184,23 @@ def extent_in_view(points: Array, middle: Array) -> float:
 
 
 def arranged(scene: Any, bars: Any | None, pages: Sequence[tuple[str, Sequence[Any]]], papers: Sequence[Any]) -> Any:
-    """Arrange the moving picture over its bars, the pages of plots, and what is read, from left to right.
+    """Arrange picture, bars, plots and documents.
 
     Parameters
     ----------
+    scene : object
+        Moving picture.
+    bars : object or None
+        View of bars below the picture, if any.
     pages : sequence of (name, views)
-        One above the other on each; pages without a view are left out.
+        Views in one column each; pages without views are omitted.
+    papers : sequence of object
+        Documents and images.
+
+    Returns
+    -------
+    object
+        Container of the views.
     """
     left = scene if bars is None else rrb.Vertical(scene, bars, row_shares=[3, 1])
     shown = [rrb.Vertical(*views, name=name) for name, views in pages if views]
@@ -140,7 +209,20 @@ def arranged(scene: Any, bars: Any | None, pages: Sequence[tuple[str, Sequence[A
 
 
 def blueprint(views: Any, *, playing: str = "playing") -> Any:
-    """Return views that open with the panels folded away and the time running; `playing` "following" stays at its end."""
+    """Return views with folded panels and running time.
+
+    Parameters
+    ----------
+    views : object
+        Container of the views.
+    playing : str
+        State of the time; ``"following"`` stays at its end.
+
+    Returns
+    -------
+    object
+        Blueprint.
+    """
     return rrb.Blueprint(
         views,
         rrb.BlueprintPanel(state="collapsed"),

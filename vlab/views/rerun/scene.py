@@ -1,7 +1,7 @@
-"""Rerun scenes: an `.rrd` file that opens arranged, with the moving structure beside its traces.
+"""Rerun scenes: an arranged `.rrd` file of the moving structure beside its traces.
 
-Nothing is started and nothing is sent: the file is written and closed. Traces hold every sample; the picture moves at
-the rate of the stored configurations. Timelines: ``sim_time`` [s] and ``step``, the number of the sample.
+The file is written and closed; no process starts and nothing is sent. Traces hold every sample. The picture moves at
+the rate of the stored configurations. Timelines are ``sim_time`` [s] and ``step``, the sample number.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ from vlab.views.rerun.traces import PEAKS, log_series, log_traces, plot_view, tr
 __all__ = ["PEAKS", "port_deflections", "sensible_exaggeration", "write_bodies", "write_comparison", "write_run"]
 
 ROWS = 5
-"""Channels on one page of a comparison."""
+"""ROWS [-]: channels on one page of a comparison."""
 
 
 def write_run(
@@ -50,31 +50,42 @@ def write_run(
     hardware: Hardware | None = None,
     facts: Mapping[str, object] | None = None,
 ) -> Path:
-    """Write an experiment on a structure as a Rerun file that opens arranged.
+    """Write an experiment on a structure as an arranged Rerun file.
 
     Parameters
     ----------
     path : path
-        Of the ``.rrd`` file; it appears whole or not at all.
+        Output ``.rrd`` file, which appears whole or not at all.
+    structure : Structure
+        Structure.
+    plant : Plant
+        Plant.
+    result : Result
+        Result of the run.
     frf, analytical : FrequencyResponse or None
-        Drawn over each other, one image for each pair of output and input.
+        Overlaid responses, one image per pair of output and input.
     exaggeration : float or None
-        Factor on the deflections in the picture; by default one that shows them, stated in the title of the view.
+        Factor on the deflections [-]; by default a visible one, stated in the title.
     law : str
-        The control law in words.
+        Description of the control law.
     controller : Controller or None
-        The law that ran, for its states.
+        Law of the run, for its states.
     hardware : Hardware or None
-        Where the delay, the filter and the amplifiers' limit are read from.
+        Source of delay, filter and amplifier limit.
     facts : mapping or None
-        More lines of the document.
+        Further lines of the document.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------
     OutputRefused
         The file cannot be written.
     BadRecording
-        The stored configurations are not those of this plant.
+        The stored configurations belong to another plant.
     """
     recording = result.recording
     motion = Motion.of(structure, plant, result)
@@ -110,7 +121,30 @@ def run_document(
     hardware: Hardware | None,
     facts: Mapping[str, object] | None = None,
 ) -> str:
-    """Return what is read beside the picture of a run."""
+    """Return the document of a run.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    plant : Plant
+        Plant.
+    result : Result
+        Result of the run.
+    scene : StructureScene
+        Scene of the structure.
+    law : str
+        Description of the control law.
+    hardware : Hardware or None
+        Hardware of the laboratory.
+    facts : mapping or None
+        Further lines of the document.
+
+    Returns
+    -------
+    str
+        Markdown text.
+    """
     about = {"structure": structure.title, **run_facts(plant, result.recording, law, hardware)}
     about["picture"] = (
         f"{scene.title()}; largest deflection {1000 * scene.motion.largest:.3g} mm; arrows: forces of the coils"
@@ -120,7 +154,7 @@ def run_document(
 
 
 def largest_forces(recording: Recording) -> dict[str, float]:
-    """Return the largest force of every channel that is one, by name."""
+    """Return the peak of every force channel, by name."""
     return {c.name: float(np.abs(recording[c.name]).max()) for c in recording.channels if c.kind == "force"}
 
 
@@ -135,9 +169,32 @@ def write_bodies(
     hardware: Hardware | None = None,
     facts: Mapping[str, object] | None = None,
 ) -> Path:
-    """Write an experiment on any MuJoCo model: bodies as points, lines from parent to child, geoms as their long axes.
+    """Write an experiment on any MuJoCo model as an arranged Rerun file.
 
-    The parameters are those of `write_run`; nothing is exaggerated.
+    Bodies are points, with lines from parent to child; geoms are their long axes. Deflections are not exaggerated.
+    See `write_run` for the parameters.
+
+    Parameters
+    ----------
+    path : Path or str
+        Output file.
+    plant : Plant
+        Plant.
+    result : Result
+        Result of the run.
+    frf, analytical : FrequencyResponse or None
+        Overlaid responses.
+    law : str
+        Description of the control law.
+    hardware : Hardware or None
+        Hardware of the laboratory.
+    facts : mapping or None
+        Further lines of the document.
+
+    Returns
+    -------
+    Path
+        Written file.
     """
     recording = result.recording
     scene = BodyScene(plant, result)
@@ -189,17 +246,32 @@ def write_comparison(
     title: str = "measured beside simulated",
     facts: Mapping[str, object] | None = None,
 ) -> Path:
-    """Write two recordings over each other with their difference, channel by channel, as a Rerun file.
+    """Write two overlaid recordings with their difference, channel by channel.
 
     Parameters
     ----------
+    path : Path or str
+        Output file.
+    measured : Recording
+        Measured recording.
+    simulated : Recording
+        Simulated recording.
     channels : sequence of str or None
-        Which; by default all that both recordings have.
+        Drawn channels; all common channels by default.
+    title : str
+        Title of the scene.
+    facts : mapping or None
+        Further lines of the document.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------
     BadRecording
-        No overlap in time, or a channel with two units.
+        The recordings do not overlap in time, or a channel has two units.
     OutputRefused
         The file cannot be written.
     """

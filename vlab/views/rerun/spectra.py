@@ -1,4 +1,4 @@
-"""Short-time amplitude spectra in a Rerun scene: what each sensor moved at in the last seconds, as bars over frequency."""
+"""Short-time amplitude spectra of the sensors in a Rerun scene, as bars."""
 
 from typing import Any
 
@@ -12,23 +12,23 @@ from vlab.views.rerun.bars import bar_view, log_bars
 from vlab.views.rerun.rrd import plain, rgb, time_columns
 
 WINDOW_S, EVERY_S = 4.0, 0.5
-"""A spectrum is that of the last four seconds, twice a second; its lines are 0.25 Hz apart."""
+"""WINDOW_S, EVERY_S [s]: window of a spectrum with lines 0.25 Hz apart, and time between two spectra."""
 KEPT = 0.999
-"""Share of the power that lies below the highest line."""
+"""KEPT [-]: share of the power below the highest line."""
 ROWS = 4
-"""Channels on one page."""
+"""ROWS [-]: channels on one page."""
 _RESPONSES = ("displacement", "velocity", "acceleration", "angle", "angular-velocity", "angular-acceleration", "strain")
 _MILLI = {"m": "mm", "m/s": "mm/s"}
-"""Units that are shown in thousandths: the axis has few digits."""
+"""_MILLI: units shown in thousandths, for the axis has few digits."""
 
 
 class SpectrumScene:
-    """The short-time spectra of a recording's responses.
+    """Scene of short-time spectra of a recording's responses.
 
     Parameters
     ----------
     highest_hz : float or None
-        Last line; by default where nearly all power lies below.
+        Last line [Hz]; by default nearly all power lies below it.
     """
 
     def __init__(self, recording: Recording, *, highest_hz: float | None = None) -> None:
@@ -40,13 +40,26 @@ class SpectrumScene:
         self.lines = max(2, int(np.searchsorted(self.freq, min(highest, self.rate / 2), side="right")))
 
     def ends(self, samples: int, since: int = 0) -> Array:
-        """Return the numbers of samples that a spectrum is taken after, above `since`."""
+        """Return the last samples of the spectra above `since`."""
         every = max(2, round(EVERY_S * self.rate))
         ends = np.arange(every, samples + 1, every)
         return ends[ends > since]
 
     def spectra(self, values: Array, ends: Array) -> Array:
-        """Return the amplitudes (n_ends, n_lines): of a sine at a line the peak value (Hann window)."""
+        """Return amplitude spectra with a Hann window.
+
+        Parameters
+        ----------
+        values : array
+            Samples of one channel.
+        ends : array
+            Last samples of the spectra.
+
+        Returns
+        -------
+        array
+            Amplitudes, (n_ends, n_lines).
+        """
         out = np.empty((len(ends), self.lines))
         for row, end in zip(out, ends, strict=True):
             part = values[max(0, end - self.length) : end]
@@ -64,7 +77,7 @@ class SpectrumScene:
             log_bars(stream, f"spectra/{k}", indexes, rows, middles=self.freq[: self.lines], width=step, colour=rgb(k))
 
     def views(self) -> list[Any]:
-        """Return the views, on pages where there are many."""
+        """Return the views, on several pages if there are many."""
         views = []
         for k, channel in enumerate(self.channels):
             unit = _MILLI.get(channel.unit, pretty_unit(channel.unit))
@@ -80,7 +93,7 @@ class SpectrumScene:
 
 
 def _highest(recording: Recording, channels: list[Channel]) -> float:
-    """Return the frequency below which nearly all power of every response lies [Hz]."""
+    """Return the highest frequency of the spectra [Hz]."""
     highest = 1.0
     for channel in channels:
         freq, power = signal.welch(recording[channel.name], recording.rate, nperseg=min(4096, len(recording)))

@@ -1,4 +1,4 @@
-"""A structure in a Rerun scene: its bars bend as its points deflect, its coils push."""
+"""Structure in a Rerun scene: bending bars, deflecting points, coil forces."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,13 +14,26 @@ from vlab.views.rerun.frames import Motion
 from vlab.views.rerun.rrd import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, extent_in_view, eye_view, send
 
 SHOWN_SHARE = 0.2
-"""The largest deflection is drawn as about this share of the structure's size."""
+"""SHOWN_SHARE [-]: approximate length of the largest deflection over the size of the structure."""
 FORCE_SHARE = 0.2
-"""The largest force is drawn as an arrow of this share of the structure's size."""
+"""FORCE_SHARE [-]: arrow length of the largest force over the size of the structure."""
 
 
 def sensible_exaggeration(largest: float, size: float) -> float:
-    """Return 1, 2 or 5 times a power of ten that makes a deflection visible beside a structure's size; at least 1."""
+    """Return a factor that makes a deflection visible.
+
+    Parameters
+    ----------
+    largest : float
+        Largest deflection [m].
+    size : float
+        Size of the structure [m].
+
+    Returns
+    -------
+    float
+        Factor on the deflections [-].
+    """
     if not largest > 0:
         return 1.0
     wanted = max(SHOWN_SHARE * size / largest, 1.0)
@@ -29,18 +42,18 @@ def sensible_exaggeration(largest: float, size: float) -> float:
 
 
 class StructureScene:
-    """The structure with its deflections, ready to be logged.
+    """Scene of the structure with its deflections.
 
     Parameters
     ----------
     motion : Motion
-        How its points move.
+        Motion of its points.
     exaggeration : float or None
-        Factor on the deflections; by default one that shows them.
+        Factor on the deflections [-]; a visible one by default.
     root : str
-        The entity that everything is logged under.
+        Parent entity.
     colour : tuple or None
-        Of all bars; by default they differ.
+        Colour of all bars; different colours by default.
     """
 
     def __init__(
@@ -62,7 +75,7 @@ class StructureScene:
         self.y, self.indexes = motion.deflections * self.factor, motion.indexes
 
     def title(self) -> str:
-        """Return what the view is called: the structure and the factor on its deflections."""
+        """Return the title of the view: structure and factor on the deflections."""
         factor = f"deflection × {self.factor:g}" if self.factor != 1 else "true deflection"
         return f"{self.structure.title}, {factor}"
 
@@ -104,13 +117,13 @@ class StructureScene:
                 stream.log(self._path("fixings", name), fixed, static=True)
 
     def _fixings(self, cable: Cable) -> NDArray[np.float32]:
-        """Return where the cables of a group are fixed, (n_cables, 3)."""
+        """Return the fixed ends of a group of cables, (n_cables, 3)."""
         x, z = self.structure.position(cable.at)
         sides = [cable.spread * (1 if k % 2 == 0 else -1) for k in range(cable.count)]
         return np.array([(x + side, 0.0, z + cable.height) for side in sides], dtype=np.float32).reshape(-1, 3)
 
     def _points(self, stream: Any) -> None:
-        """Draw what is mounted, one point a place, with its label at the side."""
+        """Draw mounted parts, one labelled point per place."""
         things = self._things()
         for name, (_, colour, radius) in things.items():
             look = rr.Points3D.from_fields(colors=[colour], radii=[radius * self.size])
@@ -130,7 +143,7 @@ class StructureScene:
             stream.log(f"{self.root}/labels/leaders", leaders, static=True)
 
     def _label_places(self, names: list[str]) -> tuple[Array, Array]:
-        """Return where labels stand beside the structure, none on another, and the points they belong to."""
+        """Return separate label places beside the structure, and their points."""
         anchors = np.array([(x, 0.0, z) for x, z in map(self.structure.position, names)]).reshape(-1, 3)
         middle, away, apart = (self.low[0] + self.high[0]) / 2, 0.27 * self.size, 0.075 * self.size
         left = anchors[:, 0] < middle - 1e-6 * self.size
@@ -158,12 +171,18 @@ class StructureScene:
         return out
 
     def log_forces(self, stream: Any, recording: Recording, largest: Mapping[str, float]) -> None:
-        """Draw the force of every coil as an arrow along its axis, the longest where it is the largest of all.
+        """Log the force of every coil as an arrow along its axis.
+
+        The largest force has the longest arrow.
 
         Parameters
         ----------
+        stream : object
+            Rerun stream.
+        recording : Recording
+            Recording of the run.
         largest : mapping
-            Largest force of every channel that is drawn, by name.
+            Peak of every drawn force channel, by name.
         """
         coils = {c.name: c.at for c in self.structure.coil if c.at in self.names}
         scale = FORCE_SHARE * self.size / max(largest.values(), default=0.0) if any(largest.values()) else 0.0
@@ -176,14 +195,27 @@ class StructureScene:
                 send(stream, self._path("forces", channel.at), self.indexes, look, columns)
 
     def position(self, point: str) -> NDArray[np.float32]:
-        """Return where a point is drawn over time, (n_frames, 3)."""
+        """Return the drawn position of a point over time, (n_frames, 3)."""
         k = self.names.index(point)
         out = np.zeros((len(self.y), 3), dtype=np.float32)
         out[:, 0], out[:, 1], out[:, 2] = self.at[k, 0], self.y[:, k], self.at[k, 1]
         return out
 
     def view(self, title: str | None = None, origin: str | None = None) -> Any:
-        """Return the view that shows it, or everything under `origin`."""
+        """Return the view of the structure, or of all entities under `origin`.
+
+        Parameters
+        ----------
+        title : str or None
+            Title of the view.
+        origin : str or None
+            Entity.
+
+        Returns
+        -------
+        object
+            View.
+        """
         heights = [self.structure.position(c.at)[1] + c.height for c in self.structure.cable]
         bottom, top = min([self.low[1], *heights]), max([self.high[1], *heights])
         middle = np.array([(self.low[0] + self.high[0]) / 2, 0.0, (bottom + top) / 2])

@@ -1,4 +1,4 @@
-"""Traces in a Rerun scene: every sample of every channel, one plot for each kind and unit."""
+"""Traces in a Rerun scene: every sample, one plot per kind and unit."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,14 +12,14 @@ from vlab.views.figures import channel_label, pretty_unit
 from vlab.views.rerun.rrd import plain, rgb, time_columns
 
 PEAKS = rr.components.AggregationPolicy.MinMax
-"""How the viewer thins a trace; its own default, the average, would hide the peaks."""
+"""PEAKS: thinning of traces by extremes; the viewer's default, the average, hides peaks."""
 _KIND_ORDER = ("displacement", "velocity", "acceleration", "force", "command", "excitation")
 
 
 def log_series(
     stream: Any, path: str, time: Array, values: Array, label: str, colour: Any, *, width: float = 1.5
 ) -> None:
-    """Log one curve of a plot, its peaks kept however far out the viewer zooms."""
+    """Log one curve of a plot, with visible peaks at every zoom."""
     log_many(stream, path, time, np.asarray(values)[:, None], [label], [colour], width=width)
 
 
@@ -34,13 +34,26 @@ def log_many(
     first: int = 0,
     width: float = 1.5,
 ) -> None:
-    """Log curves that share their times as one entity: several times faster and smaller than one each.
+    """Log curves with common times as one entity.
 
     Parameters
     ----------
+    stream : object
+        Rerun stream.
+    path : str
+        Entity.
+    time : array
+        Times [s].
     values : (n, n_curves) array
+        Samples of the curves.
+    labels : sequence of str
+        Names of the curves.
+    colours : sequence of object
+        Colours of the curves.
     first : int
         Number of the first sample.
+    width : float
+        Line width.
     """
     n, count = values.shape
     look = rr.SeriesLines(names=labels, colors=colours, widths=[width] * count, aggregation_policy=PEAKS)
@@ -67,7 +80,7 @@ def log_traces(stream: Any, recording: Recording, *, since: int = 0, until: int 
 
 
 def trace_views(recording: Recording) -> list[Any]:
-    """Return the plots of what `log_traces` logs."""
+    """Return the plots of the entities of `log_traces`."""
     views = []
     for i, (kind, unit) in enumerate(_groups(recording)):
         views.append(plot_view(f"{kind} [{pretty_unit(unit)}]", f"/traces/{i}"))
@@ -75,7 +88,22 @@ def trace_views(recording: Recording) -> list[Any]:
 
 
 def plot_view(name: str, origin: str, *, contents: Any = "$origin/**") -> Any:
-    """Return a plot over time whose zoom is that of the others."""
+    """Return a plot over time with the common zoom.
+
+    Parameters
+    ----------
+    name : str
+        Name of the plot.
+    origin : str
+        Entity.
+    contents : object
+        Shown entities.
+
+    Returns
+    -------
+    object
+        View.
+    """
     return rrb.TimeSeriesView(
         name=plain(name),
         origin=origin,

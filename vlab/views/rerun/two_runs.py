@@ -1,4 +1,4 @@
-"""Two runs in one Rerun file: their traces over each other, channel by channel, and both structures in one picture."""
+"""Two runs in one Rerun file: overlaid traces, and both structures in one picture."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,18 +21,18 @@ from vlab.views.rerun.structure import StructureScene, sensible_exaggeration
 from vlab.views.rerun.traces import log_series, plot_view
 
 ROWS = 4
-"""Channels on one page."""
+"""ROWS [-]: channels on one page."""
 LETTERS, COLOURS = "ab", (BLUE, ORANGE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShownRun:
-    """A run as it is shown beside another.
+    """Run of a comparison.
 
     Parameters
     ----------
     name : str
-        What its curves are called.
+        Name of its curves.
     """
 
     name: str
@@ -43,12 +43,22 @@ class ShownRun:
 
 
 def load_two(paths: Sequence[Path]) -> list[ShownRun]:
-    """Load two run folders; what they are called tells them apart.
+    """Load two run folders, with distinct names.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Two run folders.
+
+    Returns
+    -------
+    list of ShownRun
+        Runs in the same order.
 
     Raises
     ------
     BadRecording
-        Not two run folders of `vlab experiment`, or one is damaged.
+        The folders are not two run folders of `vlab experiment`, or one is damaged.
     """
     names = [path.resolve().name for path in paths]
     if names[0] == names[1]:
@@ -71,10 +81,24 @@ def load_two(paths: Sequence[Path]) -> list[ShownRun]:
 
 
 def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: float | None = None) -> Path:
-    """Write two runs over each other as a Rerun file that opens arranged.
+    """Write two overlaid runs as an arranged Rerun file.
 
-    One plot for each channel that either has; the structures share one factor on their deflections, and one picture
-    where they are the same structure.
+    Each channel of either run has one plot. The structures share one factor on their deflections. Equal structures
+    share one picture.
+
+    Parameters
+    ----------
+    path : Path or str
+        Output file.
+    runs : sequence of ShownRun
+        Two runs.
+    exaggeration : float or None
+        Factor on the deflections [-]; a visible one by default.
+
+    Returns
+    -------
+    Path
+        Written file.
 
     Raises
     ------
@@ -138,7 +162,7 @@ def _picture(runs: Sequence[ShownRun], scenes: Sequence[StructureScene]) -> Any:
 
 
 def _document(title: str, runs: Sequence[ShownRun], scenes: Sequence[StructureScene], order: Sequence[str]) -> str:
-    """Return what is read: what differs in the settings, and the level of every channel in both."""
+    """Return settings and levels of both runs."""
     a, b = (asdict(run.settings) for run in runs)
     differ = {key: f"{_said(a[key])} / {_said(b[key])}" for key in a if a[key] != b[key]}
     facts: Mapping[str, object] = {

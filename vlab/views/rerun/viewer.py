@@ -1,4 +1,4 @@
-"""Starting Rerun's viewer: through its command line, listening on this machine only."""
+"""Start of the Rerun viewer on this machine."""
 
 import os
 import signal
@@ -12,9 +12,9 @@ from vlab.errors import OutputRefused
 
 HERE = "127.0.0.1"
 PORT = 9876
-"""Where a viewer listens unless told otherwise."""
+"""PORT: default port of a viewer."""
 PATIENCE_S = 30.0
-"""How long a viewer may take until it listens [s]."""
+"""PATIENCE_S [s]: longest start of a viewer."""
 _SETTLED_S = 1.0
 
 
@@ -23,13 +23,22 @@ def start_viewer(rrd: Path | None = None, *, port: int = PORT, quiet: bool = Fal
 
     Parameters
     ----------
+    rrd : Path or None
+        Rerun file, or None.
+    port : int
+        Port of the viewer.
     quiet : bool
-        Throw away what the viewer says; it goes to stderr otherwise.
+        Whether the output of the viewer is discarded instead of sent to stderr.
+
+    Returns
+    -------
+    subprocess.Popen
+        Process of the viewer.
 
     Raises
     ------
     OutputRefused
-        It cannot be started.
+        The viewer cannot be started.
     """
     command = [sys.executable, "-P", "-m", "rerun", "--bind", HERE, "--port", str(port)]
     command += [str(rrd)] if rrd is not None else ["--expect-data-soon"]
@@ -47,19 +56,29 @@ def start_viewer(rrd: Path | None = None, *, port: int = PORT, quiet: bool = Fal
 
 
 def listening(port: int) -> bool:
-    """Say whether something on this machine takes connections at a port."""
+    """Return whether a port of this machine takes connections."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.settimeout(0.5)
         return probe.connect_ex((HERE, port)) == 0
 
 
 def viewer_at(port: int) -> str:
-    """Make sure that a viewer listens at a port of this machine, starting one where none does; return its address.
+    """Return the address of a viewer at a port.
+
+    Parameters
+    ----------
+    port : int
+        Port of the viewer.
+
+    Returns
+    -------
+    str
+        Address.
 
     Raises
     ------
     OutputRefused
-        No such port, no display to show a window on, or a viewer that ends or does not listen.
+        The port is invalid, no display is available, or the viewer ends or does not listen.
     """
     if not 1 <= port <= 65535:
         raise OutputRefused(f"the port {port} does not exist; accepted: 1 to 65535 (Rerun's own is {PORT})")
@@ -74,7 +93,7 @@ def viewer_at(port: int) -> str:
 
 
 def _wait(viewer: "subprocess.Popen[bytes]", port: int) -> None:
-    """Wait until a viewer that was just started listens and has its window."""
+    """Wait for a started viewer to listen and show its window."""
     begun = time.monotonic()
     heard = None
     while heard is None or time.monotonic() < heard + _SETTLED_S:
