@@ -148,7 +148,10 @@ class PlainObserver:
         self.x = np.zeros(len(self.A))
 
     def step(self, y: Array) -> Array:
-        """Return the commands after one sample."""
+        """Return the commands after one sample.
+
+        u = C x + D y,  x+ = A x + B y
+        """
         u = self.C @ self.x + self.D @ y
         self.x = self.A @ self.x + self.B @ y
         return u

@@ -1,4 +1,4 @@
-"""The answer to one concealed case: what the diagnosis says, without the truth."""
+"""Answer to one concealed case, made without the truth."""
 
 import time
 from collections.abc import Callable, Collection
@@ -13,21 +13,29 @@ from vlab.files.output_folder import finite, output_folder
 from vlab.proof.baselines import baselines_of
 
 Report = Callable[[Diagnosed | FrequencyDiagnosed | RejectedCase, Path], None]
-"""Writes the report of a diagnosis into a folder."""
+"""Function that writes the report of a diagnosis into a folder."""
 
 
 def answer_case(
     item: tuple[str, Path], *, baselines: bool = False, frees_all: Collection[str] = ()
 ) -> tuple[str, dict[str, Any]]:
-    """Return a case's name and the answer to it; whatever goes wrong is an answer too, and a wrong one.
+    """Return the name of a case and its answer.
+
+    A failure is also an answer, and a wrong one.
 
     Parameters
     ----------
     item : (name, folder)
+        Case.
     baselines : bool
         Whether the simple methods answer as well.
     frees_all : collection of str
-        The cases in which mujoco.sysid, which takes long, is among them.
+        Cases that the slow mujoco.sysid answers, too.
+
+    Returns
+    -------
+    (name, answer)
+        Name of the case and its answer.
     """
     name, folder = item
     began = time.monotonic()
@@ -49,7 +57,24 @@ def answer_case(
 
 
 def write_worst(cases: Path, names: list[str], out: Path, report: Report) -> dict[str, str]:
-    """Diagnose some cases again and write their reports; return the path of each."""
+    """Diagnose some cases again and write their reports.
+
+    Parameters
+    ----------
+    cases : Path
+        Folder of the cases.
+    names : list of str
+        Names of the cases.
+    out : Path
+        Folder of the answers.
+    report : Report
+        Function that writes a report.
+
+    Returns
+    -------
+    dict
+        Path of each report by name.
+    """
     paths = {}
     for name in names:
         folder = out / name

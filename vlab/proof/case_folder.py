@@ -1,4 +1,4 @@
-"""A concealed case as a case folder: recordings and nominal model, nothing of the truth."""
+"""Case folder of a concealed case: recordings and nominal model."""
 
 import json
 import os
@@ -11,13 +11,13 @@ import pyarrow.parquet as pq
 from vlab.proof.generator.concealed import Concealed
 
 STAMP = 946_684_800
-"""Time of every file: the first second of 2000."""
+"""STAMP [s]: time of every file, the first second of 2000."""
 
 
 def write_case(case: Concealed, folder: Path) -> None:
-    """Write ``case.toml``, the nominal model and one Parquet file a recording.
+    """Write ``case.toml``, the nominal model and Parquet recordings.
 
-    Names, order and layout are the same whatever is hidden; the files hold numbers and column names only.
+    Names, order and layout do not depend on the hidden effect. The files hold numbers and column names only.
     """
     folder.mkdir(parents=True)
     for name, text in case.blueprint.files.items():

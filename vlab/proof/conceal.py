@@ -1,4 +1,4 @@
-"""Making a folder of concealed cases and, apart from it, the sealed truth."""
+"""Folder of concealed cases, with the sealed truth apart."""
 
 import contextlib
 import os
@@ -30,11 +30,12 @@ from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
 
 MOST_CASES = 100_000
 SEED_BITS = 128
-"""Of a seed that is drawn: commands follow from it without noise, so a short one could be found by trying them all."""
+"""SEED_BITS [bits]: length of a drawn seed. Commands follow from the seed without noise, so a search could find a short
+one."""
 
 
 def truth_folder(folder: Path) -> Path:
-    """Return where the truth of a folder of cases is kept: beside it."""
+    """Return the folder of the truth, beside the cases."""
     return folder.with_name(f"{folder.name}-truth")
 
 
@@ -50,9 +51,9 @@ def conceal_cases(
     scheduler: str = "",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[dict[str, str], int]:
-    """Conceal cases; return the commitment of every case, and the seed.
+    """Conceal cases; return commitments and seed.
 
-    What a run that was stopped has made is kept in `unfinished_folder`; the same call goes on from there.
+    An interrupted run keeps its cases in `unfinished_folder`. The same call continues from there.
 
     Parameters
     ----------
@@ -60,13 +61,30 @@ def conceal_cases(
         Folder of the recordings; the truth goes to `truth_folder`.
     suites : sequence of str
         Names of suites or mixtures.
+    count : int
+        Number of cases.
     seed : int, optional
-        That of the run that was stopped by default, a fresh one where there is none.
+        Seed; that of the interrupted run by default, or a fresh one.
+    benches : sequence of str
+        Names of the benches.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+    progress : callable
+        Receives the numbers of completed and of all cases.
+
+    Returns
+    -------
+    (dict, int)
+        Commitment of every case, and the seed.
 
     Raises
     ------
     BadExperiment
-        A count, seed or bench that makes no sense, or another plan than that of the run that was stopped.
+        A count, seed or bench is invalid, or the plan differs from that of the interrupted run.
     OutputRefused
         A folder cannot be written, or another process conceals cases there.
     """
@@ -98,7 +116,7 @@ def _conceal(
     scheduler: str,
     progress: Callable[[int, int], None],
 ) -> tuple[dict[str, str], int]:
-    """Make what an unfinished folder lacks, and seal it all."""
+    """Make the missing cases of an unfinished folder, and seal all."""
     with output_folder(truth_folder(out)) as truths, output_folder(out) as cases:
         plan = _begin(begun, wanted, seed)
         items = _items(plan["suites"], plan["count"], plan["seed"])
@@ -124,24 +142,24 @@ def _conceal(
 
 
 def _keep_sealed(out: Path) -> None:
-    """Refuse to write over sealed cases: answers may have been given to them.
+    """Refuse to overwrite sealed cases, which may have answers.
 
     Raises
     ------
     BadExperiment
-        There are some.
+        Sealed cases exist.
     """
     if (out / COMMITMENTS).exists():
         raise BadExperiment(f"{out} holds sealed cases; name another folder with --out, or remove it and its truth")
 
 
 def unfinished_folder(out: Path) -> Path:
-    """Return where cases are kept until all are made: beside their folder, hidden."""
+    """Return the hidden folder of unfinished cases."""
     return out.with_name(f".{out.name}-unfinished")
 
 
 def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, Any]:
-    """Return the plan of the cases that are begun in a folder, with its seed; begin them where there is none.
+    """Return the plan of the cases of a folder, begun if necessary.
 
     Raises
     ------
@@ -168,12 +186,12 @@ def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, 
 
 
 def _is_whole(begun: Path, name: str) -> bool:
-    """Return whether a case is in an unfinished folder with its truth: a run may be stopped while it hands cases over."""
+    """Return whether an unfinished folder holds a case with its truth."""
     return (begun / "truth" / f"{name}.json").exists() and (begun / "cases" / name).exists()
 
 
 def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int) -> str:
-    """Make a case in an unfinished folder; its truth comes last and says that it is whole."""
+    """Make a case in an unfinished folder, truth last."""
     name = item[2]
     (folder / "truth" / f"{name}.json").unlink(missing_ok=True)
     shutil.rmtree(folder / "cases" / name, ignore_errors=True)
@@ -194,24 +212,38 @@ def regenerate_cases(
     scheduler: str = "",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, str]:
-    """Make the recordings of sealed cases again from their seed; return the commitments of those made.
+    """Make recordings of sealed cases again from their seed.
 
     Parameters
     ----------
     sealed_cases : Path
-        A folder with commitments; its recordings need not be there any more.
+        Folder with commitments; its recordings may be missing.
+    out : Path
+        Folder of the new recordings.
     only : sequence of str
-        Names of the cases wanted; all by default.
+        Names of the cases; all by default.
     truth : Path, optional
-        Where the truth is, which holds the seed.
+        Folder of the truth, which holds the seed.
     with_truth : bool
-        Write what was hidden, too, into the `truth_folder` of `out`: it follows from the seed as the recordings do. For truth that
-        was lost with its salts.
+        Whether to write the truth to the `truth_folder` of `out`, after its salts were lost.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+    progress : callable
+        Receives the numbers of completed and of all cases.
+
+    Returns
+    -------
+    dict
+        Commitments of the cases.
 
     Raises
     ------
     BadProof
-        The plan is not what was committed to, or a recording comes out with other bits.
+        The plan or a recording differs from its commitment.
     BadExperiment
         There is no such case.
     """
@@ -250,23 +282,34 @@ def make_again(
     jobs: int = 0,
     scheduler: str = "",
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Make sealed cases again from the seed of their plan; yield name and truth of each whose recordings are those sealed.
+    """Make sealed cases again from the seed of their plan.
 
     Parameters
     ----------
     plan : mapping
-        As it was opened.
+        Opened plan.
     commitments : mapping
-        The document of the sealed folder; the recordings need not be there.
+        Document of the sealed folder; the recordings may be missing.
     names : sequence of str
-        Of the cases wanted.
+        Names of the cases.
     folder : Path
-        Gets the recordings.
+        Receives the recordings.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+
+    Yields
+    ------
+    (name, truth)
+        Case whose recordings match their commitment.
 
     Raises
     ------
     BadProof
-        The plan has no such case, or a recording comes out with other bits than those that were committed to.
+        The plan has no such case, or a recording differs from its commitment.
     """
     # plans that were sealed without their count have all their cases in one folder, or the last ones
     count = plan.get("count") or max(int(name.rpartition("-")[2]) for name in commitments["cases"])

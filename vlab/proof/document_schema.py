@@ -1,4 +1,4 @@
-"""The shapes of the documents that a proof reads: whoever kept them may have changed them."""
+"""Shapes of the documents of a proof, which others may have changed."""
 
 from types import NoneType
 from typing import Any
@@ -30,7 +30,7 @@ ANSWER = {
     "seconds?": NUMBER,
     "error?": str,
 }
-"""Of an answer what is counted; see `has_shape`."""
+"""ANSWER: counted parts of an answer; see `has_shape`."""
 
 
 def has_shape(value: Any, shape: Any) -> bool:
@@ -38,9 +38,16 @@ def has_shape(value: Any, shape: Any) -> bool:
 
     Parameters
     ----------
+    value : object
+        Plain value.
     shape : Any
-        A type; a tuple of shapes, of which one must do; ``[shape]`` for a list; a table of shapes by key, of which those whose key ends
-        in ``?`` may be missing, and that of ``"*"`` holds for all keys that the table does not name. Without it these have any value.
+        Type, tuple of alternative shapes, ``[shape]`` for a list, or table of shapes by key. Keys that end in ``?``
+        may be missing. The shape of ``"*"`` holds for all other keys. Without ``"*"`` other keys have any value.
+
+    Returns
+    -------
+    bool
+        Whether the value has the shape.
     """
     if isinstance(shape, tuple):
         return any(has_shape(value, part) for part in shape)

@@ -1,4 +1,4 @@
-"""What a campaign's answers are bound to: code, catalogue, thresholds, versions and the commitments they answer."""
+"""Manifest of a campaign: code, catalogue, thresholds, versions, commitments."""
 
 import json
 import sys
@@ -15,14 +15,25 @@ from vlab.proof.seal import canonical, digest, files_digest
 
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
-"""Sources that say what a right answer is, and count."""
+"""SCORING: sources of the rules of scoring."""
 NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", *SCORING)
-"""Sources that no answer depends on."""
+"""NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
 
 def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
-    """Return the manifest of answers to some commitments."""
+    """Return the manifest of answers to some commitments.
+
+    Parameters
+    ----------
+    commitments : object
+        Commitments of the cases.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
     root = Path(vlab.__file__).parent
     thresholds = {room: asdict(settings) for room, settings in SETTINGS.items()}
     bound = {
@@ -50,7 +61,7 @@ def scoring_digest() -> str:
 
 
 def generator_digest() -> str:
-    """Return the SHA-256 of all that concealed cases are made with: sources, structures, numpy, scipy and pyarrow."""
+    """Return the SHA-256 of sources and libraries of the generator."""
     root = Path(vlab.__file__).parent
     made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
     made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
@@ -62,7 +73,7 @@ def _structures() -> str:
 
 
 def _sources(root: Path, pattern: str) -> str:
-    """Return the SHA-256 of source files, those aside that only show and count: that must not void the answers."""
+    """Return the SHA-256 of source files that influence answers."""
     files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
     elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, which a wheel has here, are counted by themselves
     return files_digest((name, path) for name, path in files if not name.startswith(elsewhere))

@@ -1,4 +1,7 @@
-"""Sealing: truth is committed to by a salted hash before anything is diagnosed, and answers by theirs before it is opened."""
+"""Sealing of truth and answers by hashes.
+
+A salted hash commits to the truth before any diagnosis. Hashes freeze the answers before the truth is opened.
+"""
 
 import hashlib
 import json
@@ -21,7 +24,7 @@ _NAME = re.compile(r"case-[0-9]{3,9}")
 
 
 def canonical(document: Any) -> bytes:
-    """Return the one text of plain values that is hashed: sorted keys, no spaces, shortest numbers."""
+    """Return the canonical text of plain values for hashing."""
     return json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
@@ -31,7 +34,7 @@ def digest(document: Any) -> str:
 
 
 def sealed(truth: Any) -> tuple[dict[str, Any], str]:
-    """Return truth with a fresh salt, as it is kept, and the commitment, as it is published."""
+    """Return salted truth, and its commitment."""
     salt = secrets.token_hex(16)
     return {"salt": salt, "truth": truth}, _commitment(salt, truth)
 
@@ -43,10 +46,24 @@ def _commitment(salt: str, truth: Any) -> str:
 def opened(kept: Any, commitment: str, *, where: str) -> Any:
     """Return truth that matches its commitment.
 
+    Parameters
+    ----------
+    kept : object
+        Salted truth.
+    commitment : str
+        Published hash.
+    where : str
+        File, for the message.
+
+    Returns
+    -------
+    object
+        Truth.
+
     Raises
     ------
     BadProof
-        It is not the truth that was committed to.
+        The truth does not match the commitment.
     """
     if not isinstance(kept, dict) or set(kept) != {"salt", "truth"} or not isinstance(kept["salt"], str):
         raise BadProof(
@@ -58,22 +75,33 @@ def opened(kept: Any, commitment: str, *, where: str) -> Any:
 
 
 def made_again(truth: Any, recordings: str) -> dict[str, Any]:
-    """Return truth as it is kept where it was made again from the seed: with the digest of the recordings that came with it."""
+    """Return regenerated truth with the digest of its recordings."""
     return {"recordings": recordings, "truth": truth}
 
 
 def is_made_again(kept: Any) -> bool:
-    """Whether kept truth was made again from the seed, so that it has no salt."""
+    """Return whether kept truth was regenerated and has no salt."""
     return isinstance(kept, dict) and set(kept) == {"recordings", "truth"}
 
 
 def folder_digest(folder: Path) -> str:
-    """Return the SHA-256 of a folder's files, by name and content."""
+    """Return the SHA-256 of the files of a folder."""
     return files_digest((p.relative_to(folder).as_posix(), p) for p in folder.rglob("*") if p.is_file())
 
 
 def files_digest(files: Iterable[tuple[str, Path]]) -> str:
-    """Return the SHA-256 of named files, in the order of their names."""
+    """Return the SHA-256 of named files, sorted by name.
+
+    Parameters
+    ----------
+    files : iterable of tuple
+        Names and paths.
+
+    Returns
+    -------
+    str
+        Hexadecimal digest.
+    """
     total = hashlib.sha256()
     for name, path in sorted(files):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -82,12 +110,22 @@ def files_digest(files: Iterable[tuple[str, Path]]) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON document; its numbers are finite, as JSON has it.
+    """Read a JSON document with finite numbers.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Returns
+    -------
+    object
+        Plain values.
 
     Raises
     ------
     BadProof
-        It is missing or malformed, or a number is not finite.
+        The file is missing or malformed, or a number is not finite.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -115,15 +153,22 @@ def read_shaped(path: Path, shape: Any, what: str) -> Any:
 
     Parameters
     ----------
+    path : Path
+        File.
     shape : Any
-        See `vlab.proof.document_schema.has_shape`.
+        Shape of `vlab.proof.document_schema.has_shape`.
     what : str
-        What the document must be.
+        Kind of document, for the message.
+
+    Returns
+    -------
+    object
+        Plain values.
 
     Raises
     ------
     BadProof
-        It is missing, malformed, or of another shape.
+        The document is missing, malformed, or of another shape.
     """
     document = read_json(path)
     if not has_shape(document, shape):
@@ -134,10 +179,20 @@ def read_shaped(path: Path, shape: Any, what: str) -> Any:
 def committed(cases: Path) -> dict[str, Any]:
     """Return the commitments of a folder of cases.
 
+    Parameters
+    ----------
+    cases : Path
+        Folder of the cases.
+
+    Returns
+    -------
+    dict
+        Document of commitments.
+
     Raises
     ------
     BadProof
-        There are none, or one has a name that no case has.
+        There are no commitments, or one has an invalid name.
     """
     path = cases / COMMITMENTS
     document = read_json(path)
@@ -150,12 +205,21 @@ def committed(cases: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, document: Any, *, is_new: bool = False) -> None:
-    """Write plain values as JSON, whole or not at all; with `is_new` never over a file that is there.
+    """Write plain values as JSON, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+    document : object
+        Plain values.
+    is_new : bool
+        Whether an existing file is refused.
 
     Raises
     ------
     OutputRefused
-        The file cannot be written, or must be new and is not.
+        The file cannot be written, or must be new and exists.
     """
     with written_whole(path, is_new=is_new) as stream:
         stream.write((json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())

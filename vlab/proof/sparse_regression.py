@@ -1,4 +1,6 @@
-"""Sparse regression on states, as in SINDy [1]_: sequentially thresholded least squares over a library of terms.
+"""Sparse regression on states, as in SINDy [1]_.
+
+Sequentially thresholded least squares over a library of terms.
 
 References
 ----------
@@ -20,13 +22,13 @@ TERMS: dict[str, Callable[[Array, Array], Array]] = {
     "coulomb-friction": lambda z, v: np.tanh(v / (0.05 * v.std() + 1e-300)),
 }
 THRESHOLD = 0.01
-"""A term is dropped when it carries less than this share of the acceleration's rms."""
+"""THRESHOLD [-]: share of the acceleration's rms below which a term is dropped."""
 CYCLES = 10
 
 
 @dataclass(frozen=True)
 class Named:
-    """The strongest nonlinear term: which effect it is, where, and its share of the acceleration."""
+    """Strongest nonlinear term: effect, place, share of the acceleration."""
 
     effect: str
     place: str
@@ -34,15 +36,21 @@ class Named:
 
 
 def sparse_terms(q: Array, v: Array, a: Array, u: Array, rows: Mapping[str, Array]) -> Named | None:
-    """Return the strongest nonlinear term of the equations of motion, or None where only linear ones are left.
+    """Return the strongest nonlinear term of the equations of motion.
 
     Parameters
     ----------
     q, v, a : (n, joints) array
         States and accelerations.
     u : (n, inputs) array
+        Inputs.
     rows : mapping of str to (joints,) array
-        Places where a nonlinear force may act.
+        Places of nonlinear forces.
+
+    Returns
+    -------
+    Named or None
+        Term; None if only linear ones remain.
     """
     linear = np.hstack([q, v, u])
     labels: list[tuple[str, str] | None] = [None] * linear.shape[1]

@@ -1,4 +1,4 @@
-"""Opening the truth: by the salt of its commitment, or by making the recordings again that it says it came with."""
+"""Opening of the truth, by salt or by regenerated recordings."""
 
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,18 +11,30 @@ from vlab.proof.conceal import make_again
 from vlab.proof.seal import canonical, is_made_again, opened, read_json, write_json
 
 REMADE = ".remade"
-"""In the answers' folder while truths without salts are checked: their recordings, made again."""
+"""REMADE: folder of regenerated recordings during the check of truths without salts."""
 OPENED = "opened.json"
-"""In the folder of the truth: hashes of the frozen answers for which it was opened, the first ones first."""
+"""OPENED: file of hashes of the frozen answers for which the truth was opened, in order."""
 
 
 def note_opening(folder: Path, frozen: str) -> bool:
-    """Write down for which answers the truth is opened; return whether these were frozen before it was ever opened.
+    """Record the opening of the truth for frozen answers.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the truth.
+    frozen : str
+        Hash of the frozen answers.
+
+    Returns
+    -------
+    bool
+        Whether the answers were frozen before any opening.
 
     Raises
     ------
     BadProof
-        There is no such folder, or its list is not one.
+        There is no such folder, or its list is invalid.
     """
     path = folder / OPENED
     if not folder.is_dir():
@@ -43,19 +55,27 @@ def _openings(path: Path) -> list[Any]:
 
 
 def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
-    """Return the truth of some cases by name, and the plan, after checking them against their commitments.
+    """Return the checked truth of some cases, and the plan.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the truth.
+    commitments : dict
+        Commitments of the cases.
+    names : iterable of str
+        Names of the cases.
 
     Returns
     -------
-    truths : dict
-    made_again : list of str
-        Cases whose truth says that it was made again from the seed of the plan because its salt was lost (`regenerate_cases`). It is
-        not to be believed before the recordings that come with it are made again.
+    (dict, list of str)
+        Truths by name, and cases whose truth was regenerated after the loss of its salt (`regenerate_cases`). The
+        latter count only after their recordings are made again.
 
     Raises
     ------
     BadProof
-        A truth is missing or is not what was committed to.
+        A truth is missing or differs from its commitment.
     """
     path = folder / "plan.json"
     out = {"plan": opened(read_json(path), commitments["plan"], where=str(path))}
@@ -85,21 +105,31 @@ def check_remade(
     scheduler: str,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Make cases whose truth has no salt again, and refuse a truth that is not what their seed conceals.
+    """Check truths without salts by regenerated recordings.
 
     Parameters
     ----------
     truths : mapping
-        By name of the case, and the plan.
+        Truths by name, and the plan.
+    commitments : dict
+        Commitments of the cases.
     names : sequence of str
-        Of the cases, as `open_truth` returns them.
+        Cases without salt, from `open_truth`.
     out : Path
-        Folder of the answers, which this process has to itself.
+        Folder of the answers, exclusive to this process.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+    progress : callable
+        Receives the numbers of completed and of all cases.
 
     Raises
     ------
     BadProof
-        The recordings come out with other bits than those that were committed to, or with another truth than the one kept.
+        The recordings differ from their commitments, or the truth from the kept one.
     """
     if not names:
         return

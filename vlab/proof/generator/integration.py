@@ -1,8 +1,9 @@
-"""Integration: linear motion by exact poles, forces at places by implicit midpoints on an exact transition.
+"""Integration by exact poles, with implicit midpoints for forces at places.
 
-The motion is split by superposition. What the commands do to the linear structure is a sum over its complex poles, each an
-exact first-order recursion (scipy's `lfilter`). What hidden forces do is marched: over a step in which they are constant
-the transition is a matrix exponential; their laws see the middle of the step, found by fixed-point iteration.
+The motion is split by superposition. The response of the linear structure to commands is a sum over its complex
+poles, each an exact first-order recursion (scipy's `lfilter`). The response to hidden forces is integrated step by
+step. With constant forces over a step, the transition is a matrix exponential. The laws depend on the midpoint of the
+step, found by fixed-point iteration.
 """
 
 from collections.abc import Sequence
@@ -21,14 +22,14 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, eq=False)
 class Poles:
-    """A bench in its complex modes: poles p_r and how loads enter and rows leave.
+    """Complex modes of a bench: poles, load participation, shapes.
 
     Parameters
     ----------
     poles : (m,) complex array
-        One of each conjugate pair, and real ones.
+        Poles p_r: one of each conjugate pair, and real ones.
     enter : (m, 2n) complex array
-        Rows of the inverse of the mode matrix, doubled for pairs.
+        Rows of the inverse mode matrix, doubled for pairs.
     shapes : (2n, m) complex array
         Mode shapes of the state [q, q'].
     inverse : (n, n) array
@@ -42,7 +43,18 @@ class Poles:
 
     @classmethod
     def of(cls, bench: Bench) -> "Poles":
-        """Solve the eigenproblem of a bench."""
+        """Solve the eigenproblem of a bench.
+
+        Parameters
+        ----------
+        bench : Bench
+            Bench.
+
+        Returns
+        -------
+        Poles
+            Complex modes.
+        """
         A, inverse = bench.first_order()
         poles, shapes = linalg.eig(A)
         enter = np.linalg.inv(shapes)
@@ -51,22 +63,25 @@ class Poles:
         return cls(poles[keep], enter[keep] * weight[:, None], shapes[:, keep], inverse)
 
     def response(self, loads: Array, forces: Array, rows: Array, step: float, skip: int = 1) -> Array:
-        """Return what rows of the state are under held forces, from rest.
+        """Return the response of state rows to held forces, from rest.
 
         Parameters
         ----------
         loads : (n, k) array
+            Loads per unit force.
         forces : (n_steps, k, runs) array
-            Constant over each step.
+            Forces, constant over each step.
         rows : (m, 2n) array
-            Of the state [q, q'].
+            Rows of the state [q, q'].
+        step : float
+            Integration step [s].
         skip : int
-            Every so many steps are returned.
+            Steps between two returned values.
 
         Returns
         -------
         (n_steps // skip, m, runs) array
-            At the beginning of the steps.
+            Values at the beginning of the steps.
         """
         n = len(self.inverse)
         into = self.enter[:, n:] @ (self.inverse @ loads)
@@ -84,25 +99,25 @@ class Poles:
 
 
 def port_rows(row: Array, order: int) -> Array:
-    """Return the row of the state [q, q'] for a displacement or a velocity."""
+    """Return the state row of a displacement or velocity."""
     zero = np.zeros_like(row)
     return np.concatenate([row, zero] if order == 0 else [zero, row])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Feedback:
-    """Static rate feedback, sampled: at every `every`-th step it sets the forces of actuators from sensors.
+    """Sampled static rate feedback, updated at every `every`-th step.
 
     Parameters
     ----------
     actuators, sensors : tuple of int
-        Of the bench, in the order of the gains.
+        Actuators and sensors of the bench, in the order of the gains.
     gains : (n_actuators, n_sensors) array
         Force u = -gains y.
     noise : (n_samples, n_sensors, runs) array
-        Of the sensors; the law sees it.
+        Sensor noise, visible to the law.
     output : Output
-        Converter, delay and filter between what the law asks for and the forces.
+        Converter, delay and filter of the commands.
     """
 
     actuators: tuple[int, ...]
@@ -113,9 +128,9 @@ class Feedback:
 
 
 class _Way:
-    """The way of commands, one a sample, to the forces of steps: later by the delay, then through the filter.
+    """Path of sampled commands to step forces: delay, then filter.
 
-    The same as `Output.forces`, one step at a time.
+    One step at a time, with the result of `Output.forces`.
     """
 
     def __init__(self, output: Output, step: float, substeps: int, shape: tuple[int, ...]) -> None:
@@ -127,11 +142,22 @@ class _Way:
         self._none = self._state = np.zeros(shape)
 
     def say(self, command: Array) -> None:
-        """Take the next sample's command."""
+        """Take the command of the next sample."""
         self._past.append(command)
 
     def force(self, k: int) -> Array:
-        """Return the mean force over a step."""
+        """Return the mean force over a step.
+
+        Parameters
+        ----------
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        array
+            Force of each actuator, (n_actuators, runs).
+        """
         at = k - self._late
         first, last = int(np.floor(at / self._sub)), int(np.floor((at + 1) / self._sub))
         share = last * self._sub - at if last > first else 1.0  # of the step before the next sample comes out
@@ -153,23 +179,27 @@ def integrate(
     substeps: int,
     feedback: Feedback | None = None,
 ) -> Array:
-    """Integrate a bench under forces of its actuators and hidden laws, from rest.
+    """Integrate a bench under actuator forces and hidden laws, from rest.
 
     Parameters
     ----------
+    bench : Bench
+        Bench.
     commands : (n_steps, n_actuators, runs) array
-        Forces at the actuators, constant over each step.
+        Actuator forces, constant over each step.
     laws : sequence of (place, law)
         Forces along places.
     step : float
         Integration step [s].
     substeps : int
         Steps per returned sample.
+    feedback : Feedback or None
+        Law in the loop.
 
     Returns
     -------
     (n_samples, n_sensors, runs) array
-        True values at the sensors, at the beginning of each sample.
+        True sensor values at the beginning of each sample.
     """
     poles = Poles.of(bench)
     sensors = np.array([port_rows(s.row, s.order) for s in bench.sensors.values()])
@@ -203,13 +233,13 @@ def integrate(
 
 
 def _coil(bench: Bench, place: str, commands: Array) -> Array | None:
-    """Return the force that the actuator along a place is asked for, (n_steps, runs)."""
+    """Return the commanded force of the actuator along a place."""
     name = bench.places[place].actuator
     return commands[:, list(bench.actuators).index(name)] if name else None
 
 
 def _fed_back(bench: Bench, place: str, feedback: Feedback | None) -> int | None:
-    """Return which of the fed-back actuators pushes along a place."""
+    """Return the fed-back actuator along a place."""
     names, name = list(bench.actuators), bench.places[place].actuator
     if feedback is None or not name or names.index(name) not in feedback.actuators:
         return None
@@ -217,7 +247,7 @@ def _fed_back(bench: Bench, place: str, feedback: Feedback | None) -> int | None
 
 
 def _transition(bench: Bench, loads: Array, step: float) -> tuple[Array, Array]:
-    """Return the exact move of [q, q'] over a step and what constant forces add to it."""
+    """Return the exact transition over a step, and that of constant forces."""
     A, inverse = bench.first_order()
     n, k = bench.n, loads.shape[1]
     wide = np.zeros((2 * n + k,) * 2)
@@ -229,24 +259,24 @@ def _transition(bench: Bench, loads: Array, step: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Problem:
-    """What remains to be marched: the motion that hidden forces and feedback add.
+    """Motion added by hidden forces and feedback.
 
     Parameters
     ----------
     move : (m, m) array
-        Of the state over a step.
+        Transition of the state over a step.
     drive : (m, p + k) array
-        Of unit forces over a step: of p laws, then of k fed-back actuators.
+        Effect of unit forces over a step: p laws, then k fed-back actuators.
     at : (2p, m) array
         Displacements of the places, then their velocities.
     free : (n_steps + 1, 2p, runs) array
-        What the commands alone do there.
+        Response of the places to commands alone.
     linear : (n_samples, n_sensors, runs) array
-        What the commands alone do at the sensors.
+        Response of the sensors to commands alone.
     coils : tuple of (n_steps, runs) array or None
-        What the commands ask of the actuator along every law's place.
+        Commanded actuator force along the place of each law.
     fed_back : tuple of int or None
-        Which fed-back actuator pushes there besides.
+        Fed-back actuator along the place of each law.
     """
 
     move: Array
@@ -263,13 +293,26 @@ class _Problem:
 
 
 WINDOW, WINDOW_S = 20, 0.004
-"""Steps that are solved together, and the longest time that they may span: the iteration contracts as its square."""
+"""WINDOW [steps], WINDOW_S [s]: steps solved together, and their longest duration; the iteration contracts with its
+square."""
 TOLERANCE, MOST_SWEEPS = 1e-9, 60
-"""A window is done when its forces change by less than this share of the largest so far."""
+"""TOLERANCE, MOST_SWEEPS [-]: relative change of the forces at convergence, and most iterations."""
 
 
 def in_windows(problem: _Problem) -> Array:
-    """March laws without memory: all steps of a window together, by fixed-point iteration on its forces.
+    """Integrate laws without memory, one window of steps at a time.
+
+    Fixed-point iteration solves for all forces of a window.
+
+    Parameters
+    ----------
+    problem : _Problem
+        Motion to integrate.
+
+    Returns
+    -------
+    array
+        True sensor values, (n_samples, n_sensors, runs).
 
     Raises
     ------
@@ -334,7 +377,20 @@ def _padded(values: Array, count: int) -> Array:
 
 
 def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
-    """March laws with memory, dry friction and a sampled law in the loop, one step after the other."""
+    """Integrate laws with memory, friction or feedback, step by step.
+
+    Parameters
+    ----------
+    problem : _Problem
+        Motion to integrate.
+    feedback : Feedback or None
+        Law in the loop.
+
+    Returns
+    -------
+    array
+        True sensor values, (n_samples, n_sensors, runs).
+    """
     p, runs, m = len(problem.laws), problem.free.shape[2], len(problem.move)
     steps, sub, h = len(problem.free) - 1, problem.substeps, problem.step
     mobility = problem.at @ problem.drive  # of the places, after a step of unit forces

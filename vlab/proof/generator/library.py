@@ -1,4 +1,4 @@
-"""Physics that `vlab effects` has, in its own form: names and parameters are that vocabulary's, the laws are written anew."""
+"""Physics of `vlab effects` with the vocabulary's names and independent laws."""
 
 from typing import Any
 
@@ -135,7 +135,10 @@ def _held(u: Array, every: int) -> Array:
 
 
 def _jittered(u: Array, most: float, x: Signals) -> Array:
-    """Samples come out late by a random share of `most` steps of the fine clock, redrawn wherever the command changes."""
+    """Delay samples by a random share of `most` fine steps.
+
+    The share is drawn again at every change of the command.
+    """
     change = np.any(np.diff(u, axis=0, prepend=u[:1] + 1.0) != 0.0, axis=1)
     each = np.cumsum(change) - 1
     delay = most * x.rng.random(each[-1] + 1)
@@ -280,4 +283,4 @@ LIBRARY: tuple[Kind, ...] = (
     Kind(name="cross-axis", family="pick-up", on="two sensors", shapes={"sign": "sign"}, most=0.4,
          make=lambda s, p, at: ({"share": (d := p["sign"] * s)}, _second(d))),
 )  # fmt: skip
-"""Every kind in the form of the vocabulary."""
+"""LIBRARY: all kinds in the form of the vocabulary."""

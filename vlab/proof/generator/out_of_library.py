@@ -1,4 +1,4 @@
-"""Physics that `vlab effects` does not have: the right answer is that nothing known explains it."""
+"""Physics outside `vlab effects`; the right answer names nothing known."""
 
 from typing import Any
 
@@ -17,13 +17,13 @@ def _static(of: Any) -> Action:
 
 
 def _pumped(s: float, p: Shapes, at: Scale) -> Made:
-    """Stiffness that goes up and down at a frequency of its own."""
+    """Stiffness that oscillates at its own frequency."""
     k, w, phase = s * at.k, 2 * np.pi * p["hz"], p["phase"]
     return {"stiffness": k, "hz": p["hz"]}, _static(lambda z, v, t, u: -k * np.sin(w * t + phase) * z)
 
 
 def _sink(s: float, p: Shapes, at: Scale) -> Made:
-    """A mass on a purely cubic spring: an absorber without a frequency of its own."""
+    """Mass on a purely cubic spring, an absorber without own frequency."""
     m = s * at.m
     w = 2 * np.pi * at.low_hz * (at.high_hz / at.low_hz) ** p["where"]
     k3 = m * w**2 / at.z**2
@@ -31,19 +31,19 @@ def _sink(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _flow(s: float, p: Shapes, at: Scale) -> Made:
-    """Van der Pol: flow that feeds small motion and brakes large motion."""
+    """Van der Pol force: feeds small motion and brakes large motion."""
     c, d = s * at.k * at.z / at.v, p["width"] * at.z
     return {"damping": c, "width": d}, _static(lambda z, v, t, u: c * (1 - (z / d) ** 2) * v)
 
 
 def _echo(s: float, p: Shapes, at: Scale) -> Made:
-    """A force from what the place did a while ago, as of a pneumatic mount with a long line."""
+    """Force of past motion, as of a pneumatic mount with a long line."""
     k, tau = p["sign"] * s * at.k, p["cycles"] / np.sqrt(at.low_hz * at.high_hz)
     return {"stiffness": k, "delay": tau}, Action(law=Delayed(tau, -k, 0.0))
 
 
 def _burst(s: float, p: Shapes, at: Scale) -> Made:
-    """Something shaken loose by large motion rubs for a while and settles again."""
+    """Temporary friction after large motion."""
     c, gate = s * at.k * at.z / at.v, p["gate"] * at.z
 
     def of(z: Array, v: Array, level: Array) -> Array:
@@ -54,14 +54,14 @@ def _burst(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _thixotropic(s: float, p: Shapes, at: Scale) -> Made:
-    """Stiffness that softens with the vibration of the last second and comes back."""
+    """Stiffness that softens with vibration and recovers in a second."""
     k, ref = s * at.k, at.v**2
     law = Tracking(lambda z, v: v * v, lambda z, v, level: k * np.tanh(level / ref) * z, 1.0, 1.0)
     return {"stiffness": k, "memory_s": 1.0}, Action(law=law)
 
 
 def _gusts(s: float, p: Shapes, at: Scale) -> Made:
-    """Broad random force from outside: a sum of incommensurate sines over the band."""
+    """Broadband external force: incommensurate sines over the band."""
     rng = np.random.default_rng(int(p["draw"]))
     w = 2 * np.pi * rng.uniform(at.low_hz, at.high_hz, 60)
     phase = rng.uniform(0, 2 * np.pi, 60)
@@ -71,7 +71,7 @@ def _gusts(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _touching(s: float, p: Shapes, at: Scale) -> Made:
-    """A wire that leans against the structure at times, by draughts and not by its motion."""
+    """Wire that touches the structure at times, independent of its motion."""
     k, period = s * at.k, p["period"]
 
     def law(z: Array, v: Array, t: Any, u: Any) -> Array:
@@ -96,7 +96,7 @@ def _play(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _warming(s: float, p: Shapes, at: Scale) -> Made:
-    """A coil that warms with the square of its current and loses force."""
+    """Coil that warms with squared current and loses force."""
     loss, tau = s / at.u**2, p["tau"] * at.T
 
     def act(u: Array, x: Signals) -> Array:
@@ -110,13 +110,13 @@ def _warming(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _bent_sensor(s: float, p: Shapes, at: Scale) -> Made:
-    """A sensor with an even curve."""
+    """Sensor with an even curve."""
     curve = p["sign"] * s / at.z
     return {"curve": curve}, Action(sensor=lambda y, x: y + curve * y * y)
 
 
 def _clock(s: float, p: Shapes, at: Scale) -> Made:
-    """One sensor's clock runs fast."""
+    """Fast clock of one sensor."""
     share = s * 0.01
 
     def see(y: Array, x: Signals) -> Array:
@@ -147,4 +147,4 @@ STRANGE: tuple[Kind, ...] = (
          shapes={"sign": "sign"}),
     Kind(name="sensor-clock", family="timing", on="sensor", make=_clock, same=False, start=0.1, most=5.0),
 )  # fmt: skip
-"""Every kind that no library has."""
+"""STRANGE: all kinds outside the library."""

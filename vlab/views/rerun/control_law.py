@@ -22,6 +22,8 @@ SAME = 1e-9
 class LawStates:
     """States of a linear law along a recording.
 
+        x+ = A x + B y,  u = C x + D y
+
     Parameters
     ----------
     law : LinearController
