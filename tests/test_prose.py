@@ -27,14 +27,20 @@ ROOMS = [
     "vlab/design",
     "vlab/hardware",
     "vlab/files",
+    "vlab/views",
+    "vlab/cli",
+    "vlab/proof",
+    "vlab/reproduce",
+    "vlab/demo",
+    "vlab/benchmark",
     "vlab/units.py",
     "vlab/signals.py",
     "vlab/errors.py",
     "vlab/interrupts.py",
 ]
 """Rooms that keep the rules; the list grows with each room."""
-NOT_YET = {"vlab/cases/channel_map.py", "vlab/cases/replay.py", "vlab/design/published_tables.py"}
-"""Modules of these rooms that still await their turn."""
+NOT_YET = {"vlab/proof/score.py", "vlab/proof/judge.py", "vlab/proof/statistics.py", "vlab/proof/equivalence.py"}
+"""Modules pinned byte by byte in manifests of campaigns."""
 LONGEST_FIRST, MEDIAN_FIRST = 15, 9
 """LONGEST_FIRST, MEDIAN_FIRST [words]: first line of a docstring, single and over a room."""
 LONGEST_SENTENCE = 25

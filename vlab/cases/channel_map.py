@@ -391,7 +391,7 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
     whole = in_time(whole, table)
-    edge = 1e-9 * max(1.0, abs(whole.time[-1]))  # a start that stands on a sample takes it, rounding aside
+    edge = 1e-9 * max(1.0, abs(whole.time[-1]))  # a start on a sample includes the sample, within rounding
     measured = _part(whole, start - edge, stop - edge)
     if measured is None:
         raise BadRecording(

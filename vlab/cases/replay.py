@@ -189,7 +189,7 @@ class Bench:
         """
         data, model = self._at_present(), self.model
         if loads is not None:
-            if not all(port.is_constant for port, _ in loads):  # their rows are those of the present configuration
+            if not all(port.is_constant for port, _ in loads):  # rows at the present configuration
                 mujoco.mj_fwdPosition(model, data)
             self.apply(data, loads)
         data.ctrl[:] = ctrl

@@ -112,17 +112,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
+        if isinstance(stream, io.TextIOWrapper):  # file names and units outside the encoding of the terminal
             stream.reconfigure(errors="backslashreplace")
     for name, value in OWN_CODE.items():
         os.environ.setdefault(name, value)
     words = list(sys.argv[1:] if argv is None else argv)
     is_debug = DEBUG in words
-    if (
-        not is_debug
-    ):  # of numpy, on numbers that are looked at where they are used; whoever asked for such warnings gets them
+    if not is_debug:  # warnings of numpy; values are checked at their use, and explicit filters of the user stay
         warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
-    with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written
+    with Noted() as check_interrupts:  # a kill ends like Ctrl-C, without partial files
         try:
             return _run(words)
         except SystemExit:
@@ -130,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BaseException as error:
             try:
                 check_interrupts()
-            except KeyboardInterrupt as stop:  # whatever a library has made of it
+            except KeyboardInterrupt as stop:  # also if a library has converted the interrupt
                 error = error if isinstance(error, KeyboardInterrupt) else stop
             return _said(error, is_debug=is_debug)
 
@@ -141,7 +139,7 @@ def _run(words: Sequence[str]) -> int:
     with LeavingAtOnce():
         arguments = build_parser(chosen).parse_args(words)
         module = _module(arguments.verb)
-    if "mujoco" in sys.modules:  # its warnings would go to a log file in the user's folder; `check_run` reports them
+    if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
     outcome: Outcome = module.run(arguments)
     try:
@@ -149,7 +147,7 @@ def _run(words: Sequence[str]) -> int:
         print(text)
         sys.stdout.flush()
     except OSError:
-        with contextlib.suppress(OSError, ValueError):  # what cannot be printed is not tried again at the end
+        with contextlib.suppress(OSError, ValueError):  # do not retry the output at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise
     return 0 if outcome.holds else 1

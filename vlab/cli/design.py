@@ -217,7 +217,7 @@ def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
     )
     law, modes = design.controller, _shown(fe, asked)
     z = design.regulator_poles
-    z = z[np.abs(z) > 1e-9]  # states that the delay alone moves
+    z = z[np.abs(z) > 1e-9]  # states of the delay alone
     freq, zeta = ClosedLoop(z, np.log(z.astype(complex)) * asked.rate).modes(fe.linear.freq[list(modes)])
     least = float(zeta[: asked.modes].min())
     document = {

@@ -256,7 +256,7 @@ def _run_plan(arguments: argparse.Namespace) -> Outcome:
             given = "a structure" if name == "structure" else f"--{name.replace('_', '-')}"
             raise BadExperiment(f"{given} was given besides --plan; everything that is run stands in {arguments.plan}")
     plan, folder = load_plan(arguments.plan), Path(arguments.out or PLAN_OUT)
-    ModelTable(**plan.model_table())  # refuses what the case could not say
+    ModelTable(**plan.model_table())  # refuse settings that a case cannot express
     with share_bar("plan") as bar:
         done = perform_plan(
             plan,

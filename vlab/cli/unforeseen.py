@@ -50,7 +50,7 @@ def place_of(error: BaseException) -> str:
         Module and line.
     """
     frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
-    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # of a worker's frames only their text is left
+    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # frames of a worker are available as text only
         frames += [(file, int(number)) for file, number in _FRAME.findall(str(error.__cause__))]
     for file, number in reversed(frames):
         path = Path(file)

@@ -46,7 +46,7 @@ def answer_case(
             answer["baselines"] = baselines_of(case, frees_all=name in frees_all)
     except VlabError as error:
         answer = {"verdict": "refused", "findings": [], "error": " ".join(str(error).split())}
-    except Exception as error:  # a fault of the program must not stop a campaign; it is counted and listed
+    except Exception as error:  # a program fault is counted and listed, and does not stop a campaign
         answer = {
             "verdict": "crashed",
             "findings": [],

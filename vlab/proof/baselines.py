@@ -73,7 +73,7 @@ class _Free:
     name: str
     array: str
     index: int
-    added: float = 0.0  # 0: the value is multiplied; else the parameter times this is added
+    added: float = 0.0  # 0: multiply the value; else add the parameter times this factor
 
 
 def _free_parameters(model: Any, friction: bool) -> list[_Free]:
@@ -124,14 +124,14 @@ def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
         parameters.add(sysid.Parameter(f.name, 0.01 * most if f.added else 0.0, 0.0 if f.added else -BOUND, most))
 
     def residual(x: Array, known: Any) -> tuple[list[Array], None, None]:
-        # the optimiser asks for one candidate, (n,), or for all perturbed ones of a derivative, (n, k)
+        # one candidate, (n,), or all perturbed ones of a derivative, (n, k)
         columns = [
             np.concatenate([_misfit(run, plant, _changed(plant.model, free, column)) for run in runs])
             for column in np.atleast_2d(x.T)
         ]
         return [np.array(columns).T if x.ndim == 2 else columns[0]], None, None
 
-    with contextlib.redirect_stdout(io.StringIO()):  # its optimiser prints whatever it is told
+    with contextlib.redirect_stdout(io.StringIO()):  # silence the optimiser
         _, found = sysid.optimize(parameters, residual, max_iters=MOST_ITERATIONS, verbose=False)
     fitted = replace(plant, model=_changed(plant.model, free, found.x))
     checked = check(case.runs(("holdout",)), ExtendedModel(plant=plant), ExtendedModel(plant=fitted))

@@ -92,12 +92,12 @@ def _on_cores(
     is_done = False
     try:
         with warnings.catch_warnings():
-            # loky replaces a worker that has grown, between two cases: nothing is lost
+            # loky replaces a large worker between two cases without loss
             warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
             for future in as_completed([executor.submit(_alone, work, item) for item in items]):
                 yield future.result()
         is_done = True
-    finally:  # a run that is stopped does not wait for the cases that nobody will ask for
+    finally:  # an interrupted run does not wait for the remaining cases
         executor.shutdown(wait=True, kill_workers=not is_done)
 
 

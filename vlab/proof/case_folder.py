@@ -44,7 +44,7 @@ def write_case(case: Concealed, folder: Path) -> None:
         if case.law is not None:
             lines += ["[recording.controller]", *_keys({**case.law, "rate_hz": case.blueprint.rate_hz})]
     (folder / "case.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    for path in (*folder.iterdir(), folder):  # how long a case took to make says what is in it
+    for path in (*folder.iterdir(), folder):  # file times would reveal the hidden effect
         os.utime(path, (STAMP, STAMP))
 
 

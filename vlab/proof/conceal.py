@@ -93,16 +93,16 @@ def conceal_cases(
     if seed is not None and seed < 0:
         raise BadExperiment(f"the seed is {seed}; accepted: 0 or more")
     check_benches(benches)
-    drawn_suites(suites, count, 0)  # refuses unknown names before anything is written
+    drawn_suites(suites, count, 0)  # refuse unknown names before any output
     begun = unfinished_folder(out)
     _keep_sealed(out)
     with sole_use(begun, of="vlab conceal"):
-        _keep_sealed(out)  # by whoever was at work there until now
+        _keep_sealed(out)  # by the previous process
         try:
             plan = {"suites": list(suites), "benches": list(benches), "count": count}
             return _conceal(out, begun, plan, seed, engine, jobs, scheduler, progress)
         finally:
-            if (out / COMMITMENTS).exists() or not any((begun / "truth").glob("*")):  # nothing to go on from
+            if (out / COMMITMENTS).exists() or not any((begun / "truth").glob("*")):  # nothing to continue
                 shutil.rmtree(begun, ignore_errors=True)
 
 
@@ -311,7 +311,7 @@ def make_again(
     BadProof
         The plan has no such case, or a recording differs from its commitment.
     """
-    # plans that were sealed without their count have all their cases in one folder, or the last ones
+    # plans sealed without a count have all cases, or the last ones, in one folder
     count = plan.get("count") or max(int(name.rpartition("-")[2]) for name in commitments["cases"])
     items = {item[2]: item for item in _items(plan["suites"], count, plan["seed"])}
     for name in names:
@@ -320,7 +320,7 @@ def make_again(
     work = partial(_one, folder=folder.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
     wanted = [items[name] for name in names]
     made = run_all(work, wanted, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
-    with contextlib.closing(made):  # the first case that comes out otherwise ends the work on the others
+    with contextlib.closing(made):  # the first deviating case ends the work
         for name, found in made:
             if folder_digest(folder / name) != commitments["cases"][name]["recordings"]:
                 raise BadProof(

@@ -28,6 +28,8 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
     ----------
     commitments : object
         Commitments of the cases.
+    **settings
+        Further settings of the answers.
 
     Returns
     -------
@@ -51,7 +53,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "commitments": digest(commitments),
         **settings,
     }
-    return dict(json.loads(canonical(bound)))  # as it will be read again
+    return dict(json.loads(canonical(bound)))  # in the form of a later reading
 
 
 def scoring_digest() -> str:
@@ -75,5 +77,5 @@ def _structures() -> str:
 def _sources(root: Path, pattern: str) -> str:
     """Return the SHA-256 of source files that influence answers."""
     files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
-    elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, which a wheel has here, are counted by themselves
+    elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, inside the package in a wheel, have a digest of their own
     return files_digest((name, path) for name, path in files if not name.startswith(elsewhere))

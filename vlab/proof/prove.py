@@ -228,7 +228,7 @@ def _answer(
         write_json(out / ANSWERS / f"{name}.json", answer, is_new=True)
         done += 1
         progress(done, len(names))
-    # processes that start late read what is there then
+    # late processes read the present state
     _check_same(now, manifest(commitments, baselines=baselines), out)
 
 

@@ -60,7 +60,7 @@ def _null(rng: np.random.Generator) -> Wanted:
 
 def _strange(rng: np.random.Generator) -> Wanted:
     in_loop, one_level = rng.random() < IN_LOOP, rng.random() < ONE_LEVEL
-    # the law of a case sees its sensors as they are
+    # the law of a case reads the true sensors
     kinds = tuple(k for k in STRANGE if not in_loop or k.on not in CHAIN)
     return Wanted(suite="out-of-library", kinds=(kinds,), in_loop=in_loop, one_level=one_level)
 
@@ -148,7 +148,7 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Conc
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, index, attempt])
         wanted = SUITES[suite](rng)
-        possible = [b for b in benches if not wanted.in_loop or b != "slider"]  # nothing there measures velocity
+        possible = [b for b in benches if not wanted.in_loop or b != "slider"]  # no velocity sensor there
         if not possible:
             continue
         shares = np.array([SHARES[b] for b in possible])

@@ -134,7 +134,7 @@ def check_remade(
     if not names:
         return
     scratch = out / REMADE
-    shutil.rmtree(scratch, ignore_errors=True)  # of a run that was killed: this one has the folder to itself
+    shutil.rmtree(scratch, ignore_errors=True)  # left by a killed run; this process owns the folder
     scratch.mkdir()
     try:
         made = make_again(truths["plan"], commitments, names, scratch, engine=engine, jobs=jobs, scheduler=scheduler)

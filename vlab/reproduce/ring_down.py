@@ -1,4 +1,4 @@
-"""Releases on the bench: the same static force, let go in open loop and under each law, and what decays."""
+"""Releases on the bench: decay from a static force, by law."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,21 +14,21 @@ from vlab.reproduce.control_bench import NAMES, ControlBench
 from vlab.signals import Recording
 
 SHARE = 0.8
-"""Of half the linear travel: where the release holds the most mobile sensor."""
+"""SHARE [-]: initial motion of the most mobile sensor over half the linear travel."""
 SECONDS = {"beam": (30.0, 8.0), "grid": (30.0, 20.0)}
-"""Duration without and with control [s]: until the lightest damped mode of those in band has fallen to a third or less."""
+"""SECONDS [s]: durations without and with control, in which the lightest damped mode falls to a third or less."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RingDown:
-    """One release.
+    """Release.
 
     Parameters
     ----------
     channel : str
-        The sensor that is drawn.
+        Drawn sensor.
     decays : tuple of Decay
-        Mode by mode, beside the predicted poles.
+        Identified modes beside the predicted poles.
     """
 
     law: str
@@ -50,7 +50,20 @@ class RingDown:
 
 
 def ring_downs(bench: ControlBench, laws: dict[str, Controller | None]) -> tuple[RingDown, ...]:
-    """Release the structure from the exciter under every law, by name."""
+    """Release the structure from the exciter under every law.
+
+    Parameters
+    ----------
+    bench : ControlBench
+        Bench.
+    laws : dict
+        Laws by name; None for the open loop.
+
+    Returns
+    -------
+    tuple of RingDown
+        One release per law.
+    """
     structure, fe = bench.study.structure, bench.real
     moved = fe.deflections([s.at for s in structure.sensor]) @ np.linalg.solve(
         fe.linear.K, fe.deflection(bench.exciter)

@@ -226,7 +226,7 @@ def _hide(
     setup = drawn.setup
     commands = drawn.plan.commands
     bench, feedback = setup.bench, setup.feedback
-    if feedback is not None:  # the refit sees the loop as a damper
+    if feedback is not None:  # calibration treats the loop as a damper
         load, row = bench.loads[:, feedback.actuators[0]], list(bench.sensors.values())[feedback.sensors[0]].row
         bench = bench.adding(C=float(feedback.gains[0, 0]) * np.outer(load, row))
     refit = Refit(
@@ -319,7 +319,7 @@ def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden 
         feedback = replace(feedback, noise=feedback.noise[:, :, fit])
     setup = replace(drawn.setup, substeps=substeps, feedback=feedback)
     null = drawn.null[:, :, fit]
-    low, high = 0.0, np.inf  # sizes known to be too small and too large
+    low, high = 0.0, np.inf  # bracket: too small, too large
     for _ in range(TRIES):
         left, share = _left(setup, commands, one, null, refit)
         left = np.inf if share > LARGEST else left

@@ -160,7 +160,7 @@ class _Way:
         """
         at = k - self._late
         first, last = int(np.floor(at / self._sub)), int(np.floor((at + 1) / self._sub))
-        share = last * self._sub - at if last > first else 1.0  # of the step before the next sample comes out
+        share = last * self._sub - at if last > first else 1.0  # share of the step before the next sample
         u = share * self._sample(first) + (1.0 - share) * (self._sample(last) if share < 1.0 else 0.0)
         out = u + (self._state - u) * self._share
         self._state = u + (self._state - u) * self._kept
@@ -227,7 +227,7 @@ def integrate(
     if feedback is None and laws and all(isinstance(law, Static) for _, law in laws):
         try:
             return linear + in_windows(problem)
-        except Diverged:  # a window is too long for a steep law; single steps are not
+        except Diverged:  # steep law: use single steps
             return linear + step_by_step(problem, feedback)
     return linear + step_by_step(problem, feedback)
 
@@ -312,7 +312,7 @@ def in_windows(problem: _Problem) -> Array:
     Returns
     -------
     array
-        True sensor values, (n_samples, n_sensors, runs).
+        Added motion at the sensors, (n_samples, n_sensors, runs).
 
     Raises
     ------
@@ -389,7 +389,7 @@ def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
     Returns
     -------
     array
-        True sensor values, (n_samples, n_sensors, runs).
+        Added motion at the sensors, (n_samples, n_sensors, runs).
     """
     p, runs, m = len(problem.laws), problem.free.shape[2], len(problem.move)
     steps, sub, h = len(problem.free) - 1, problem.substeps, problem.step

@@ -125,7 +125,7 @@ def _bending(fe: FeModel, bar: Bar, a: str, b: str) -> Array:
         L, EI = e.flexible, e.section.bending_stiffness
         v1, v2 = v1 + e.rigid_start * s1, v2 - e.rigid_end * s2
         chord = (v2 - v1) / L
-        even, odd = s2 - s1, s1 + s2 - 2 * chord  # constant curvature, and linear curvature that vanishes in the middle
+        even, odd = s2 - s1, s1 + s2 - 2 * chord  # constant curvature, and linear curvature with zero in the middle
         K += EI / L * (np.outer(even, even) + 3 * np.outer(odd, odd))
     return K
 

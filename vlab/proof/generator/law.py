@@ -55,7 +55,7 @@ class Law:
         array
             Mean force, (runs,).
         """
-        # one iteration from the last step's force: its error is a step's change of force times the small mobility
+        # one iteration from the last force; the error is the change of force times the small mobility
         z = 0.5 * (z0 + z1 + a * memory["force"])
         v = 0.5 * (v0 + v1 + b * memory["force"])
         force = memory["force"] = self.force(z, v, t + 0.5 * h, h, coil, memory)

@@ -81,7 +81,7 @@ def _stop(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _one_sided(s: float, p: Shapes, at: Scale) -> Made:
-    side, way, k = p["sign"], p["gap"] * at.z, s * at.k  # a negative gap: it touches on the other side
+    side, way, k = p["sign"], p["gap"] * at.z, s * at.k  # negative gap: contact on the other side
     law = _static(lambda z, v, t, u: -side * k * np.maximum(side * z - way, 0.0))
     return {"stiffness": k, "gap": side * way}, law
 
@@ -117,7 +117,7 @@ def _oscillator(s: float, p: Shapes, at: Scale) -> Made:
 def _loss(s: float, p: Shapes, at: Scale) -> Made:
     loss, centre = s * at.k, np.sqrt(at.low_hz * at.high_hz)
     omega = 2 * np.pi * centre * np.array([0.1, 1.0, 10.0])
-    # at the centre 1/2 + 2 * 0.1/1.01 of one element's stiffness are lost and 3/2 stored, which the element already has
+    # at the centre 1/2 + 2 * 0.1/1.01 of an element's stiffness are lost; the stored 3/2 are part of the element
     law = Relaxing(np.full(3, loss / 0.7), omega, stored=1.5 * loss / 0.7)
     return {"loss": loss, "centre": centre}, _port(law)
 
@@ -146,7 +146,7 @@ def _jittered(u: Array, most: float, x: Signals) -> Array:
     for i in np.flatnonzero(change)[1:]:
         whole = int(delay[each[i]])
         out[i : i + whole] = u[i - 1]
-        if i + whole < len(u):  # the mean over the step in which the sample comes out
+        if i + whole < len(u):  # mean over the step of the delayed sample
             share = delay[each[i]] - whole
             out[i + whole] = share * u[i - 1] + (1 - share) * u[i + whole]
     return out

@@ -21,9 +21,9 @@ class _Chain(NamedTuple):
 
     bodies: tuple[str, ...]
     inertia: tuple[float, ...]
-    ground: tuple[tuple[float, float], ...]  # stiffness and damping to ground, one a body
+    ground: tuple[tuple[float, float], ...]  # stiffness and damping to ground of each body
     couplings: tuple[str, ...]
-    coupling: tuple[tuple[float, float], ...]  # stiffness and damping, one a pair of neighbours
+    coupling: tuple[tuple[float, float], ...]  # stiffness and damping between neighbours
     motors: Mapping[str, str]  # name to body
     seen: Mapping[str, str]  # sensor name to body
     angular: bool
@@ -120,7 +120,7 @@ def _built(chain: _Chain, factors: Mapping[str, float]) -> Bench:
     n = len(chain.bodies)
     M = np.diag([m * factor(f"mass:{name}") for name, m in zip(chain.bodies, chain.inertia, strict=True)])
     C, K = np.zeros((n, n)), np.zeros((n, n))
-    order = [f"joint:{chain.bodies[0]}"]  # places in the order in which they follow each other
+    order = [f"joint:{chain.bodies[0]}"]  # places in their order along the chain
     for i, name in enumerate(chain.couplings):
         order += [f"tendon:{name}", f"joint:{chain.bodies[i + 1]}"]
     places: dict[str, Place] = {}

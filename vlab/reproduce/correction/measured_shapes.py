@@ -1,4 +1,7 @@
-"""What a modal test says at the coordinates of a reduced model: sensors at joints, probes on plates for rotations."""
+"""Measured modes at the coordinates of a reduced model.
+
+Sensors at joints measure displacements, probes on plates rotations.
+"""
 
 from collections.abc import Sequence
 
@@ -11,18 +14,30 @@ from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
 RELIABLE = 0.9
-"""Confidence from which a measured mode is used: found again at nearly every model order."""
+"""RELIABLE [-]: least confidence of a used mode, found again at nearly every model order."""
 
 
 def measured_coordinates(fe: FeModel, retained: Sequence[str] | None = None) -> list[str]:
-    """Return the coordinates to measure, by default those that the structure file retains.
+    """Return the coordinates of the measurement.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    retained : sequence of str or None
+        Coordinates; those retained by the structure file by default.
+
+    Returns
+    -------
+    list of str
+        Names of the coordinates.
 
     Raises
     ------
     UnknownName
-        A coordinate that no sensor and no probe sees.
+        No sensor and no probe measures a coordinate.
     BadExperiment
-        Fewer than two.
+        Fewer than two coordinates.
     """
     structure = fe.structure
     seen = [f"v:{sensor.at}" for sensor in structure.sensor]
@@ -42,14 +57,23 @@ def measured_coordinates(fe: FeModel, retained: Sequence[str] | None = None) -> 
 def measured_at(
     structure: Structure, test: ModalTestResult, coordinates: Sequence[str], modes: int
 ) -> tuple[ModalModel, Array]:
-    """Return the modes that a test found reliably, at some coordinates with unit maximum, and their confidence.
+    """Return reliable modes at some coordinates, with their confidence.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
+    test : ModalTestResult
+        Result of the modal test.
     coordinates : sequence of str
         Displacements at sensors (``"v:joint1"``) and rotations of bearings (``"rx:point13"``).
     modes : int
-        At most so many, the lowest.
+        Most modes, the lowest first.
+
+    Returns
+    -------
+    (ModalModel, array)
+        Modes with unit maximum, and confidence.
 
     Raises
     ------
@@ -75,7 +99,10 @@ def measured_at(
 
 
 def _seen_by(structure: Structure, label: str) -> tuple[str, float]:
-    """Return the channel of a coordinate and its motion per unit of it: a probe sees a plate swing below the axis."""
+    """Return the channel of a coordinate and its motion per unit.
+
+    A probe measures a plate below its axis.
+    """
     motion, _, place = label.partition(":")
     if motion == "rx":
         plate = next(plate for plate in structure.plate if plate.at == place)

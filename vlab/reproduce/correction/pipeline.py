@@ -1,12 +1,14 @@
-"""A model corrected by a simulated modal test of a structure that differs from it: section 3.3.
+"""Correction of a model by a simulated modal test, section 3.3.
 
-The structure on the bench is the drawn one with benign variation: its stiffnesses, joint masses and plates are other than
-the model says. It is tested as a laboratory would, with noise, and the reduced model is corrected with what was measured.
+The structure on the bench deviates from the model by benign variation of stiffnesses, joint masses and plates. The
+test is noisy, as in a laboratory. The measured modes then correct the reduced model.
 
-The coordinates are by default the displacements at the sensors: the twelve joints of the grid. The dissertation's own set
-(`GRID_SECTION_33`) trades two joints for the rotations of the bearings. Where such a rotation is retained, the test adds a
-velocity sensor at the plate's centre, which the structure file does not have. It matters: with the joints alone the plates
-only follow statically, Guyan's reduction misses one of the three lowest modes, and a correction has to invent it.
+The default coordinates are the displacements at the sensors, the twelve joints of the grid. The set of the
+dissertation (`GRID_SECTION_33`) replaces two joints by the rotations of the bearings. For such a rotation the test
+adds a velocity sensor at the plate's centre, which the structure file lacks.
+
+The set matters. With the joints alone the plates follow statically, and Guyan's reduction misses one of the three
+lowest modes. The correction then has to invent it.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,45 +35,45 @@ from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 REDUCTIONS: dict[str, Callable[..., Reduction]] = {"guyan": guyan_reduction, "exact": exact_reduction}
-"""The reductions by name; the dissertation's is Guyan's."""
+"""REDUCTIONS: reductions by name; the dissertation uses Guyan's."""
 MARGIN = (0.5, 1.08)
-"""The band of the test begins below the first frequency and ends above the last that the coordinates can carry."""
+"""MARGIN [-]: ends of the test band over the first and the last frequency of the coordinates."""
 PLANT_MODES = 20
-"""Modes of the structure on the bench, the nearest of those out of band included."""
+"""PLANT_MODES [-]: modes of the structure on the bench, including the nearest out of band."""
 RATE = 200.0
-"""Samples per second [Hz], tenfold the band."""
+"""RATE [Hz]: sample rate, ten times the band."""
 PEAK = 4.0
-"""The rms motion of the most mobile sensor is this share of half of its linear travel, so that peaks stay inside."""
+"""PEAK [-]: divisor from half the linear travel to the rms motion of the most mobile sensor, for peaks within the range."""
 REPRODUCED = 1e-9
-"""Relative, of frequencies and shapes: a correction is exact up to rounding."""
+"""REPRODUCED [-]: relative error of frequencies and shapes of a correction, exact up to rounding."""
 ROUNDINGS = 10.0
-"""Roundings that the condition of the mass may amplify beyond that: the exact reduction's reaches 1e7 on the grid."""
+"""ROUNDINGS [-]: roundings amplified by the condition of the mass; that of the exact reduction reaches 1e7 on the grid."""
 TRUTH = 2.0
-"""Modes up to this multiple of the band are candidates for the partner of a measured one."""
+"""TRUTH [-]: multiple of the band below which modes can pair with measured ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CorrectionTest:
-    """A test, and the model before and after it.
+    """Modal test, with the model before and after its correction.
 
     Parameters
     ----------
     fe, real : FeModel
-        The model, and the structure on the bench.
+        Model, and structure on the bench.
     test : ModalTestResult
-        Everything that the test identified.
+        All results of the test.
     measured : ModalModel
-        The modes that were used, by frequency: real shapes, unit maximum, at the coordinates of the reduced models.
+        Used modes by frequency: real shapes of unit maximum at the coordinates of the reduced models.
     confidence : (p,) array
-        Of the modes used.
+        Confidence of the used modes.
     reductions : dict of str to Reduction
-        The model reduced to the measured coordinates in every way.
+        Model reduced to the measured coordinates, by method.
     reduction : str
-        The way whose model was corrected.
+        Method of the corrected model.
     steps : tuple of Correction
-        With the first measured mode, with the first two, and so on.
+        Corrections with the first measured mode, the first two, and so on.
     fe_hz, true_hz : (p,) array
-        Frequencies of the modes of `fe` and `real` that are most like the measured ones in shape; NaN without partner.
+        Frequencies of the modes of `fe` and `real` nearest in shape to the measured ones [Hz]; NaN without partner.
     """
 
     fe: FeModel
@@ -90,23 +92,23 @@ class CorrectionTest:
 
     @property
     def correction(self) -> Correction:
-        """The correction to all measured modes."""
+        """Correction to all measured modes."""
         return self.steps[-1]
 
     @property
     def model_hz(self) -> Array:
-        """Frequencies of the reduced model's modes that the measured ones replaced."""
+        """Frequencies of the replaced modes of the reduced model [Hz]."""
         return self.correction.uncorrected.freq[self.correction.origin]
 
     @property
     def mac_before(self) -> Array:
-        """MAC of each measured shape with the mode of the reduced model that it replaced."""
+        """MAC of each measured shape with the replaced mode."""
         shapes = self.correction.uncorrected.eigen[1][:, self.correction.origin]
         return np.diag(mac(shapes, self.measured.shapes))
 
     @property
     def corrected(self) -> ModalModel:
-        """The corrected model's own modes that are the measured ones, signs and scale of the shapes as measured."""
+        """Measured modes in the corrected model, in measured sign and scale."""
         model, wanted = self.correction.model, self.measured.shapes
         chosen = [int(np.argmax(row)) for row in (wanted.T @ model.M @ model.eigen[1]) ** 2]
         shapes = model.eigen[1][:, chosen]
@@ -120,7 +122,7 @@ class CorrectionTest:
 
     @property
     def error(self) -> float:
-        """Largest relative deviation of the corrected model's frequencies and shapes from the measured ones."""
+        """Largest relative error of the corrected modes."""
         found = self.corrected
         return float(
             max(np.abs(found.freq / self.measured.freq - 1).max(), np.abs(found.shapes - self.measured.shapes).max())
@@ -128,7 +130,7 @@ class CorrectionTest:
 
     @property
     def accepted(self) -> float:
-        """Error that rounding explains: `REPRODUCED`, or more where the mass is ill-conditioned."""
+        """Accepted error: `REPRODUCED`, or more for an ill-conditioned mass."""
         mass = self.correction.model.M
         scale = np.sqrt(np.diag(mass))
         return max(REPRODUCED, ROUNDINGS * float(np.finfo(float).eps * np.linalg.cond(mass / np.outer(scale, scale))))
@@ -140,13 +142,29 @@ class CorrectionTest:
 
     @property
     def before_use_hz(self) -> Array:
-        """Frequency of each mode once the modes measured below it are corrected and it is not: section 3.3."""
+        """Frequency of each mode after correction of the lower ones [Hz].
+
+        See section 3.3.
+        """
         origin = self.correction.origin
         earlier = [self.correction.uncorrected.freq, *(step.tracked for step in self.steps[:-1])]
         return np.array([tracked[mode] for tracked, mode in zip(earlier, origin, strict=True)])
 
     def unused_error(self, used: int) -> float:
-        """Return the rms relative error of the measured modes that are not among the first `used`; NaN if all are."""
+        """Return the rms relative error of the unused measured modes.
+
+        The value is NaN if the first `used` modes are all.
+
+        Parameters
+        ----------
+        used : int
+            Number of used modes.
+
+        Returns
+        -------
+        float
+            Relative error [-].
+        """
         if not 0 <= used <= len(self.steps):
             raise BadRecording(f"{used} modes used of {len(self.steps)} measured ones; 0 to {len(self.steps)} can be")
         tracked = self.steps[used - 1].tracked if used else self.correction.uncorrected.freq
@@ -154,9 +172,19 @@ class CorrectionTest:
         return float(np.sqrt(np.mean(miss**2))) if miss.size else float("nan")
 
     def off_diagonal(self, reduction: str) -> tuple[float, float]:
-        """Return the largest and the mean off-diagonal of the measured shapes' orthogonality in a reduced mass.
+        """Return the largest and mean off-diagonal of orthogonality.
 
-        These are the two numbers that go with Tables 4 and 6.
+        These two numbers accompany Tables 4 and 6.
+
+        Parameters
+        ----------
+        reduction : str
+            Method of the reduced mass.
+
+        Returns
+        -------
+        (float, float)
+            Largest and mean absolute value.
         """
         if reduction not in self.reductions:
             raise unknown_name("reduction", reduction, self.reductions)
@@ -207,11 +235,25 @@ class CorrectionTest:
 
 
 def vary_structure(structure: Structure, spread: float, seed: int) -> Structure:
-    """Return the structure with benign variation: factors of mean 1 and relative standard deviation `spread`.
+    """Return the structure with benign variation.
 
-    Bending and torsional stiffness of every section, every joint mass with its rotary inertia, and every plate's weight
-    moment have a factor of their own, lognormal; all bars of one section have the same,
-    and so have the masses on a bar that is carried by its first symmetric mode.
+    Lognormal factors have mean 1. They act on bending and torsional stiffness of every section, on every joint mass with
+    its rotary inertia, and on every plate's weight moment. Bars of one section share a factor. So do masses on a bar
+    carried by its first symmetric mode.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    spread : float
+        Relative standard deviation of the factors [-].
+    seed : int
+        Seed of the factors.
+
+    Returns
+    -------
+    Structure
+        Varied structure.
     """
     if not (np.isfinite(spread) and 0 <= spread <= 0.5):
         raise BadExperiment(f"the spread {spread} is no relative standard deviation from 0 to 0.5")
@@ -255,38 +297,46 @@ def correct_by_test(
     periods: int = 3,
     progress: Callable[[float], None] | None = None,
 ) -> CorrectionTest:
-    """Test a structure that differs from its model, and correct the reduced model with what was measured.
+    """Test a deviating structure, and correct the reduced model.
 
     Parameters
     ----------
     structure_name : str
-        A built-in structure or a structure file.
+        Built-in structure or structure file.
     seed : int
-        Of the variation, of the phases of the multisine and of the sensors' noise.
+        Seed of variation, multisine phases and sensor noise.
     modes : int
-        Use at most so many measured modes, the lowest that are identified reliably; fewer than coordinates.
+        Most measured modes, the lowest reliable ones; fewer than coordinates.
     retained : sequence of str or None
-        Coordinates of the reduced model: displacements that a sensor measures (``"v:joint1"``) and rotations of bearings
-        (``"rx:point13"``), each by the probe on the plate below it. None: those that the structure file retains.
+        Coordinates of the reduced model: displacements at sensors (``"v:joint1"``) and rotations of bearings
+        (``"rx:point13"``), each by the probe on the plate below. None for those of the structure file.
     spread : float
-        Relative standard deviation of the structure's variation.
+        Relative standard deviation of the structure's variation [-].
     noise : float
-        White noise of each sensor relative to the rms velocity, averaged over the sensors, that the model predicts.
+        White noise of each sensor over the mean rms velocity of the model [-].
     reduction : str
-        Which reduced model is corrected: ``"guyan"`` or ``"exact"``.
+        Corrected reduced model: ``"guyan"`` or ``"exact"``.
+    variant : str
+        Variant of the model.
     period_s, periods : float and int
-        Of the multisine; half of the periods serve for settling. Modes nearer than 1/period_s are hardly told apart.
+        Period of the multisine [s] and number of periods, half of them for settling. Modes nearer than 1/period_s are
+        hardly resolved.
     progress : callable or None
-        Called with the simulated seconds done.
+        Receives the simulated time [s].
+
+    Returns
+    -------
+    CorrectionTest
+        Test and correction.
 
     Raises
     ------
     UnknownName
-        No such structure, variant, reduction or measured coordinate.
+        The structure, variant, reduction or coordinate is unknown.
     BadStructure
-        A sensor sits where the FE model has no coordinate, or the coordinates cannot carry the modes.
+        A sensor has no coordinate in the FE model, or the coordinates cannot carry the modes.
     BadExperiment
-        Settings out of range.
+        A setting is out of range.
     BadRecording
         No mode was identified reliably.
     """
@@ -342,7 +392,7 @@ def _tested(
     periods: int,
     progress: Callable[[float], None] | None,
 ) -> ModalTestResult:
-    """Excite the structure on the bench at its exciter; level and noise follow from what the model predicts."""
+    """Excite the structure on the bench, with level and noise from the model."""
     structure = fe.structure
     phases, samples = (int(number) for number in np.random.default_rng([seed, 1]).integers(2**32, size=2))
     hardware = load_hardware().at_rate(RATE)
@@ -368,7 +418,7 @@ def _tested(
 
 
 def _rms(fe: FeModel, places: list[str], band: tuple[float, float], period_s: float) -> tuple[Array, Array]:
-    """Return the rms velocity and displacement at places that the model predicts per unit rms of the multisine."""
+    """Return predicted rms velocity and displacement per unit rms force."""
     freq = np.arange(np.ceil(band[0] * period_s), np.floor(band[1] * period_s) + 1) / period_s
     rows = fe.deflections(places)
     force = fe.deflections([next(coil.at for coil in fe.structure.coil if coil.name == fe.structure.exciter)]).T
@@ -378,7 +428,7 @@ def _rms(fe: FeModel, places: list[str], band: tuple[float, float], period_s: fl
 
 
 def _partners(fe: FeModel, measured: ModalModel, highest: float) -> Array:
-    """Return the frequencies of the modes most like the measured ones, one to one."""
+    """Return frequencies of the most similar modes, one to one."""
     rows = np.array([fe.linear.coordinates.index(label) for label in measured.coordinates])
     near = max(int(np.sum(fe.linear.freq <= TRUTH * highest)), 1)
     candidates = fe.linear.modal_model(np.eye(fe.linear.n)[rows], measured.coordinates, near)

@@ -1,1 +1,1 @@
-"""Published figures beside computed ones."""
+"""Reproduction of published figures."""

@@ -1,4 +1,7 @@
-"""The figures of control tests: analysis beside simulated experiment, Figures 4, 17-20 and 22-31, and the ring-downs."""
+"""Figures of control tests: 4, 17-20, 22-31 and the ring-downs.
+
+Each figure shows the analysis beside a simulated experiment.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,21 +16,21 @@ from vlab.reproduce.tables.control import BEAM_PLACE, GRID_LAWS, GRID_PLACE
 from vlab.signals import FrequencyResponse
 
 NAMES = {"": "open loop", "mfdrf": "MFDRF", "lqdrf": "LQDRF", "lqdrf-diagonal": "diagonal LQDRF", "lqg": "LQG"}
-"""The laws as the dissertation writes them."""
+"""NAMES: laws as the dissertation writes them."""
 MODELS = {"full": "full model", "exact": "exact reduction", "corrected-guyan": "corrected Guyan"}
 EXPERIMENT = "simulated experiment"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """One response of a panel.
+    """Response of a panel.
 
     Parameters
     ----------
     is_measured : bool
-        Whether it comes from an experiment; else from theory.
+        Whether the response comes from an experiment instead of theory.
     peak_ratios : tuple of float
-        Of a curve of theory: its peak levels over those of the experiment in the panel, mode by mode.
+        Peak levels of theory over those of the panel's experiment, by mode.
     """
 
     label: str
@@ -38,7 +41,7 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """The responses under one law."""
+    """Responses under one law."""
 
     title: str
     curves: tuple[Curve, ...]
@@ -46,16 +49,16 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlFigure:
-    """What a figure shows, without its drawing.
+    """Content of a figure, without its drawing.
 
     Parameters
     ----------
     quantity : str
-        What is measured per force.
+        Measured quantity per force.
     runs : dict of str to LoopRun
-        The experiments by the name of their law.
+        Experiments by law.
     ring_downs : tuple of RingDown
-        Instead of panels.
+        Releases, instead of panels.
     """
 
     number: str
@@ -95,12 +98,30 @@ def control_figure(
     shorten: float = 1.0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> ControlFigure:
-    """Run the experiments of one figure; settings as of `ControlBench`.
+    """Run the experiments of one figure.
+
+    Parameters
+    ----------
+    number : str
+        Number of the figure.
+    plant : str
+        Plant, see `ControlBench`.
+    seed : int
+        Seed of excitation and noise.
+    shorten : float
+        Divisor of all periods.
+    progress : callable
+        Receives the present experiment.
+
+    Returns
+    -------
+    ControlFigure
+        Content of the figure.
 
     Raises
     ------
     UnknownName
-        No such figure.
+        There is no such figure.
     """
     if number not in FIGURES:
         raise unknown_name("figure", number, FIGURES, where="reproduce")
@@ -208,4 +229,4 @@ FIGURES: dict[str, tuple[str, str, Callable[[str, ControlBench], ControlFigure]]
 FIGURES = dict(
     sorted(FIGURES.items(), key=lambda item: (not item[0].isdigit(), int(item[0]) if item[0].isdigit() else 0))
 )
-"""The figures by number: of which structure, what it shows, and how it is made."""
+"""FIGURES: structure, content and function of each figure, by number."""

@@ -1,12 +1,17 @@
-"""How likely each explanation of the 41 Hz vibration is, and which measurement would have decided between them.
+"""Odds of the explanations of the 41 Hz vibration, and decisive measurements.
 
-Every explanation is drawn many times over what is not known of it - the structure's own frequencies and damping about the
-model's among them - and the loop of every draw is solved exactly. An explanation is supported as far as its draws do what
-was seen: one pole grows faster than all others, near 41 Hz, slowly enough for a vibration that takes two or three minutes to
-develop. Nothing is fitted; equal odds before, so the shares of such draws are the odds after.
+Each explanation is drawn many times over its unknowns, among them frequencies and damping of the structure. The loop
+of each draw is solved exactly. A draw supports its explanation if it reproduces the observation. One pole then grows
+faster than all others, near 41 Hz, and develops over two or three minutes. Nothing is fitted. With equal prior odds,
+the shares of such draws are the posterior odds.
 
-A measurement decides as far as the explanations disagree on how it ends: the information, in bits, that its outcome carries
-about them (Lindley, On a measure of the information provided by an experiment, 1956).
+A measurement decides as far as the explanations predict different outcomes. Its value is the information of its
+outcome about them in bits [1]_.
+
+References
+----------
+.. [1] D. V. Lindley, "On a measure of the information provided by an experiment", *Annals of Mathematical Statistics*
+   27 (1956) 986-1005.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,35 +34,34 @@ from vlab.structure.model import Structure
 
 DRAWS = 300
 FREQUENCY_SD, DAMPING_SD, DELAY_SD = 0.014, 0.5, 0.02
-"""Of the structure's modes, relative and logarithmic: what Table 1 and its damping ratios leave between model and laboratory;
-of the delay, relative: the last digit of the 1.35 samples that were measured."""
+"""FREQUENCY_SD, DAMPING_SD, DELAY_SD [-]: standard deviations of modes (relative, logarithmic) from Table 1, and of the
+delay (relative) from the last digit of 1.35 samples."""
 SHIFTED_SD = 0.07
-"""Of a mode that the design has at the wrong frequency: more than any mode that was measured."""
+"""SHIFTED_SD [-]: relative standard deviation of a mode with a wrong design frequency, above that of any measured mode."""
 STRING_ZETA = (1e-4, 2e-3)
-"""Damping ratios of taut steel wires between good and poor ends; assumed."""
+"""STRING_ZETA [-]: damping ratios of taut steel wires between good and poor ends; assumed."""
 CABLE_MASS = (ROPE_FILL, 1.4)
-"""Factor on a cable's mass per length: of solid wire, wire rope has less, and a lead taped along it makes it more."""
+"""CABLE_MASS [-]: range of a cable's mass over that of solid wire. Wire rope is lighter, a taped lead adds mass."""
 GROWTH = (0.01, 0.2)
-"""Growth [1/s] of what rises from the sensors' noise, by a factor of a hundred to ten thousand, in two to three minutes, twice as
-slow or fast allowed."""
+"""GROWTH [1/s]: growth rates from sensor noise by a factor of 1e2 to 1e4 in two to three minutes, with a margin of two."""
 TAPE = 10.0
-"""Factor on a cable's damping that a strip of tape or a hand on it gives, at least."""
+"""TAPE [-]: least factor on a cable's damping by a strip of tape or a hand."""
 OWN_ZETA, OWN_HZ = 0.001, 1.0
-"""A resonance lighter than this, as near to the vibration [Hz], would show in a test without control."""
+"""OWN_ZETA [-], OWN_HZ [Hz]: damping and distance of a resonance visible in a test without control."""
 MOVED_HZ = 0.5
-"""A change of the vibration's frequency that cannot be missed."""
+"""MOVED_HZ [Hz]: unmistakable change of the vibration's frequency."""
 
 
 @dataclass(frozen=True)
 class _Cable:
-    """A cable whose own modes are in the model.
+    """Cable with its own modes in the model.
 
     Parameters
     ----------
     mass : float
-        Factor on its mass per length.
+        Factor on its mass per length [-].
     zeta : float
-        Damping ratio of its own modes.
+        Damping ratio of its own modes [-].
     """
 
     name: str
@@ -67,16 +71,16 @@ class _Cable:
 
 @dataclass(frozen=True, eq=False)
 class _Draw:
-    """One way in which an explanation may be true.
+    """Draw of an explanation.
 
     Parameters
     ----------
     cable : _Cable or None
-        None where cables move as massless wires do.
+        Cable with own modes; None for massless wires.
     frequency, damping : (modes,) array
-        Factors on the modes of the structure.
+        Factors on the modes of the structure [-].
     delay : float
-        Samples.
+        Delay [samples].
     """
 
     cable: _Cable | None
@@ -85,7 +89,7 @@ class _Draw:
     delay: float
 
     def taped(self, cable: str) -> "_Draw":
-        """Return the same with a strip of tape on a cable."""
+        """Return the draw with a strip of tape on a cable."""
         if self.cable is None or self.cable.name != cable:
             return self
         return replace(self, cable=replace(self.cable, zeta=TAPE * self.cable.zeta))
@@ -150,11 +154,11 @@ MEASUREMENTS = {
     "tape on the lower cable": "a strip of tape on the lower cable ends it",
     "tape on the upper cable": "a strip of tape on the upper cable ends it",
 }
-"""Measurements that the laboratory could have made in an hour, and the outcome that is asked for."""
+"""MEASUREMENTS: possible measurements of one hour in the laboratory, and their outcome."""
 
 
 class _Bench:
-    """The LQG loop on the beam, for any draw."""
+    """LQG loop on the beam, for any draw."""
 
     def __init__(self, structure: Structure, law: LinearController, converter: Converter) -> None:
         self.structure, self.law, self.converter = structure, law, converter
@@ -173,7 +177,18 @@ class _Bench:
         return replace(loop, omega=loop.omega * frequency, damping=share[:, None] * loop.damping * share)
 
     def nominal(self, rng: np.random.Generator) -> _Draw:
-        """Return the model as it may be where nothing is missing."""
+        """Return a draw of the complete model.
+
+        Parameters
+        ----------
+        rng : Generator
+            Random numbers.
+
+        Returns
+        -------
+        _Draw
+            Draw.
+        """
         return _Draw(
             cable=None,
             frequency=np.exp(FREQUENCY_SD * rng.standard_normal(self.modes)),
@@ -182,7 +197,22 @@ class _Bench:
         )
 
     def outcomes(self, draw: _Draw, loop: SampledLoop, seen: LoopPole) -> dict[str, bool]:
-        """Return how every measurement ends in a draw whose loop does what was seen."""
+        """Return the outcome of every measurement for a supporting draw.
+
+        Parameters
+        ----------
+        draw : _Draw
+            Draw.
+        loop : SampledLoop
+            Its loop.
+        seen : LoopPole
+            Observed pole.
+
+        Returns
+        -------
+        dict
+            Outcome by measurement.
+        """
         later = _fastest(self.loop(replace(draw, delay=draw.delay + 1.0)))
         own_hz, own_zeta = loop.omega / (2 * np.pi), np.diag(loop.damping) / (2 * loop.omega)
         return {
@@ -200,14 +230,23 @@ def limit_cycle_odds(
     seed: int = 0,
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> dict[str, Any]:
-    """Return the odds of every explanation and the information in every measurement, as plain data with sentences.
+    """Return odds of explanations and information of measurements.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     draws : int
-        Of every explanation.
+        Draws per explanation.
+    seed : int
+        Seed of the draws.
     progress : callable
-        Called with the share done and what is being done.
+        Receives the completed share and the present step.
+
+    Returns
+    -------
+    dict
+        Plain data with sentences.
     """
     law = published_way(structure, "lqg", rate=RATE).controller
     bench = _Bench(structure, law, load_hardware().at_rate(RATE).converter)
@@ -237,7 +276,7 @@ def limit_cycle_odds(
 
 
 def _padded(factors: Array, size: int) -> Array:
-    """Return factors for all modes of a loop; modes beyond those of the structure are as they are."""
+    """Return factors for all modes of a loop, one beyond the structure's."""
     return np.concatenate([factors[:size], np.ones(max(size - len(factors), 0))])
 
 
@@ -250,7 +289,7 @@ def _ends(loop: SampledLoop) -> bool:
 
 
 def _informative(rows: Sequence[dict[str, Any]], ends: dict[str, list[dict[str, bool]]]) -> list[dict[str, Any]]:
-    """Return the measurements by the information that their outcome carries about the explanations that did what was seen."""
+    """Return the measurements by information about supported explanations."""
     able = [row for row in rows if ends[row["name"]]]
     if not able:
         return []

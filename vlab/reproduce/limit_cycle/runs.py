@@ -1,4 +1,7 @@
-"""Time histories for the 41 Hz study (section 6.1), simulated in MuJoCo with the amplifiers' limit, beside their prediction."""
+"""Time histories of the 41 Hz study (section 6.1), beside predictions.
+
+MuJoCo simulates the loop with the amplifier limit.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,22 +26,37 @@ from vlab.signals import Array, Recording
 from vlab.structure.model import Structure
 
 LIMIT = 1.0
-"""Largest force of an amplifier [N]; assumed, the text gives none."""
+"""LIMIT [N]: largest force of an amplifier; assumed, for the text gives none."""
 NOISE = 1e-6
-"""Noise of the velocity sensors [m/s], rms; assumed. It is what a limit cycle starts from."""
+"""NOISE [m/s]: rms noise of the velocity sensors, the seed of a limit cycle; assumed."""
 SECONDS, SHORT = 240.0, 60.0
-"""Duration of the experiments in which something grows, and of the nominal one [s]; section 6.1 speaks of two or three minutes."""
+"""SECONDS, SHORT [s]: durations of the growing experiments and the nominal one; section 6.1 states two or three minutes."""
 MODES = 16
-"""Modes of the simulated plant: up to 250 Hz, beyond the controller's own 92 Hz."""
+"""MODES [-]: modes of the simulated plant, up to 250 Hz, above the controller's own 92 Hz."""
 
 
 def simulated_seconds(seconds: float = SECONDS) -> float:
-    """Return how much `histories` simulates in all [s]."""
+    """Return the simulated time of `histories` [s]."""
     return 2 * seconds + min(seconds, SHORT)
 
 
 def bench(rate: float = RATE, *, limit: float = LIMIT, noise: float = NOISE) -> Hardware:
-    """Return the laboratory's hardware at a rate, with an amplifier limit [N] and sensor noise [m/s]."""
+    """Return the laboratory's hardware with amplifier limit and noise.
+
+    Parameters
+    ----------
+    rate : float
+        Sample rate [Hz].
+    limit : float
+        Amplifier limit [N].
+    noise : float
+        Sensor noise [m/s], rms.
+
+    Returns
+    -------
+    Hardware
+        Hardware.
+    """
     hardware = load_hardware().at_rate(rate)
     return replace(
         hardware,
@@ -57,7 +75,30 @@ def time_history(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """Run an experiment in MuJoCo on the modal plant of a model: from rest, or released from a static force [N] at the base."""
+    """Simulate the modal plant of a model in MuJoCo.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    law : Controller
+        Control law.
+    hardware : Hardware
+        Hardware of the laboratory.
+    seconds : float
+        Duration [s].
+    release : float
+        Static force at the base before the start [N]; zero for a start at rest.
+    seed : int
+        Seed of the noise.
+    progress : callable or None
+        Receives the simulated time [s].
+
+    Returns
+    -------
+    Recording
+        Recording.
+    """
     plant = build_modal(fe, modes=MODES, timestep=0.5 / hardware.converter.rate)
     excitation = Release(level=release) if release else None
     experiment = Experiment(
@@ -67,17 +108,31 @@ def time_history(
 
 
 def levels_of(recording: Recording, channel: str, *, window: float = 1.0) -> tuple[Array, Array]:
-    """Return the middles of windows [s] and the channel's rms in each."""
+    """Return middles of windows [s] and the rms in each."""
     n = round(window * recording.rate)
     x = recording[channel][: len(recording) // n * n].reshape(-1, n)
     return (np.arange(len(x)) + 0.5) * window, np.sqrt(np.mean(x**2, axis=1))
 
 
 def growth(recording: Recording, channel: str, *, window: float = 1.0) -> dict[str, float]:
-    """Return how a vibration grew: final level, frequency there, the rate of growth before it, and when it got there.
+    """Return final level, frequency, growth rate and rise time of a vibration.
 
-    Levels are rms over windows [s] of the channel. The growth is fitted between a hundredth and a third of the final
-    level; it is NaN where no such stretch is seen.
+    Levels are rms values over windows. The growth is fitted between 1 % and 33 % of the final level; NaN without such
+    a stretch.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording.
+    channel : str
+        Name of the channel.
+    window : float
+        Length of a window [s].
+
+    Returns
+    -------
+    dict
+        Values by name.
     """
     x, rate, n = recording[channel], recording.rate, round(window * recording.rate)
     levels = levels_of(recording, channel, window=window)[1]
@@ -101,14 +156,14 @@ def growth(recording: Recording, channel: str, *, window: float = 1.0) -> dict[s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class History:
-    """One simulated experiment beside its prediction.
+    """Simulated experiment beside its prediction.
 
     Parameters
     ----------
     predicted_growth : float
-        Of the loop's least stable pole [1/s].
+        Growth rate of the least stable pole [1/s].
     predicted : LimitCycle or None
-        By harmonic balance; None for a stable loop.
+        Harmonic balance; None for a stable loop.
     """
 
     name: str
@@ -140,17 +195,28 @@ def histories(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> list[History]:
-    """Return time histories of the nominal loop and of one in which an own mode of a cable grows.
+    """Return time histories of the nominal loop and of a growing cable mode.
 
-    The upper cable is solid wire as in the structure file, its own mode damped as little as steel wire is: nothing is
-    set for 41 Hz. It starts at rest, and once more after a release of 1 N, as after additional excitation.
+    The upper cable is solid wire as in the structure file, with the damping of steel wire. Nothing is tuned to 41 Hz.
+    One run starts at rest, another after a release of 1 N, as after additional excitation.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     seconds : float
-        Duration of each [s]; the nominal loop is run for `SHORT` at most.
+        Duration of each run [s]; at most `SHORT` for the nominal loop.
+    rate : float
+        Sample rate [Hz].
+    seed : int
+        Seed of the noise.
     progress : callable or None
-        Called with the simulated seconds done, of `simulated_seconds` in all.
+        Receives the simulated time [s], of `simulated_seconds` in all.
+
+    Returns
+    -------
+    list of History
+        Experiments with predictions.
     """
     law, parts = published_way(structure, "lqg", rate=rate).controller, bench(rate)
     nominal = build_fe_model(structure)

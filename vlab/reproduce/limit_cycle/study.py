@@ -1,9 +1,9 @@
-"""The limit cycle near 41 Hz that LQG had on the beam (section 6.1): what the model can and cannot explain.
+"""Limit cycle near 41 Hz of LQG on the beam, section 6.1.
 
-The text: at rest with the control on, a vibration of about 41 Hz grew for two or three minutes to a moderately low level
-and stayed there; the delay of the array controller and a mode nearby were thought to be the cause. Nothing here is fitted
-to 41 Hz; one candidate is put there on purpose and says so. The nominal loop is examined first; then one thing at a time
-is changed that the model leaves out, and what the loop does then is reported, wherever its frequency falls.
+According to the text, a vibration of about 41 Hz grew for two or three minutes at rest under control, to a moderately
+low level. The text suspects the delay of the array controller and a nearby mode. Nothing here is fitted to 41 Hz,
+except for one candidate that states so. The nominal loop comes first. Then one omission of the model at a time is
+added, and the resulting motion is reported at any frequency.
 """
 
 from collections.abc import Sequence
@@ -25,35 +25,35 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 OBSERVED_HZ = 41.0
-"""Section 6.1: approximately."""
+"""OBSERVED_HZ [Hz]: approximate frequency in section 6.1."""
 NEAR_HZ = (38.0, 44.0)
-"""What counts as near 41 Hz: about 7 % to either side, the model's own error in modes 1 to 6 being 2.5 % at most."""
+"""NEAR_HZ [Hz]: band near 41 Hz, about 7 % to either side; the model's error in modes 1 to 6 is at most 2.5 %."""
 ROPE_FILL = 0.62
-"""Metal in the cross-section of a wire rope: with it the lower cable's own frequency is near 41 Hz."""
+"""ROPE_FILL [-]: metal fraction of a wire rope's cross-section, which puts the lower cable's own frequency near 41 Hz."""
 WIRE_ZETA = 2e-4
-"""Damping ratio of a taut steel wire between good ends; assumed, of the order that is measured on strings."""
+"""WIRE_ZETA [-]: damping ratio of a taut steel wire between good ends; assumed, of the order measured on strings."""
 MOST_DELAY = 8.0
-"""Longest delay that is tried, in samples: six times what was measured."""
+"""MOST_DELAY [samples]: longest tried delay, six times the measured one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """Something the nominal model leaves out, and what the LQG loop makes of it.
+    """Omission of the nominal model, and its effect in the LQG loop.
 
     Parameters
     ----------
     name, words : str
-        Short, and what was changed.
+        Short name, and description of the change.
     own_hz, own_zeta : float
-        Of the mode in question without control.
+        Frequency [Hz] and damping ratio of the mode without control.
     hz, zeta, growth_per_s : float
-        Of that mode in the loop.
+        Frequency [Hz], damping ratio and growth [1/s] of the mode in the loop.
     needed_zeta : float
-        Damping ratio of its own below which the mode would grow; zero where the loop damps it.
+        Own damping ratio below which the mode would grow; zero if the loop damps the mode.
     delay_to_grow : float or None
-        Whole delay [samples] from which on that mode grows; None: no delay up to `MOST_DELAY`.
+        Total delay [samples] above which the mode grows; None up to `MOST_DELAY`.
     is_stable : bool
-        Whether the whole loop is.
+        Whether the whole loop is stable.
     """
 
     name: str
@@ -79,16 +79,31 @@ def cable_candidate(
     words: str,
     modes: int = 1,
 ) -> tuple[Candidate, FeModel]:
-    """Return what the loop makes of a cable's first own mode, and the FE model with it.
+    """Return the candidate of a cable's first own mode, and its FE model.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
+    law : LinearController
+        Control law.
+    hardware : Hardware
+        Hardware of the laboratory.
+    cable : str
+        Name of the cable.
     mass : float
         Factor on the cable's mass per length; 1 is solid wire.
     zeta : float
         Damping ratio of the string between held ends.
+    words : str
+        Description of the change.
     modes : int
         Own modes of each cable in the model.
+
+    Returns
+    -------
+    (Candidate, FeModel)
+        Candidate and model.
     """
     fe = add_string_modes(build_fe_model(with_cable_mass(structure, cable, mass)), modes, zeta=zeta)
     held = string_frequency(with_cable_mass(structure, cable, mass), cable)
@@ -99,12 +114,27 @@ def cable_candidate(
 
 
 def tuned_mass(structure: Structure, cable: str, hz: float = OBSERVED_HZ) -> float:
-    """Return the factor on a cable's mass with which its own mode, between held ends, has this frequency."""
+    """Return the mass factor that gives a cable's own mode a frequency."""
     return float((string_frequency(structure, cable) / hz) ** 2)
 
 
 def shifted_mode_candidate(loop: SampledLoop, mode: int, hz: float) -> Candidate:
-    """Return what the loop makes of a mode of the structure, from 1, whose frequency is not the design's."""
+    """Return the candidate of a structural mode with another frequency.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Nominal loop.
+    mode : int
+        Number of the mode, from 1.
+    hz : float
+        Frequency of the mode [Hz].
+
+    Returns
+    -------
+    Candidate
+        Candidate.
+    """
     omega = loop.omega.copy()
     omega[mode - 1] = 2 * np.pi * hz
     damping = loop.damping.copy()
@@ -134,13 +164,26 @@ def _candidate(name: str, words: str, mode: int, loop: SampledLoop) -> Candidate
 
 
 def delay_to_grow(loop: SampledLoop, mode: int, *, step: float = 0.05) -> float | None:
-    """Return the whole delay [samples] from which on a light mode, counted from 0, grows, to a step; None: none that was tried."""
+    """Return the total delay from which a mode grows, or None [samples]."""
     delays = np.arange(loop.converter.delay_samples, MOST_DELAY, step)
     return next((float(d) for d in delays if loop.with_delay(float(d)).mode_poles([mode])[0].growth > 0), None)
 
 
 def crossings_by_delay(loop: SampledLoop, *, step: float = 0.05) -> list[dict[str, Any]]:
-    """Return at which whole delay [samples] each mode of the structure up to 100 Hz first grows, to a step, if it does."""
+    """Return the delay of first growth of each mode up to 100 Hz.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+    step : float
+        Resolution of the delay [samples].
+
+    Returns
+    -------
+    list of dict
+        Growing modes with total delay [samples].
+    """
     found: dict[int, dict[str, Any]] = {}
     for delay in np.arange(loop.converter.delay_samples, MOST_DELAY, step):
         for pole in loop.with_delay(float(delay)).poles():
@@ -155,7 +198,22 @@ def crossings_by_delay(loop: SampledLoop, *, step: float = 0.05) -> list[dict[st
 
 
 def driven_bands(loop: SampledLoop, freq: Array) -> list[dict[str, float]]:
-    """Return the bands in which the law drives more combinations of the coils than it damps."""
+    """Return bands in which the law drives more combinations than it damps.
+
+    Combinations are those of the coils.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Sampled loop.
+    freq : array
+        Frequencies [Hz].
+
+    Returns
+    -------
+    list of dict
+        Bands [Hz].
+    """
     strengths = damper_strengths(loop, freq)
     driven = (strengths < 0).sum(axis=1) > strengths.shape[1] / 2
     edges = np.flatnonzero(np.diff(np.concatenate([[0], driven.astype(int), [0]])))
@@ -168,14 +226,21 @@ def driven_bands(loop: SampledLoop, freq: Array) -> list[dict[str, float]]:
 def limit_cycle_report(
     structure: Structure, *, rate: float = RATE, string_zeta: Sequence[float] = (1e-3, WIRE_ZETA)
 ) -> dict[str, Any]:
-    """Return what the model says of the 41 Hz limit cycle, as plain data, without time histories.
+    """Return the model's results on the 41 Hz limit cycle.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     rate : float
-        Samples per second of the law and the loop [Hz].
+        Sample rate of the law and the loop [Hz].
     string_zeta : sequence of float
-        Damping ratios to try for the cables' own modes: that of the structure's higher modes, and that of steel wire.
+        Damping ratios of the cables' own modes: of the structure's higher modes, and of steel wire.
+
+    Returns
+    -------
+    dict
+        Plain data, without time histories.
     """
     hardware, design = load_hardware().at_rate(rate), published_way(structure, "lqg", rate=rate)
     law = design.controller
@@ -213,7 +278,7 @@ def limit_cycle_report(
 
 
 def _more_strings(structure: Structure, law: LinearController, hardware: Hardware, count: int) -> dict[str, Any]:
-    """Return the growing poles with so many own modes of each cable, solid wire, the damping of the higher modes."""
+    """Return the growing poles with own modes of solid-wire cables."""
     poles = loop_on(add_string_modes(build_fe_model(structure), count), law, hardware.converter).poles()
     growing = [{"hz": p.hz, "growth_per_s": p.growth} for p in poles if p.growth > 0]
     return {"modes_each": count, "growing": growing}
@@ -230,7 +295,24 @@ def verdict(
     candidates: Sequence[Candidate],
     bands: Sequence[dict[str, float]] = (),
 ) -> list[str]:
-    """Return what follows, in sentences, each from the numbers alone."""
+    """Return the conclusions in sentences, derived from numbers alone.
+
+    Parameters
+    ----------
+    nominal : SampledLoop
+        Nominal loop.
+    crossings : list of dict
+        Result of `crossings_by_delay`.
+    candidates : sequence of Candidate
+        Candidates.
+    bands : sequence of dict
+        Result of `driven_bands`.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
     least = nominal.critical()
     state = "stable with its delay; its least stable pole is" if least.growth < 0 else "unstable:"
     lines = [f"The nominal loop is {state} {least.hz:.1f} Hz, damping ratio {least.zeta:.2g}."]

@@ -1,1 +1,1 @@
-"""Published tables beside computed ones."""
+"""Reproduction of published tables."""

@@ -1,4 +1,4 @@
-"""The control designs on the beam: Tables 7, 8 and 9."""
+"""Control designs on the beam: Tables 7, 8 and 9."""
 
 import numpy as np
 
@@ -9,19 +9,33 @@ from vlab.reproduce.study import Study
 from vlab.reproduce.tables.cells import Cell, ReproducedTable, beside, compare
 
 ROUNDING = 1e-12
-"""Relative: nothing but the conversion of units."""
+"""ROUNDING [-]: relative tolerance of unit conversions."""
 TABLE_8 = 0.015
-"""Relative, for damping ratios from the printed gains: gains and ratios have three digits each (1 %, 0.3 %)."""
+"""TABLE_8 [-]: relative tolerance of damping ratios from printed gains; three digits each (1 %, 0.3 %)."""
 TABLE_8_LQG = 0.01
-"""Relative: what the identification behind beam.toml leaves; Q and R are printed exactly."""
+"""TABLE_8_LQG [-]: relative tolerance after the identification of beam.toml; Q and R are printed exactly."""
 TABLE_9 = 0.02
-"""Relative: two or three digits are printed (1.3 % of the smallest, 27), and the identification adds half a per cent."""
+"""TABLE_9 [-]: relative tolerance; two or three printed digits (1.3 % of the smallest, 27), and 0.5 % by the
+identification."""
 TABLE_9_LQG = np.where(np.arange(6) == 3, 0.035, TABLE_9)
-"""Mode 4 comes out 2.4 % low whatever fits the other 23 numbers; why is not known."""
+"""TABLE_9_LQG [-]: relative tolerance. Mode 4 is 2.4 % low in every fit of the other 23 numbers, for an unknown reason."""
 
 
 def gains(study: Study) -> ReproducedTable:
-    """Table 7 is taken as given; checked is that the law in the loop applies it, through units and wiring."""
+    """Return Table 7: printed gains as applied by the law in the loop.
+
+    The check covers units and channel order.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the beam.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     cells: list[Cell] = []
     for table in (t for t in published_tables("beam") if t.number == GAIN_TABLES["beam"]):
         law = published_law(study.structure, table.part)
@@ -43,7 +57,20 @@ def gains(study: Study) -> ReproducedTable:
 
 
 def damping(study: Study) -> ReproducedTable:
-    """Table 8: direct rate feedback with the printed gains, LQG designed on the reduced model and put on the full one."""
+    """Return Table 8: damping under printed gains, and under LQG.
+
+    LQG is designed on the reduced model and evaluated on the full one.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the beam.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("beam", "8")
     cells: list[Cell] = []
     for law in ("mfdrf", "lqdrf"):
@@ -55,7 +82,20 @@ def damping(study: Study) -> ReproducedTable:
 
 
 def indices(study: Study) -> ReproducedTable:
-    """Table 9: designs with the full model; direct rate feedback with the printed gains."""
+    """Return Table 9: indices of designs on the full model.
+
+    Direct rate feedback has the printed gains.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the beam.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("beam", "9")
     count, full = len(table.rows), study.lqg("full")
     cells = compare(table, "lqr", full.regulator.indices(count), TABLE_9)

@@ -1,4 +1,4 @@
-"""A published table beside ours, cell by cell."""
+"""Comparison of a published table, cell by cell."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
@@ -14,16 +14,16 @@ Rule = Literal["relative", "absolute", "factor"]
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One compared number.
+    """Compared number.
 
     Parameters
     ----------
     tolerance : float
-        Relative to the published number, absolute, or the factor (above 1) between both, as `rule` says.
+        Tolerance by `rule`: relative, absolute, or a factor above 1.
     determined : bool
-        Whether the published data determine the number. A cell that they do not is shown, but decides nothing.
+        Whether the published data determine the number; other cells decide nothing.
     honest : float or None
-        The tolerance that was set before the number was known, where `tolerance` had to be wider; by the same rule.
+        Tolerance set before the number was known, if `tolerance` had to be wider.
     """
 
     row: str
@@ -38,17 +38,20 @@ class Cell:
 
     @property
     def ok(self) -> bool:
-        """Whether ours is within the tolerance (absolute where zero is published)."""
+        """Whether the own value is within the tolerance.
+
+        The tolerance is absolute for a published zero.
+        """
         return self._within(self.tolerance)
 
     @property
     def is_honest(self) -> bool:
-        """Whether ours is within the tolerance that was set beforehand."""
+        """Whether the own value is within the first tolerance."""
         return self._within(self.tolerance if self.honest is None else self.honest)
 
     @property
     def off(self) -> float | None:
-        """How far ours is from the published number, relative to it; None where zero is published."""
+        """Relative deviation from the published number; None for zero."""
         return (self.ours - self.published) / self.published if self.published else None
 
     def _within(self, tolerance: float) -> bool:
@@ -60,7 +63,7 @@ class Cell:
 
     @property
     def allowed(self) -> str:
-        """The tolerance in words."""
+        """Tolerance as text."""
         if self.rule == "relative":
             return f"{100 * self.tolerance:.3g} %"
         return f"+-{self.tolerance:.3g}" if self.rule == "absolute" else f"factor {self.tolerance:.3g}"
@@ -68,7 +71,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class ReproducedTable:
-    """A table beside ours."""
+    """Published table beside own values."""
 
     table: str
     title: str
@@ -76,7 +79,7 @@ class ReproducedTable:
 
     @property
     def ok(self) -> bool:
-        """Whether every cell is that the published data determine."""
+        """Whether every determined cell is within tolerance."""
         return all(cell.ok for cell in self.cells if cell.determined)
 
     def as_dict(self) -> dict[str, Any]:
@@ -90,7 +93,7 @@ class ReproducedTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """How many cells of some tables are inside their tolerance."""
+    """Count of cells within tolerance."""
 
     inside: int
     of: int
@@ -100,19 +103,28 @@ class Share:
 
 
 def share(tables: Iterable[ReproducedTable], *, determined: bool = True, honest: bool = False) -> Share:
-    """Count the cells inside their tolerance among those that the published data determine, or do not.
+    """Count the determined, or undetermined, cells within tolerance.
 
     Parameters
     ----------
+    tables : iterable of ReproducedTable
+        Tables.
+    determined : bool
+        Whether determined cells are counted.
     honest : bool
-        Count by the tolerances that were set beforehand.
+        Whether the first tolerances apply.
+
+    Returns
+    -------
+    Share
+        Count and total.
     """
     cells = [cell for table in tables for cell in table.cells if cell.determined == determined]
     return Share(inside=sum(cell.is_honest if honest else cell.ok for cell in cells), of=len(cells))
 
 
 def widened(tables: Iterable[ReproducedTable]) -> list[tuple[str, Cell]]:
-    """Return the cells that needed a wider tolerance than was set beforehand, each with the number of its table."""
+    """Return the cells with a widened tolerance, by table number."""
     return [(t.table, c) for t in tables for c in t.cells if c.honest is not None and c.determined]
 
 
@@ -127,17 +139,31 @@ def compare(
     name: str = "",
     honest: ArrayLike | None = None,
 ) -> list[Cell]:
-    """Return the cells of a column beside ours.
+    """Return the cells of a column beside own values.
 
     Parameters
     ----------
+    table : PublishedTable
+        Published table.
+    column : str
+        Name of the column.
     ours : (n_rows,) array
-        In the unit of the column.
+        Own values in the unit of the column.
     tolerance : float or (n_rows,) array
+        Tolerance.
+    rule : Rule
+        Kind of tolerance.
+    determined : bool
+        Whether the published data determine the numbers.
     name : str
-        What the column is called; as in the table by default.
+        Heading; that of the table by default.
     honest : float or (n_rows,) array or None
-        Tolerances that were set beforehand; the same by default.
+        First tolerances; the same by default.
+
+    Returns
+    -------
+    list of Cell
+        One cell per row.
     """
     unit = table.units[table.columns.index(column)]
     count = len(table.rows)
@@ -162,5 +188,5 @@ def compare(
 
 
 def beside(table: PublishedTable, cells: Sequence[Cell], title: str = "") -> ReproducedTable:
-    """Return the table that some cells make up."""
+    """Return the table of some cells."""
     return ReproducedTable(table=table.number, title=title or table.title, cells=tuple(cells))

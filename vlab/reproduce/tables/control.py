@@ -1,7 +1,7 @@
-"""Peak level ratios, analysis over simulated experiment, beside the published analysis over experiment: Tables 2, 10, 19-21.
+"""Peak level ratios of analysis over experiment: Tables 2, 10 and 19-21.
 
-The laboratory's structures differed from the published models in ways that nothing tells, and so do those on the bench, in
-another way. A ratio here is what vlab's own models and experiments give; no cell is decided by the published one.
+The laboratory's structures deviated from the published models in unknown ways. The structures on the bench deviate in
+other ways. A ratio here compares the models and simulated experiments of vlab, so published ratios decide no cell.
 """
 
 import numpy as np
@@ -13,23 +13,34 @@ from vlab.reproduce.tables.cells import Cell, ReproducedTable, beside, compare
 from vlab.signals import Array
 
 FACTOR = 2.0
-"""Between ours and the published: shown, decides nothing."""
+"""FACTOR [-]: shown factor between own and published ratio, without decision."""
 AVERAGE = 0.5
-"""Absolute, of the average errors: the same."""
+"""AVERAGE [-]: shown absolute tolerance of average errors, without decision."""
 BEAM_PLACE, GRID_PLACE = "30in", "joint4"
-"""Where the response is taken: grid point 6 of the beam, the grid's exciter (Figure 23)."""
+"""BEAM_PLACE, GRID_PLACE: places of the response, grid point 6 of the beam and the grid's exciter (Figure 23)."""
 GRID_LAWS = ("lqg", "mfdrf", "lqdrf", "lqdrf-diagonal")
 MODELS = ("exact", "corrected-guyan")
 
 
 def beam_open_loop(bench: ControlBench) -> ReproducedTable:
-    """Table 2. The excitation and response are those of Table 10, whose first column it is."""
+    """Return Table 2, the first column of Table 10."""
     table = published_table("beam", "2")
     return beside(table, _cells(table, "open loop", _ratios(bench, bench.run(), "full", BEAM_PLACE, 6)))
 
 
 def beam_controlled(bench: ControlBench) -> ReproducedTable:
-    """Table 10."""
+    """Return Table 10.
+
+    Parameters
+    ----------
+    bench : ControlBench
+        Bench of the beam.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table, cells = published_table("beam", "10"), []
     for column in table.columns:
         run = bench.run() if column == "open loop" else bench.run(column, "full")
@@ -38,7 +49,7 @@ def beam_controlled(bench: ControlBench) -> ReproducedTable:
 
 
 def grid_open_loop(bench: ControlBench) -> ReproducedTable:
-    """Table 19, and of both models' analysis alone what its columns say of each other."""
+    """Return Table 19, and the ratio of both models alone."""
     table, cells = published_table("grid", "19"), []
     for model in MODELS:
         cells += _cells(table, model, _ratios(bench, bench.run(), model, GRID_PLACE, len(table.rows)))
@@ -46,7 +57,18 @@ def grid_open_loop(bench: ControlBench) -> ReproducedTable:
 
 
 def grid_exact_controllers(bench: ControlBench) -> ReproducedTable:
-    """Table 20: controllers of the exact reduction."""
+    """Return Table 20: controllers of the exact reduction.
+
+    Parameters
+    ----------
+    bench : ControlBench
+        Bench of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table, cells = published_table("grid", "20"), []
     for law in GRID_LAWS:
         run = bench.run(law, "exact")
@@ -58,7 +80,20 @@ def grid_exact_controllers(bench: ControlBench) -> ReproducedTable:
 
 
 def grid_corrected_controllers(bench: ControlBench) -> ReproducedTable:
-    """Table 21: controllers designed on the corrected model, on it; designed anew, on the model that the bench corrects."""
+    """Return Table 21: controllers of the corrected model.
+
+    The controllers are designed again on the model that the bench corrects.
+
+    Parameters
+    ----------
+    bench : ControlBench
+        Bench of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table, cells = published_table("grid", "21"), []
     for law in GRID_LAWS:
         run = bench.run(law, "corrected-guyan")
@@ -67,7 +102,7 @@ def grid_corrected_controllers(bench: ControlBench) -> ReproducedTable:
 
 
 def _ratios(bench: ControlBench, run: LoopRun, model: str, place: str, count: int) -> Array:
-    """Return peak levels of the analysis over those of the experiment, both at the lines of the experiment."""
+    """Return peak levels of analysis over experiment, at common lines."""
     measured = bench.measured(run, place)
     analysis = bench.analysis(model, run, measured.freq, place)
     return peak_ratios(analysis, measured, bench.modes_hz(model)[:count], bench.modes_hz()[:count])
@@ -79,7 +114,10 @@ def _cells(table: PublishedTable, column: str, ratios: Array) -> list[Cell]:
 
 
 def _average(column: str, published: float, ours: float) -> Cell:
-    """Return the last row of the table; the printed one is taken from the cells, for two printed averages do not follow."""
+    """Return the last row, with the printed one computed from the cells.
+
+    Two printed averages do not follow from their cells.
+    """
     return Cell(
         row="average error",
         column=column,
@@ -95,9 +133,10 @@ def _average(column: str, published: float, ours: float) -> Cell:
 def _models_alone(
     bench: ControlBench, table: PublishedTable, run: LoopRun, first: str, second: str, *, name: str
 ) -> list[Cell]:
-    """Return the peak levels of the exact model over those of the corrected one: the experiment drops out of two columns.
+    """Return peak levels of the exact over the corrected model.
 
-    The corrected model is the one with the published frequencies and identified shapes, as in Tables 17 and 18.
+    The experiment cancels in the ratio of two columns. The corrected model has published frequencies and identified
+    shapes, as in Tables 17 and 18.
     """
     printed, modes = table.column(first) / table.column(second), len(table.rows)
     curves, peaks = [], []

@@ -1,7 +1,7 @@
-"""The control designs on the hanging grid: Tables 12, 13 and 16 to 18, direct rate feedback with the printed gains.
+"""Control designs on the hanging grid: Tables 12, 13 and 16 to 18.
 
-The corrected model needs measured shapes that nothing printed determines; its columns are computed with the identified
-ones, shown, and decide nothing.
+Direct rate feedback has the printed gains. The corrected model needs measured shapes, which the print does not
+determine. Its columns use identified shapes and decide nothing.
 """
 
 import numpy as np
@@ -15,34 +15,48 @@ from vlab.reproduce.tables.cells import Cell, ReproducedTable, beside, compare
 
 MODES = np.arange(12)
 RATIO = 0.08
-"""Relative, damping ratios from printed gains: the reconstruction holds 6.5 %; gains have two or three digits."""
+"""RATIO [-]: relative tolerance of damping ratios from printed gains of two or three digits; the reconstruction holds
+6.5 %."""
 RATIO_DIAGONAL = np.where(MODES == 0, 0.16, RATIO)
-"""Widened: mode 1 is lowest in the variant without calibrated factors, and this law damps it most."""
+"""RATIO_DIAGONAL [-]: widened tolerance. Mode 1 is lowest in the variant without calibrated factors, and this law damps
+it most."""
 RATIO_LQG = np.where(np.isin(MODES, (10, 11)), 0.20, 0.10)
-"""Relative: held out of the identification."""
+"""RATIO_LQG [-]: relative tolerance of numbers outside the identification."""
 INDEX = 0.15
-"""Relative: an index sums the errors of frequency, ratio and shape."""
+"""INDEX [-]: relative tolerance; an index sums errors of frequency, ratio and shape."""
 INDEX_WIDE = np.where(MODES == 0, 0.20, INDEX)
-"""Widened for mode 1, as its damping ratio."""
+"""INDEX_WIDE [-]: tolerance widened for mode 1, as its damping ratio."""
 INDEX_LQDRF = np.where(MODES == 6, 0.50, 0.25)
-"""Relative: entries of D with one or two digits weigh in; the print of mode 7 is suspected."""
+"""INDEX_LQDRF [-]: relative tolerance with entries of D of one or two digits; the print of mode 7 is suspect."""
 INDEX_LQDRF_WIDE = np.where(MODES == 9, 0.30, INDEX_LQDRF)
-"""Widened for mode 10, which misses by 26 %."""
+"""INDEX_LQDRF_WIDE [-]: tolerance widened for mode 10, 26 % off."""
 INDEX_TWELVE = np.where(MODES == 0, 0.25, INDEX)
-"""Widened: the design holds modes 1, 7, 8 and 11 at one ratio to the regulator's index, of which that of mode 1 is 17 % high."""
+"""INDEX_TWELVE [-]: widened tolerance. The design holds modes 1, 7, 8 and 11 at one ratio to the regulator's index. That
+of mode 1 is 17 % high."""
 FACTOR = 2.0
-"""Between ours and the published: what the corrected model can hold at best."""
+"""FACTOR [-]: best possible factor of the corrected model."""
 ENERGY_R = (10.0, 10000.0)
-"""Bounds within which R for Q = diag(M, K) is looked for, 1/lbf^2 times lbf in."""
+"""ENERGY_R [1/lbf^2 lbf in]: bounds of R for Q = diag(M, K)."""
 ENERGY_RATIO = 0.20
-"""Relative."""
+"""ENERGY_RATIO [-]: relative tolerance."""
 LOSS = 1e-6
-"""A loss of damping ratio that counts as spillover: a ten-thousandth of the 1 % assumed there."""
+"""LOSS [-]: loss of damping ratio that counts as spillover, 1e-4 of the assumed 1 %."""
 LAWS = ("mfdrf", "lqdrf", "lqdrf-diagonal")
 
 
 def damping(study: Study) -> ReproducedTable:
-    """Table 12."""
+    """Return Table 12.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("grid", "12")
     count = len(table.rows)
     law = study.lqg("exact")
@@ -57,7 +71,20 @@ def damping(study: Study) -> ReproducedTable:
 
 
 def indices(study: Study) -> ReproducedTable:
-    """Table 13; the design on twelve indices is made anew, for its gains are not printed."""
+    """Return Table 13, with the design on twelve indices made again.
+
+    The gains of that design are not printed.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     full, reduced = published_table("grid", "13", "full"), published_table("grid", "13", "reduced")
     count, asked = len(full.rows), published_design("grid")
     on_full, law, state = study.lqg("full"), study.lqg("exact"), study.state()
@@ -91,10 +118,21 @@ def indices(study: Study) -> ReproducedTable:
 
 
 def spillover(study: Study) -> ReproducedTable:
-    """Section 6.2.1: how many modes above the controlled ones lose damping when a reduced controller acts on the full model.
+    """Return section 6.2.1: higher modes that lose damping to a controller.
 
-    Counted are losses above `LOSS`, without mode 12 of the full model, the 4 mHz neighbour of a controlled one. Which
-    modes they are depends on high modes that the reconstruction does not have; direct rate feedback must take from none.
+    A reduced controller acts on the full model. Losses above `LOSS` count, without mode 12 of the full model, the 4
+    mHz neighbour of a controlled mode. The affected modes depend on high modes outside the reconstruction. Direct
+    rate feedback must not reduce any damping.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
     """
     _, spilled = study.lqg("exact").poles_on(study.state())
     losing = [mode for mode in spilled.losing(LOSS) if mode > len(MODES)]
@@ -123,9 +161,20 @@ def _count(law: str, published: int, ours: int, tolerance: float, *, determined:
 
 
 def energy_ratios(study: Study) -> ReproducedTable:
-    """Table 14 relative to LQR, on which the undetermined unit of Q = diag(M, K) has no effect.
+    """Return Table 14 relative to LQR.
 
-    R is not the printed one, but what it was chosen for: the least damping ratio of the first modes is zeta_L.
+    The undetermined unit of Q = diag(M, K) cancels. R follows from its purpose instead of the print: the least
+    damping ratio of the first modes is zeta_L.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
     """
     table, asked = published_table("grid", "14"), published_design("grid", "energy")
     model, count = study.state("exact"), len(table.rows)
@@ -161,7 +210,18 @@ def energy_ratios(study: Study) -> ReproducedTable:
 
 
 def corrected_damping(study: Study) -> ReproducedTable:
-    """Table 16: designs on the corrected Guyan model."""
+    """Return Table 16: designs on the corrected Guyan model.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("grid", "16")
     count = len(table.rows)
     law = study.lqg("corrected-guyan", "corrected-guyan")
@@ -173,7 +233,18 @@ def corrected_damping(study: Study) -> ReproducedTable:
 
 
 def robust_damping(study: Study) -> ReproducedTable:
-    """Table 17: controllers of the exact reduction on both models."""
+    """Return Table 17: controllers of the exact reduction on both models.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("grid", "17")
     count = len(table.rows)
     law = study.lqg("exact")
@@ -191,7 +262,18 @@ def robust_damping(study: Study) -> ReproducedTable:
 
 
 def robust_indices(study: Study) -> ReproducedTable:
-    """Table 18: as Table 17, quadratic indices."""
+    """Return Table 18: quadratic indices of the cases of Table 17.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     table = published_table("grid", "18")
     count = len(table.rows)
     law, corrected = study.lqg("exact"), study.state("corrected-guyan")

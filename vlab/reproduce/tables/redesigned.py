@@ -1,7 +1,8 @@
-"""Direct rate feedback designed anew: what Tables 7, 11 and 15 print of the optimum.
+"""Repeated designs of direct rate feedback: optima of Tables 7, 11 and 15.
 
-The objective at the optimum is well determined. The gains are where the optimum is sharp, as for MFDRF on the beam; where it
-is flat, matrices within 0.4 % of it differ by a factor of two in an entry: such gains are not compared.
+The objective at the optimum is well determined. The gains are determined at a sharp optimum, as for MFDRF on the
+beam. At a flat one, matrices within 0.4 % of the optimum differ by a factor of two in an entry. Such gains are not
+compared.
 """
 
 import numpy as np
@@ -13,22 +14,36 @@ from vlab.reproduce.tables.cells import Cell, ReproducedTable, Rule
 from vlab.signals import Array
 
 GAMMA = 0.01
-"""Relative, beam: the printed gains have three digits, the identification leaves half a per cent."""
+"""GAMMA [-]: relative tolerance on the beam; printed gains have three digits, the identification leaves 0.5 %."""
 BETA = 0.015
-"""Relative, beam: three digits are printed, and the published search stopped short of the optimum by as much as 1 %."""
+"""BETA [-]: relative tolerance on the beam; three printed digits, and the published search stopped up to 1 % short of
+the optimum."""
 GAINS = 0.0005
-"""Absolute [lbf s/in], gains of MFDRF on the beam: 1 % of the largest, as gamma."""
+"""GAINS [lbf s/in]: absolute tolerance of MFDRF gains on the beam, 1 % of the largest, as gamma."""
 GAMMA_GRID = 0.08
-"""Relative: as the damping ratios of Table 12 that bound it."""
+"""GAMMA_GRID [-]: relative tolerance, as the bounding damping ratios of Table 12."""
 BETA_GRID = 0.15
-"""Relative: as the indices of Table 13."""
+"""BETA_GRID [-]: relative tolerance, as the indices of Table 13."""
 FACTOR = 2.0
-"""Between ours and the published: what the corrected model can hold at best."""
+"""FACTOR [-]: best possible factor of the corrected model."""
 UNIT = "lbf s/in"
 
 
 def beam(study: Study) -> ReproducedTable:
-    """Table 7 as an optimum: gamma and D of MFDRF, and beta of LQDRF, the largest index of Table 9."""
+    """Return Table 7 as an optimum: gamma, D and beta.
+
+    Gamma and D are those of MFDRF. Beta is that of LQDRF, the largest index of Table 9.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the beam.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     force = study.mfdrf("full")
     quadratic = study.lqdrf("full")
     printed, ours = published_table("beam", "7", "mfdrf"), _printed_unit(force.D)
@@ -49,7 +64,20 @@ def beam(study: Study) -> ReproducedTable:
 
 
 def grid(study: Study) -> ReproducedTable:
-    """Table 11: gamma of MFDRF and beta of both LQDRF designs, the largest of the first indices of Table 13."""
+    """Return Table 11: gamma of MFDRF and beta of LQDRF.
+
+    Beta is the largest of the first indices of Table 13, for both LQDRF designs.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     indices = published_table("grid", "13", "reduced")
     count = published_design("grid").index_modes
     gamma = float(_printed_unit(study.mfdrf("exact").objective))
@@ -63,7 +91,20 @@ def grid(study: Study) -> ReproducedTable:
 
 
 def corrected_grid(study: Study) -> ReproducedTable:
-    """Table 15: gamma of MFDRF, and the total gain of the diagonal LQDRF; no indices are printed for these designs."""
+    """Return Table 15: gamma of MFDRF, total gain of diagonal LQDRF.
+
+    No indices are printed for these designs.
+
+    Parameters
+    ----------
+    study : Study
+        Models and designs of the grid.
+
+    Returns
+    -------
+    ReproducedTable
+        Table.
+    """
     name = "corrected-guyan"
     gamma = float(_printed_unit(study.mfdrf(name, name).objective))
     diagonal = study.lqdrf(name, name, diagonal=True)

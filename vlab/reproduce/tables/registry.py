@@ -1,4 +1,4 @@
-"""Tables of the dissertation, each cell published / ours / tolerance / ok."""
+"""Registry of the reproduced tables of the dissertation."""
 
 from collections.abc import Callable, Sequence
 
@@ -46,7 +46,7 @@ REPRODUCED: dict[str, tuple[str, Callable[[Study], ReproducedTable]]] = {
     "17": ("grid", grid_tables.robust_damping),
     "18": ("grid", grid_tables.robust_indices),
 }
-"""The tables that vlab reproduces, by number: which structure, and how."""
+"""REPRODUCED: structure and function of each table, by number."""
 
 SIMULATED: dict[str, tuple[str, Callable[[ControlBench], ReproducedTable]]] = {
     "2": ("beam", control_tables.beam_open_loop),
@@ -55,13 +55,13 @@ SIMULATED: dict[str, tuple[str, Callable[[ControlBench], ReproducedTable]]] = {
     "20": ("grid", control_tables.grid_exact_controllers),
     "21": ("grid", control_tables.grid_corrected_controllers),
 }
-"""The tables of ratios to an experiment, with simulated experiments in place of the laboratory's."""
+"""SIMULATED: tables of ratios, with simulated instead of laboratory experiments."""
 
 TABLES = (*REPRODUCED, *SIMULATED)
-"""All of them, by number."""
+"""TABLES: all tables, by number."""
 
 ON_REQUEST = ("20", "21")
-"""What is left out unless it is named: eight experiments, which take as long as all the rest."""
+"""ON_REQUEST: tables that must be named; their eight experiments take as long as all the rest."""
 
 NOT_REPRODUCIBLE = {
     "1 and 3, experimental": "measured on the structures themselves; the analytical columns are reproduced",
@@ -81,30 +81,37 @@ NOT_REPRODUCIBLE = {
     "6.2.1, which modes": "spillover is printed for modes 25, 26 and 33; the reconstruction has other high modes, where it "
     "takes 4e-6 to 1.1e-5 from modes 20, 24 and 25",
 }
-"""What is published but not reproduced, and why."""
+"""NOT_REPRODUCIBLE: published but not reproduced numbers, with the reason."""
 
 
 def structure_of(number: str) -> str:
-    """Return the structure that a table is about."""
+    """Return the structure of a table."""
     return (REPRODUCED[number] if number in REPRODUCED else SIMULATED[number])[0]
 
 
 def reproduce_tables(
     numbers: Sequence[str] = (), *, plant: str = "", seed: int = 0, progress: Callable[[str], None] = lambda text: None
 ) -> list[ReproducedTable]:
-    """Return the named tables beside ours, by default all but those on request.
+    """Return the named tables beside own values.
 
     Parameters
     ----------
+    numbers : sequence of str
+        Numbers of the tables; all but those on request by default.
     plant, seed : str and int
-        Of the simulated experiments; see `ControlBench`.
+        Settings of the simulated experiments; see `ControlBench`.
     progress : callable
-        Called with what is being done.
+        Receives the present step.
+
+    Returns
+    -------
+    list of ReproducedTable
+        Compared tables.
 
     Raises
     ------
     UnknownName
-        A table that vlab does not reproduce.
+        A table is not reproduced.
     """
     for number in numbers:
         if number not in TABLES:

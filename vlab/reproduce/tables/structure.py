@@ -1,4 +1,4 @@
-"""The tables of chapters 2 and 3: frequencies, reductions, orthogonality of the measured modes."""
+"""Tables of chapters 2 and 3: frequencies, reductions, orthogonality."""
 
 import numpy as np
 
@@ -9,31 +9,31 @@ from vlab.reproduce.study import Study
 from vlab.reproduce.tables.cells import Cell, ReproducedTable, beside, compare
 
 TABLE_1 = 0.001
-"""Relative. The identification behind beam.toml leaves 0.08 % at most; the table prints four digits (0.05 %)."""
+"""TABLE_1 [-]: relative tolerance; the identification of beam.toml leaves 0.08 %, the print has four digits (0.05 %)."""
 GRID_FULL = np.where(np.arange(12) < 9, 0.015, 0.025)
-"""Relative, by mode: what the reconstruction of the grid from 12 frequencies can hold (topology inferred, not drawn)."""
+"""GRID_FULL [-]: relative tolerance by mode of a reconstruction from 12 frequencies (inferred topology)."""
 GRID_GUYAN = np.where(np.arange(12) < 11, 0.035, 0.08)
-"""Relative, by mode: as above, and the reduction amplifies differences in the shapes of the highest modes."""
+"""GRID_GUYAN [-]: relative tolerance by mode; the reduction amplifies shape differences of the highest modes."""
 SHAPES = 0.05
-"""Absolute: how far the identified shapes, found on a variant of the model, hold Table 6."""
+"""SHAPES [-]: absolute tolerance of Table 6 with shapes identified on a variant of the model."""
 EXACT_MASS = 0.25
-"""Absolute: the exact mass amplifies what the shapes leave open."""
+"""EXACT_MASS [-]: absolute tolerance; the exact mass amplifies undetermined parts of the shapes."""
 
 
 def beam_frequencies(study: Study) -> ReproducedTable:
-    """Table 1."""
+    """Return Table 1."""
     table = published_table("beam", "1")
     return beside(table, compare(table, "analytical", study.fe().linear.freq[: len(table.rows)], TABLE_1))
 
 
 def grid_frequencies(study: Study) -> ReproducedTable:
-    """Table 3."""
+    """Return Table 3."""
     table = published_table("grid", "3")
     return beside(table, compare(table, "analytical", study.fe("exact").linear.freq, GRID_FULL))
 
 
 def grid_reductions(study: Study) -> ReproducedTable:
-    """Table 5."""
+    """Return Table 5."""
     table = published_table("grid", "5")
     cells = compare(table, "full model and exact reduction", study.fe("exact").linear.freq, GRID_FULL)
     cells += compare(table, "guyan reduction", study.fe("guyan").linear.freq, GRID_GUYAN)
@@ -41,19 +41,19 @@ def grid_reductions(study: Study) -> ReproducedTable:
 
 
 def exact_orthogonality(study: Study) -> ReproducedTable:
-    """Table 4, with shapes that the tables do not determine."""
+    """Return Table 4, with shapes that the tables do not determine."""
     return _orthogonality(study, "4", "exact", EXACT_MASS)
 
 
 def guyan_orthogonality(study: Study) -> ReproducedTable:
-    """Table 6, with shapes that were identified from it."""
+    """Return Table 6, with shapes identified from it."""
     return _orthogonality(study, "6", "guyan", SHAPES)
 
 
 def _orthogonality(study: Study, number: str, model: str, tolerance: float) -> ReproducedTable:
-    """Compare above the diagonal, and the largest and the mean off-diagonal of the text.
+    """Compare the upper triangle, and the largest and mean off-diagonal.
 
-    Of mode 6 its column is taken: in Table 6 the row ends with a copy of row 5. Modes 8 and 11 stand there with both signs.
+    Mode 6 uses its column, for its row in Table 6 ends with a copy of row 5. Modes 8 and 11 have both signs in print.
     """
     table = published_table("grid", number)
     reduced = study.fe(model).linear

@@ -359,7 +359,7 @@ def force_figure(
     handles: dict[str, Any] = {}
     for k, (name, unit, x, free, force) in enumerate(curves):
         axes = figure.add_subplot(grid[0, k])
-        axes.locator_params(axis="x", nbins=6)  # of half the width: numbers must not touch
+        axes.locator_params(axis="x", nbins=6)  # separate numbers on half the width
         if free is not None:
             dots = _thinned(x, free)
             handles["force found without a law"] = axes.plot(*dots, ".", color="#b5b5b5", ms=2.2, zorder=1)[0]

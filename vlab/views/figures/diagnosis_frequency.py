@@ -54,7 +54,7 @@ def response_overlay(
         width = 1.4 if label == "measured" else 1.0
         handles[label] = draw_line(size, freq, np.abs(H), 0, **{**LOOKS[label], "lw": width})
         if has_phase:
-            degrees = (np.degrees(np.angle(H)) + 200) % 360 - 200  # a measured phase about 180 degrees does not flicker
+            degrees = (np.degrees(np.angle(H)) + 200) % 360 - 200  # keep a noisy phase near 180 degrees on one side
             jumps = np.abs(np.diff(degrees, prepend=degrees[0])) > 200
             draw_line(axes[1], freq, np.where(jumps, np.nan, degrees), 0, **LOOKS[label])
         if label != "measured":

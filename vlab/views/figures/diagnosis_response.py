@@ -46,7 +46,7 @@ def responses(run: Checked, name: str) -> list[tuple[str, str]]:
                 low, high = _driven_band(run.measured[strongest], run.measured.rate, len(frf.freq))
                 frf = frf.between(max(low, frf.freq[0]), min(high, frf.freq[-1]))
                 curves.append((label, replace(frf, H=frf.H[:, :, [column]], inputs=(strongest,), variance=None)))
-    except VlabError:  # too short, or inputs that cannot be told apart: there is no response to draw
+    except VlabError:  # record too short, or inputs indistinguishable: no response
         return []
     output, source = (run.measured.channels[run.measured.index(n)] for n in (name, strongest))
     return [

@@ -138,7 +138,7 @@ def distortion_figure(part: Distortion, output: str) -> Figure:
     if output not in part.outputs:
         raise BadRecording(f"there is no output {output!r} in the separation (has: {', '.join(part.outputs)})")
     o = part.outputs.index(output)
-    single = np.sqrt(part.realisations) * part.amplitude  # from the mean over realisations back to one of them
+    single = np.sqrt(part.realisations) * part.amplitude  # from the mean over realisations to one realisation
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
     axes: Any = figure.subplots()
     curves = {"linear output": np.abs(part.G[:, o]) * part.amplitude, "noise": part.noise_sd[:, o] * single}

@@ -138,7 +138,7 @@ def outlines(model: Any, data: Any) -> list[tuple[int, Array]]:
     Returns
     -------
     list of (int, array)
-        Body and points of each geom [m].
+        Number and points of each geom, (n, 3) in the world [m].
     """
     types, out = mujoco.mjtGeom, []
     for i in range(model.ngeom):
@@ -167,7 +167,7 @@ def _draw_bodies(axes: Any, model: Any, data: Any, seen: _View) -> None:
         flat, is_fixed = seen.flat(points), model.geom_bodyid[i] == 0
         if is_fixed and np.ptp(flat, axis=0).max() > LARGEST * moving:
             continue
-        with contextlib.suppress(QhullError):  # it lies on a line
+        with contextlib.suppress(QhullError):  # degenerate: all points on a line
             flat = flat[ConvexHull(flat).vertices]
         face = "#e4e4e4" if is_fixed else "#cfe3f1"
         axes.add_patch(
@@ -254,7 +254,7 @@ def place_position(plant: Plant, data: Any, place: str, structure: Structure | N
     try:
         if kind in finders:
             return finders[kind](model, data, name.split(".")[0])
-    except KeyError:  # a channel that reads a port: the sensor is where the port is
+    except KeyError:  # channel of a port: the sensor is at the port
         pass
     if kind == "sensor" and ":" in name:
         return place_position(plant, data, name, structure)
@@ -278,7 +278,7 @@ def _place_in_structure(plant: Plant, structure: Structure, place: str, name: st
     for cut in [i for i, c in enumerate(text) if c == "-"] if not found else []:
         ends = [*known(text[:cut]), *known(text[cut + 1 :])]
         bar = next((b for b in structure.bar if b.name == text[:cut]), None)
-        if bar is not None:  # an arm of a bar: from its end to the next point
+        if bar is not None:  # arm of a bar, from its end to the next point
             ends = [n for n in bar.points if n.endswith(text[cut:])][:1]
             ends += [bar.points[1 if ends[0] == bar.points[0] else -2]] if ends else []
         found = ends if len(ends) == 2 else found

@@ -128,9 +128,11 @@ def mode_shapes_figure(
         axes.set(title=title, xticks=(-1, 0, 1))
         axes.tick_params(
             labelbottom=mode + columns >= n
-        )  # below the lowest of a column, also where the last row is not full
+        )  # below the lowest panel of a column, also in an incomplete last row
     drawn = np.array([axes.dataLim.intervalx for axes in panels.flat[:n]])
-    panels[0, 0].set_xlim(min(-1.75, drawn.min() - 0.1), max(1.75, drawn.max() + 0.1))  # of all: they share it
+    panels[0, 0].set_xlim(
+        min(-1.75, drawn.min() - 0.1), max(1.75, drawn.max() + 0.1)
+    )  # once, for all panels share the axis
     for axes in panels[:, 0]:
         axes.set_ylabel("height z [m]")
     figure.supxlabel("deflection y relative to the largest [-]", fontsize=9)
@@ -198,7 +200,7 @@ def mode_difference_figure(
     across, up = (np.concatenate([line[k] for line in drawn]) for k in (0, 1))
     margin = 0.03 * max(np.ptp(across), np.ptp(up))
     box = (across.min() - margin, across.max() + margin, up.min() - margin, up.max() + margin)
-    inch = min(3.5 / (box[1] - box[0]), 3.3 / (box[3] - box[2]))  # inches for a metre on paper, in every panel
+    inch = min(3.5 / (box[1] - box[0]), 3.3 / (box[3] - box[2]))  # inches per metre on paper, equal in every panel
     wide, high = inch * (box[1] - box[0]), inch * (box[3] - box[2])
     head, caption, gap = 0.42, 0.30, 0.12
     width = max(2 * wide + gap, wide + 4.0, 7.2)

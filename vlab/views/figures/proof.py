@@ -74,7 +74,7 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
     figure = Figure(figsize=(2.4 + 0.2 * len(answers), 2.2 + 0.19 * len(truths)), layout="constrained")
     axes = figure.subplots()
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=2.5, aspect="auto")  # pale: the numbers stand on it
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=2.5, aspect="auto")  # pale, for numbers are on top
     for i, truth in enumerate(truths):
         for j in map(int, np.flatnonzero(counts[i])):
             axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7, color=INK)
@@ -110,7 +110,7 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
     parts = [p for p in np.array_split(np.argsort(size), min(SIZE_BINS, max(size.size, 1))) if p.size]
     for k, (name, flags) in enumerate(found.items()):
         hit, colour, marker = np.asarray(flags, dtype=float), COLOURS[k], "os^"[k % 3]
-        at = np.exp([np.log(size[part]).mean() for part in parts]) * (1.0 + 0.03 * k)  # intervals side by side
+        at = np.exp([np.log(size[part]).mean() for part in parts]) * (1.0 + 0.03 * k)  # separate the intervals
         share = [hit[part].mean() for part in parts]
         for x, part in zip(at, parts, strict=True):
             interval = stats.binomtest(int(hit[part].sum()), part.size).proportion_ci(0.95, method="exact")

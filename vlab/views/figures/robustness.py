@@ -68,7 +68,7 @@ def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: s
             before, after = at[max(k - 2, 0), 1], at[min(k + 2, len(at) - 1), 1]
             rise = 0 if abs(after - before) < 0.04 else int(np.sign(after - before))
             if at[k, 0] < 0.2 and rise > 0:
-                rise = 0  # there is no room to the left of it
+                rise = 0  # no space to the left
             if i - start >= 3:
                 axes.annotate(
                     f"{points[k]['hz']:.1f} Hz", (points[k][key], points[k]["growth_per_s"]), (-4 * rise, 4), textcoords="offset points",
@@ -102,7 +102,7 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
     low, high = float(strengths.min()), float(strengths.max())
     axes.axhspan(min(1.15 * low, -0.1), 0.0, color="#eeeeee", zorder=0)
     handles = [draw_line(axes, freq, column, k) for k, column in enumerate(strengths.T)]
-    wide = freq[0] > 0 and freq[-1] > 20 * freq[0]  # low modes would lie on each other on a linear axis
+    wide = freq[0] > 0 and freq[-1] > 20 * freq[0]  # a linear axis would crowd the low modes
     axes.set_xscale("log" if wide else "linear")
     axes.set(
         xlabel="frequency [Hz]",
@@ -110,12 +110,12 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
         ylim=(min(1.15 * low, -0.1), high + 0.25 * (high - low)),
     )
     axes.margins(x=0)
-    axes.autoscale_view()  # the limits, from which positions in the axes follow, are otherwise found when it is drawn
+    axes.autoscale_view()  # fix the limits now; positions in the axes depend on them
     last = -np.inf
     for hz, label in sorted(marks):
         axes.axvline(hz, color=GREY, lw=0.8, linestyle=":")
         at = float(axes.transAxes.inverted().transform(axes.transData.transform((hz, 0.0)))[0])
-        if at - last > 0.02:  # names of close modes would cover each other
+        if at - last > 0.02:  # names of close modes would overlap
             text = {"fontsize": 7, "rotation": 90, "va": "bottom", "ha": "center"}
             on_white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
             axes.text(hz, high + 0.03 * (high - low), as_text(label), bbox=on_white, **text)

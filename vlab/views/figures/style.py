@@ -120,7 +120,7 @@ def axis_label(channel: Channel, *, power: str = "") -> str:
 
 def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any) -> Any:
     """Draw a thinned curve in an indexed style."""
-    dash = "-" if np.size(x) > 4 * POINTS else DASHES[index % len(DASHES)]  # dashes drown in a thinned trace
+    dash = "-" if np.size(x) > 4 * POINTS else DASHES[index % len(DASHES)]  # dashes are invisible in a thinned trace
     style = {"color": COLOURS[index % len(COLOURS)], "linestyle": dash, **options}
     return axes.plot(*decimate(x, y), **style)[0]
 
@@ -137,6 +137,6 @@ def stacked_axes(
 def draw_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], *, columns: int = 4) -> None:
     """Name the curves above the axes."""
     if labels:
-        wide = sum(len(label) + 8 for label in labels) > 90  # characters that fit beside each other
+        wide = sum(len(label) + 8 for label in labels) > 90  # characters per row
         columns = min(2 if wide else columns, len(labels))
         figure.legend(handles, [as_text(s) for s in labels], loc="outside upper center", ncols=columns)

@@ -96,7 +96,7 @@ def write_case(comparison: Comparison, folder: Path) -> None:
     write_report(folder / "report.html", title=comparison.case.table.title, sections=case_sections(comparison))
     first = next((run for run in comparison.runs if run.misfits), None)
     if first is None:
-        return  # nothing moves that could be shown
+        return  # no compared channel
     names = [m.channel for m in first.misfits]
     write_comparison(
         folder / "run.rrd", first.measured, first.simulated, channels=names, title=comparison.case.table.title

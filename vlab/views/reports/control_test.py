@@ -91,7 +91,7 @@ def control_figure_drawing(figure: ControlFigure) -> Figure:
             levels.append(size[size > 0])
             k = (
                 0 if curve.is_measured else 2 if curve.label.endswith(MODELS["corrected-guyan"]) else 1
-            )  # alike in all figures
+            )  # equal in all figures
             own = {"color": GREY, "linestyle": "-", "lw": 1.6} if curve.is_measured else {"lw": 1.0}
             handles[curve.label] = draw_line(row, curve.response.freq, np.where(size > 0, size, np.nan), k, **own)
         every = np.concatenate(levels)

@@ -378,7 +378,7 @@ def _mismatch(done: Diagnosed) -> Section:
     found = [(run, name, misfit(run.measured, own, name)) for run, own, name in pairs]
     common = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     text = []
-    if common[0] >= common[1]:  # no frequency that all recordings hold
+    if common[0] >= common[1]:  # no common frequency band
         others = {run.name for run, _, _ in found} - {found[0][0].name}
         found = [f for f in found if f[0] is found[0][0]]
         text.append(f"Other frequencies, not shown: {', '.join(sorted(others))}.")

@@ -40,7 +40,7 @@ def log_bars(
     colour : object
         Colour of the bars.
     """
-    left = np.asarray(middles, dtype=float) - width / 2  # the viewer starts a bar at its place
+    left = np.asarray(middles, dtype=float) - width / 2  # the viewer draws a bar from its left edge
     look = [
         rr.DescribedComponentBatch(ColorBatch([colour]), _LOOK.descriptor_color()),
         rr.DescribedComponentBatch(TensorDataBatch(left), _LOOK.descriptor_abscissa()),

@@ -115,7 +115,7 @@ def asked_forces(plant: Plant, recording: Recording, hardware: Hardware) -> dict
             asked = steps.reshape(-1, substeps).mean(axis=1)
         if f"excitation:{tap.at}" in recording.names:
             signal = recording[f"excitation:{tap.at}"]
-            asked = asked + (signal + np.append(signal[1:], signal[-1])) / 2  # its mean until the next sample
+            asked = asked + (signal + np.append(signal[1:], signal[-1])) / 2  # mean until the next sample
         out[tap.at] = asked
     return out
 
@@ -150,7 +150,7 @@ class LawScene:
         if self.states is not None:
             states = self.states.follow(recording, since, part.stop)
             if not self.states.explain(recording, states, since):
-                self.states = None  # a limit inside the law was met: from here on they would be another law's
+                self.states = None  # the law reached an internal limit; linear states end here
                 return
             labels = [f"state {i + 1}" for i in range(self.states.size)]
             colours = [rgb(i) for i in range(self.states.size)]

@@ -90,7 +90,7 @@ def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
     for label, colour, width in _CURVES:
         recording = shown.get(label)
         if recording is None:
-            continue  # this model cannot follow the recording, or no physics was added
+            continue  # unbounded simulation, or no added physics
         values = np.asarray(recording[name])
         log_series(stream, f"{origin}/{_entity(label)}", time, values, label, colour, width=width)
         if label != "measured":

@@ -92,7 +92,7 @@ class Motion:
         """
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # Rerun warns of a file without its end, and reads on
+                warnings.simplefilter("error")  # Rerun only warns of a truncated file
                 names, times, steps, deflections = _read_motion(path)
         except (RuntimeError, OSError, ValueError, KeyError, StopIteration, TypeError, Warning) as error:
             raise BadRecording(

@@ -54,8 +54,8 @@ def rrd_file(path: Path | str, name: str, layout: Any, identity: Any) -> Iterato
     """
     path = Path(path)
     try:
-        with part_beside(path) as part:  # a folder that cannot be written shows here, before Rerun warns on its own
-            # The same content gets the same identity, so that a viewer does not merge different runs; no wall clock goes in.
+        with part_beside(path) as part:  # detect an unwritable folder before Rerun warns
+            # Equal content has equal identity, without the wall clock; a viewer does not merge different runs.
             stream = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
             try:
                 _save(stream, part, layout)
@@ -73,7 +73,7 @@ def rrd_file(path: Path | str, name: str, layout: Any, identity: Any) -> Iterato
 def _save(stream: Any, part: Path, layout: Any) -> None:
     try:
         stream.save(part, default_blueprint=layout)
-    except RuntimeError as error:  # what Rerun makes of a file that cannot be written
+    except RuntimeError as error:  # error of Rerun for an unwritable file
         raise OSError(str(error)) from error
 
 
@@ -177,7 +177,7 @@ def extent_in_view(points: Array, middle: Array) -> float:
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
     above, at = np.cross(towards, right), points - middle
-    half_height = 0.93 * np.tan(FIELD_OF_VIEW / 2)  # at distance 1, with some room at the edges
+    half_height = 0.93 * np.tan(FIELD_OF_VIEW / 2)  # at distance 1, with a margin
     half_width = WIDTH_TO_HEIGHT * half_height
     depth = np.maximum(np.abs(at @ right) / half_width, np.abs(at @ above) / half_height)
     return float(np.max(depth + at @ towards) / (EYE_DISTANCE * np.linalg.norm(TOWARDS_EYE)))

@@ -95,7 +95,7 @@ class StructureScene:
             if len(points) < 2:
                 continue
             xz, matrix = bar_curve(self.structure, bar, points, count=8 * (len(points) - 1) + 1)
-            width = self.structure.section[bar.section].width or 0.04 * self.size  # a bar whose build-up is not known
+            width = self.structure.section[bar.section].width or 0.04 * self.size  # bar of unknown section
             rest = np.column_stack([xz[:, 0], np.zeros(len(xz)), xz[:, 1]])
             undeformed = rr.LineStrips3D([rest[[0, -1]]], colors=[GREY], radii=[0.1 * width])
             stream.log(self._path("undeformed", bar.name), undeformed, static=True)

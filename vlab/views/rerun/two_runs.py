@@ -119,9 +119,7 @@ def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: 
     layout = blueprint(rrb.Horizontal(_picture(runs, scenes), plots, paper, column_shares=[3, 4, 3]))
     title = " beside ".join(run.name for run in runs)
     with rrd_file(path, plain(title), layout, identity_of(*(run.recording for run in runs))) as stream:
-        log_document(
-            stream, _document(title, runs, scenes, order)
-        )  # first, so that it is there while the rest still loads
+        log_document(stream, _document(title, runs, scenes, order))  # first, to be visible during loading
         for scene in scenes:
             scene.log(stream)
         for i, name in enumerate(order):

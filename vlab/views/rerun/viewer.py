@@ -43,13 +43,13 @@ def start_viewer(rrd: Path | None = None, *, port: int = PORT, quiet: bool = Fal
     command = [sys.executable, "-P", "-m", "rerun", "--bind", HERE, "--port", str(port)]
     command += [str(rrd)] if rrd is not None else ["--expect-data-soon"]
     said = subprocess.DEVNULL if quiet else None
-    try:  # the viewer reports usage to its makers unless told not to
+    try:  # disable the usage reports of the viewer
         return subprocess.Popen(
             command,
             env={**os.environ, "CI": "1"},
             stdout=said if quiet else sys.stderr,
             stderr=said,
-            start_new_session=rrd is None,  # it outlives the run, and Ctrl-C, which is for the run alone
+            start_new_session=rrd is None,  # the viewer outlives the run and its Ctrl-C
         )
     except OSError as error:
         raise OutputRefused(f"the Rerun viewer cannot be started: {error}") from error
@@ -103,7 +103,7 @@ def _wait(viewer: "subprocess.Popen[bytes]", port: int) -> None:
                 "leave out --live and open the run later with vlab show"
             )
         if time.monotonic() > begun + PATIENCE_S:
-            os.killpg(viewer.pid, signal.SIGTERM)  # Rerun's command starts the viewer proper as its child
+            os.killpg(viewer.pid, signal.SIGTERM)  # Rerun's command starts the viewer as a child process
             raise OutputRefused(f"the Rerun viewer did not listen at {HERE}:{port} within {PATIENCE_S:g} s")
         if heard is None and listening(port):
             heard = time.monotonic()
