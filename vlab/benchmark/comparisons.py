@@ -110,7 +110,7 @@ def refit_rows() -> list[Row]:
     out = []
     for work, ours, peer, theirs in (
         (
-            "positioning system: mass, damping and gain refitted to 25 s of recording",
+            "positioning system: mass, damping and gain calibrated on 25 s of recording",
             partial(_best, refit, 2),
             "mujoco.sysid, the same parameters and recording",
             partial(freed, case, friction=False),

@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("r", "set R = r I"),
         ("v1", "set V1 = v1 I"),
         ("v2", "set V2 = v2 I"),
-        ("alpha", "set the stability margin of the filter in 1/cs"),
+        ("alpha", "set the stability margin of the filter"),
     ):
         parser.add_argument(f"--{name}", type=float, help=f"{what}, in inches, pounds and centiseconds{published}")
     parser.add_argument(
@@ -73,9 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shapes", type=int, help=f"minimise LQDRF over this number of initial shapes{published}")
     parser.add_argument(
         "--objective",
-        help=f"lqdrf: minimise the {' or '.join(KINDS)} ratio to the index of the regulator (default largest)",
+        help=f"lqdrf: minimise this objective of the indices and those of the regulator: {' or '.join(KINDS)} (default largest)",
     )
-    parser.add_argument("--starts", type=int, help=f"search from this number of random starts{published}")
+    parser.add_argument(
+        "--starts", type=int, help="search from this number of random starts (default: that of the law)"
+    )
     parser.add_argument("--seed", type=int, help="draw the random starts with this seed (default 0)")
     parser.add_argument("--rate", type=float, help="sample a law with states at this rate in Hz (default 1000)")
     parser.add_argument(

@@ -69,7 +69,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
-        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; run vlab diagnose amended.toml"
+        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; continue with vlab diagnose OUT/amended.toml"
     ]
 
 
