@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shapes", type=int, help=f"minimise LQDRF over this number of initial shapes{published}")
     parser.add_argument(
         "--objective",
-        help=f"lqdrf: minimise this objective of the indices and those of the regulator: {' or '.join(KINDS)} (default largest)",
+        help="lqdrf: minimise the largest index (largest) or the largest ratio to the regulator's index (ratio) (default largest)",
     )
     parser.add_argument(
         "--starts", type=int, help="search from this number of random starts (default: that of the law)"
