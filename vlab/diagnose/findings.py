@@ -20,7 +20,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import EVIDENCE, FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import ActuatorEffect, Effect, PickUp, SensorEffect
+from vlab.physics.effect import Effect, PickUp
 from vlab.units import ANGULAR
 
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
@@ -158,12 +158,12 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
 def _unit(unit: str, term: Term, problem: Problem) -> str:
     """Return the unit of a parameter at its place: of a sensor its channel's, of an actuator its command's, else of the motion."""
     effect, place = term.effect, term.place
-    if isinstance(effect, SensorEffect):
+    if effect.kind == "sensor":
         own = _channel_unit(problem, place.index)
         if "command" in effect.needs:
             return {"m/N": _ratio(own, command_unit(problem, place.other))}.get(unit, unit)
         return {"m": own, "m/s": _rate(own)}.get(unit, unit)
-    if isinstance(effect, ActuatorEffect):
+    if effect.kind == "actuator":
         own = command_unit(problem, place.indices[0])
         return {"N": own, "N/s": _rate(own)}.get(unit, unit)
     return at_rotation(unit) if place.angular else unit

@@ -7,7 +7,6 @@ import numpy as np
 
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import EVIDENCE
-from vlab.physics.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,13 +110,9 @@ def _implausible(fit: Fit) -> float:
     """Return the logarithm of the odds against the effects of a fit before anything was recorded: a spring that is nonlinear about
     no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion; and where one drive alone
     comes to its limit, all of them may have the same."""
-    free_starts = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
-    alike = sum(bool(t.place.also) and t.effect.family in EVIDENCE.of_one for t in fit.terms)
+    free_starts = sum(t.effect.needs_rest and not t.place.is_held for t in fit.terms)
+    alike = sum(bool(t.place.also) and t.effect.traits.is_usually_single for t in fit.terms)
     return EVIDENCE.unheld * free_starts + EVIDENCE.all_alike * alike
-
-
-def _needs_rest(effect: Effect) -> bool:
-    return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
 
 
 def effective_sample_size(noise: float, error: float, samples: float) -> float:

@@ -10,7 +10,6 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
-from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array
 
 
@@ -33,11 +32,6 @@ def scored_by(refiner: LeastSquares, fit: Fit, log_likelihood_gain: float = 0.0)
         log_likelihood_gain,
         floor=floor_of(refiner),
     )
-
-
-def is_hysteretic(effect: Effect) -> bool:
-    """Return whether a law has a memory of the motion."""
-    return isinstance(effect, PortEffect) and effect.memory((1,)) is not None
 
 
 def fitted(
@@ -150,7 +144,7 @@ def on_whole_runs(
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    told = {c.label: c for c in reversed(screened) if is_hysteretic(c.effect)}
+    told = {c.label: c for c in reversed(screened) if c.effect.has_state}
 
     def fitted_on(h: Hypothesis) -> Fit:
         own = whole.fit(h.terms, h.fit, iterations, thetas)

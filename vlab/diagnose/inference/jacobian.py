@@ -7,7 +7,6 @@ import numpy as np
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.parameter_vector import ParameterVector
-from vlab.diagnose.predictors.modal import NONSMOOTH
 from vlab.diagnose.settings import JACOBIAN
 from vlab.signals import Array
 
@@ -25,7 +24,7 @@ class Simulated(Protocol):
 
 def is_nonsmooth(vector: ParameterVector) -> bool:
     """Return whether a law among the terms has edges, so that small steps of slopes are noise."""
-    return any(t.effect.family in NONSMOOTH for t in vector.terms)
+    return any(t.effect.traits.is_nonsmooth for t in vector.terms)
 
 
 def forward_differences(of: Simulated, vector: ParameterVector, x: Array, raw: Array) -> Array:

@@ -7,7 +7,6 @@ import numpy as np
 
 from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE
-from vlab.physics.effect import LinearPortEffect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +70,7 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     known = {t.label for t in less.terms}
     added = [t for t in more.terms if t.label not in known]
     count = sum(len(t.effect.parameters) for t in added)
-    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in added)
+    is_linear = all(t.effect.is_linear or t.effect.traits.is_linear for t in added)
     enough = (MODEL_CHOICE.of_linear if is_linear else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
     enough += MODEL_CHOICE.of_pairs if len(added) > 1 else 0.0
     return more.score - less.score + more.complexity - less.complexity - enough

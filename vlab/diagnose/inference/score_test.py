@@ -484,9 +484,9 @@ class ScoreTest:
         """
         best = candidate
         shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
-        is_hysteretic = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
+        has_state = candidate.effect.has_state
         widths = (
-            SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if is_hysteretic else SCORE_TEST.zoom
+            SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if has_state else SCORE_TEST.zoom
         )  # such laws are smooth in their shapes, and slow
         for width in widths if shapes else ():
             values = {p.name: best.values[p.name] for p in candidate.effect.shapes}

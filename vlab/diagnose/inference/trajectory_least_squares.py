@@ -86,7 +86,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
         """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
-        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+        if not any(t.effect.kind == "sensor" for t in terms):
             return self
         return TrajectoryLeastSquares(self.moving, without=terms)
 
@@ -198,7 +198,7 @@ class TrajectoryLeastSquares(LeastSquares):
         """Return what the channels are before sensor effects, (n, n_sets, n_windows, p)."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = TRAJECTORY.fine if any(term.effect.family == "friction" for term, _ in acting) else 1
+        steps = TRAJECTORY.fine if any(term.effect.traits.is_dry_friction for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, own, G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))

@@ -36,7 +36,7 @@ class WindowLeastSquares(LeastSquares):
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
         """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
-        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+        if not any(t.effect.kind == "sensor" for t in terms):
             return self
         return WindowLeastSquares(self.screen, every=self.every, model_error=self.model_error, without=terms)
 

@@ -203,7 +203,7 @@ def integrate_with_laws(
     """As `integrate_free`, with laws in the loop of all sets and runs side by side."""
     h, late = clock
     ports, coils, push, felt, direct_law, results = laws
-    operations, bounds, firsts, is_hysteretic, recalled = graphs
+    operations, bounds, firsts, stored, recalled = graphs
     n_sets, n_runs, n, channels = y.shape
     n_inputs, size = inputs.shape[4], state.shape[2]
     m, sees, n_laws = size // 2, seen.shape[2], len(ports)
@@ -264,7 +264,7 @@ def integrate_with_laws(
                         own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
                 evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
-                    own[recalled[i]] = own[is_hysteretic[i]]
+                    own[recalled[i]] = own[stored[i]]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
@@ -289,7 +289,7 @@ def integrate_with_laws(
 
 @compiled(error_model="numpy")
 def _series(
-    operations: Array, first: int, registers: Array, signals: Array, is_hysteretic: Array, recalled: Array, result: int
+    operations: Array, first: int, registers: Array, signals: Array, stored: Array, recalled: Array, result: int
 ) -> Array:  # pragma: no cover - compiled
     """Return a law's force (n, m) along given signals (n, n_signals, m) for the registers from the first on."""
     n, count, m = signals.shape
@@ -299,7 +299,7 @@ def _series(
             registers[i] = signals[k, i]
         evaluate(operations, first, registers)
         for i in range(len(recalled)):
-            registers[recalled[i]] = registers[is_hysteretic[i]]
+            registers[recalled[i]] = registers[stored[i]]
         out[k] = registers[result]
     return out
 
@@ -345,7 +345,7 @@ def loaded(
 
 def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
     """Return a law's force along given motion, all (n, ...), from what it remembers at first."""
-    (operations, _, (first,), is_hysteretic, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
+    (operations, _, (first,), stored, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
     signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
-    out = _series(operations, first, registers, signals, is_hysteretic, recalled, graph.force)
+    out = _series(operations, first, registers, signals, stored, recalled, graph.force)
     return np.asarray(out.reshape(z.shape))

@@ -14,10 +14,6 @@ from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-SHARED = ("timing", "resolution", "gain", "clearance", "saturation")
-"""Families of effects that all actuators can have together: they share delay, filter and converters, and drives of one make have one
-limit and one dead zone."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
@@ -82,7 +78,7 @@ def admissible(effect: Effect, place: Place) -> bool:
     if isinstance(effect, PickUp):
         return place.kind == "pick-up" and place.tag in effect.needs
     if effect.kind in ("actuator", "sensor"):
-        return place.kind == effect.kind and (not place.also or effect.family in SHARED)
+        return place.kind == effect.kind and (not place.also or effect.traits.is_shared)
     if place.kind == "body":
         return effect.name == "added-mass"
     if place.kind != "port":
@@ -112,9 +108,10 @@ def reported_name(name: str, effect: Effect, driven: int) -> str:
     if not name.startswith("actuator:"):
         return name
     bare = name.removeprefix("actuator:")
-    if effect.family in ("timing", "resolution"):
+    part = effect.traits.hardware
+    if part == "chain":
         return "chain" if driven == 1 else f"coil:{bare}"
-    return f"coil:{bare}" if effect.family == "gain" else f"amplifier:{bare}"
+    return f"{part}:{bare}"
 
 
 def places_of(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.settings import TERMS
-from vlab.physics.effect import Effect, Parameter, PortEffect
+from vlab.physics.effect import Effect, Parameter
 from vlab.signals import Array
 
 
@@ -25,15 +25,13 @@ class Term:
 
 def of_element(term: Term) -> Term:
     """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
-    if not isinstance(term.effect, PortEffect):
-        return term
     values = term.effect.of_element(term.values, term.place.stiffness)
     return term if values is None else replace(term, values=values)
 
 
 def is_meant(terms: Sequence[Term]) -> bool:
     """Return whether laws have values that their words fit."""
-    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms if isinstance(t.effect, PortEffect))
+    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -44,7 +44,7 @@ def at_port(term: Term, values: Values, fastest: float) -> SmallSignal:
 
 def is_port(term: Term) -> bool:
     """Whether a term is a force at a port."""
-    return isinstance(term.effect, (PortEffect, LinearPortEffect))
+    return term.effect.kind == "port"
 
 
 # ---- responses ------------------------------------------------------------------------------------------------------

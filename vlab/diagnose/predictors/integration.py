@@ -32,7 +32,7 @@ def acting_order(terms: Sequence[Term]) -> list[int]:
 
 
 def _rank(effect: Any) -> int:
-    return 3 if effect.family == "friction" else ("none", "linear", "any").index(effect.response)
+    return 3 if effect.traits.is_dry_friction else ("none", "linear", "any").index(effect.response)
 
 
 @dataclass(eq=False)

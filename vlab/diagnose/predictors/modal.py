@@ -13,9 +13,6 @@ from vlab.diagnose.settings import MODAL
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
-NONSMOOTH = ("friction", "hysteresis", "contact", "clearance")
-"""Families of such laws."""
-
 
 def channels(
     reduced_model: ReducedModel,
@@ -51,7 +48,7 @@ def channels(
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
     ports = acting_order(terms)
-    finer = MODAL.finer if not is_rough and any(terms[i].effect.family in NONSMOOTH for i in ports) else 1
+    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
     substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
     inputs = np.concatenate(
         [

@@ -144,7 +144,7 @@ def _integrate(
     rows, at_z, at_v, weight = paths
     into, middle, gain, reach = acting
     lengths, times, commands = clock
-    operations, bounds, firsts, is_hysteretic, recalled = graphs
+    operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, size = drive.shape
     m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
     free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
@@ -217,7 +217,7 @@ def _integrate(
                                 own[AT_V, e] += 0.5 * own_gain * first
                     evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-                        own[recalled[i]] = own[is_hysteretic[i]]
+                        own[recalled[i]] = own[stored[i]]
                     for s in range(n_sets):
                         for w in range(n_windows):
                             force[s, w, 0] = own[results[graph], s * n_windows + w]

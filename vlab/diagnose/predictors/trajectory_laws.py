@@ -113,7 +113,7 @@ class Law:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
         self.is_linear = isinstance(term.effect, LinearPortEffect)
-        self.is_last = term.effect.family == "friction"  # sticking answers all other forces
+        self.is_last = term.effect.traits.is_dry_friction  # sticking answers all other forces
         self.is_single = path.rows.shape[1] == 1
         m = path.rows.shape[-1]
         middle = 0.5 * (path.rows[0] + path.rows[-1])

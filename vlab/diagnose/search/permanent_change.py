@@ -9,7 +9,6 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.settings import PERMANENT_CHANGE
-from vlab.physics.effect import PortEffect
 
 
 def find_permanent_changes(
@@ -24,7 +23,7 @@ def find_permanent_changes(
     candidates : sequence of Candidate
         The screening's, for the places.
     """
-    terms = [c for c in candidates if isinstance(c.effect, PortEffect) and c.effect.lasts]
+    terms = [c for c in candidates if c.effect.lasts]
     tried = side_by_side(lambda c: _best(whole, c, in_windows), terms)
     order = sorted(range(len(terms)), key=lambda i: (tried[i][0], terms[i].label))
     out = []

@@ -32,7 +32,7 @@ def estimate_restoring_force(
     own[[c.sensor is not None for c in screen.reduced_model.changes]] = 0.0
     asked = asked - screen.changes[:-1] @ own
     for other in fit.terms:
-        if other is not term and isinstance(other.effect, (PortEffect, LinearPortEffect)):
+        if other is not term and other.effect.kind == "port":
             rows, force = _law(screen, other)
             asked = asked - np.einsum("lkr,lkrn->krn", force, rows)
     rows, z, v, a = _along(screen, term)

@@ -27,9 +27,6 @@ from vlab.diagnose.settings import FIT, SCORE_TEST, SECOND_EFFECT, SHORTLIST
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
-SLIPS = {"friction", "hysteresis"}
-"""Families of laws that are friction of some kind."""
-
 
 def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
     """Return whether the best single effect, or the one that leaves least, needs uncertain parameters that nobody believes.
@@ -100,9 +97,9 @@ def pairs(
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].normalised_residual)
     rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
     known = set(list(found)[: SECOND_EFFECT.most_pairs])
-    is_related_family = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
+    alternatives = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(
-        refiner, [(seed, c) for c in is_related_family if frozenset((seed.label, c.label)) not in known]
+        refiner, [(seed, c) for c in alternatives if frozenset((seed.label, c.label)) not in known]
     )
 
 
@@ -171,12 +168,7 @@ def _seeds(
     known = {h.label: h for h in singles}
     for candidate in shortlist:
         alone = known.get(candidate.label)
-        if (
-            len(out) > SECOND_EFFECT.seeds
-            or alone is None
-            or alone in out
-            or isinstance(candidate.effect, SensorEffect)
-        ):
+        if len(out) > SECOND_EFFECT.seeds or alone is None or alone in out or candidate.effect.kind == "sensor":
             continue
         fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
         out.append(replace(alone, fit=fit, whole=None))
@@ -215,7 +207,7 @@ def best_of_families(table: Sequence[Candidate], first: Term) -> list[Candidate]
 
 
 def _are_one_friction(one: Term, other: Term) -> bool:
-    return one.place.name == other.place.name and {one.effect.family, other.effect.family} <= SLIPS
+    return one.place.name == other.place.name and one.effect.traits.is_slip and other.effect.traits.is_slip
 
 
 def with_effects(screen: ScoreTest, fit: Fit) -> Problem:

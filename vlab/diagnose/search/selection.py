@@ -31,9 +31,9 @@ from vlab.diagnose.search.second_effect import (
     pairs,
     violate_priors,
 )
-from vlab.diagnose.search.shortlist import best_of_effects, best_places, is_related_family, shortlisted
+from vlab.diagnose.search.shortlist import best_of_effects, best_places, related_candidates, shortlisted
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
-from vlab.physics.effect import Effect, SensorEffect
+from vlab.physics.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,9 +157,9 @@ def shows(problem: Problem, effect: Effect) -> bool:
     """
     loaded = any(drive.port for run in problem.runs for drive in run.drives)
     driven = loaded or any(np.any(s.u) for s in problem.signals)
-    if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
+    if driven or len(problem.channels) > 1 or effect.kind != "sensor":
         return True
-    return effect.family in ("bias", "disturbance", "saturation", "resolution")
+    return effect.traits.shows_without_drive
 
 
 def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
@@ -169,7 +169,7 @@ def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hyp
     if not order or (order[0].normalised_residual <= HYPOTHESIS_FITS.enough and not adds_up):
         return list(order)
     known = {h.label for h in order[: HYPOTHESIS_FITS.whole_finished]}
-    forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
+    forces = [h for h in order if h.terms[0].effect.kind != "sensor"]
     gained = [h for h in sorted(forces, key=lambda h: -h.log_likelihood_gain) if h.label not in known]
     first = [
         *order[: HYPOTHESIS_FITS.whole_finished],
@@ -220,7 +220,7 @@ def _single_effects(
             shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
         found = by_score(found, singles(shortlist[len(found) :]))
-    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, is_related_family(candidates, found))))
+    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
 
 
 def _sharpened(screen: ScoreTest, candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -6,20 +6,6 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.settings import SHORTLIST
 
-KINDRED = (
-    {"friction", "hysteresis"},
-    {"nonlinear-stiffness", "contact", "clearance"},
-    {"timing", "sensor-dynamics"},
-    {"saturation", "clearance"},
-)
-"""Families whose laws look alike in a linear regression."""
-COMPLETING = {"friction": "viscous-damping", "damping": "coulomb-friction"}
-"""Family of a law, and the effect that a machine's joints and guides usually have beside it: friction is dry and viscous at once.
-
-Source: Armstrong-Helouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
-machines with friction, Automatica 30, 1994, section 2.
-"""
-
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the best place of the effects that gained most, and of the best of other families."""
@@ -59,12 +45,12 @@ def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
     return out
 
 
-def is_related_family(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
     """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
     if not fitted or len(fitted[0].terms) != 1:
         return []
     best, known = fitted[0].terms[0], {h.label for h in fitted}
-    families = next((group for group in KINDRED if best.effect.family in group), {best.effect.family})
+    families = {best.effect.family, *best.effect.traits.related}
     return [
         c
         for c in candidates
@@ -87,7 +73,7 @@ def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> lis
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return what usually stands beside an effect at its place: each takes up so much of the other that a regression beside it shows
     little."""
-    name = COMPLETING.get(first.effect.family)
+    name = first.effect.traits.accompanied_by
     return [
         c
         for c in candidates

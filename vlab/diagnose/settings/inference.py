@@ -13,10 +13,8 @@ class EvidenceSettings:
     unheld: float = 40.0
     """Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as
     a difference smaller by a factor of e, all of it the model's own error."""
-    of_one: tuple[str, ...] = ("clearance", "saturation")
-    """Families of effects that a single drive may have as well as all of them, and the logarithm of the odds against all of them."""
     all_alike: float = 4.0
-    """See `of_one`."""
+    """Logarithm of the odds against an effect of all drives, of families that usually concern one."""
     noise_known: float = 0.03
     """The noise's variance is known to this share of it: what is left within that may be noise or not."""
 
