@@ -12,7 +12,8 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import GAP
 from vlab.diagnose.validation.gap import Distance, total, verifying, whole_gap
 
-ERRORS = ("nominal", "refitted", "before", "after", "noise")
+ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
+"""Errors of a document by key, and the attribute of `Distance` with the value."""
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
 
@@ -187,7 +188,7 @@ def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
         {
             "name": c.name,
             "role": c.role,
-            **{f"nrmse_{key}": _finite(getattr(c, key)) for key in ERRORS},
+            **{f"nrmse_{key}": _finite(getattr(c, name)) for key, name in ERRORS.items()},
             "gap_closed": _finite(c.gap_closed),
             "can_verify": not c.is_idle,
             "channels": {
@@ -198,7 +199,7 @@ def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
         for c in checked
     ]
     return {
-        **{f"nrmse_{key}": _finite(total(checked, key)) for key in ERRORS},
+        **{f"nrmse_{key}": _finite(total(checked, name)) for key, name in ERRORS.items()},
         "gap_closed": _finite(whole_gap(checked)),
         "per_recording": each,
     }

@@ -413,7 +413,7 @@ def _files(done: Done, files: ExtendedModelFiles) -> Section:
         f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab {verb} {CASE}`."
     ]
     checked = done.diagnosis.checked
-    if not done.diagnosis.findings and total(checked, "refitted") > total(checked, "nominal"):
+    if not done.diagnosis.findings and total(checked, "calibrated") > total(checked, "nominal"):
         text.append("On the checked recordings the model as given is nearer than this one.")
     if files.tables:
         text.append(
