@@ -1,4 +1,4 @@
-"""What a diagnosis says in words: what was not excluded, and the measurement that would decide."""
+"""Notes of a diagnosis: possibilities not excluded, and the next measurement."""
 
 from collections.abc import Sequence
 
@@ -15,20 +15,32 @@ from vlab.signals import Array
 
 _AGAIN = "a repetition on another day, with the same excitation at a third of the level"
 RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved for physics outside the catalogue"
+"""Note on the probability of physics outside the catalogue."""
 
 
 def format_probability(probability: float) -> str:
-    """Return a probability as it is printed."""
+    """Return a probability as text."""
     return f"{probability:.3f}" if probability >= ADVICE.least_probability else f"< {ADVICE.least_probability:g}"
 
 
 def before_heading(checked: Sequence[Distance]) -> str:
-    """Return what errors without the findings are headed with in a table."""
+    """Return the table heading of errors without findings."""
     return "as given or refitted" if any(c.is_spoilt for c in checked) else "refitted"
 
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
+    """Return a note on recordings where calibration increases the error.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
     worse = [c for c in checked if c.calibrated > GAP.no_worse * c.nominal]
     if not worse:
         return ()
@@ -43,7 +55,18 @@ def _error(error: float) -> str:
 
 
 def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return in a sentence each which findings no recording kept aside, or not every one, can verify."""
+    """Return notes on findings without effect in hold-out recordings.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors with a part per finding.
+
+    Returns
+    -------
+    tuple of str
+        One note per unverifiable finding.
+    """
     held = [c for c in checked if c.role == "holdout" and c.parts]
     out = []
     for i, part in enumerate(held[0].parts if held else ()):
@@ -59,7 +82,18 @@ def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
 
 
 def attempt_sentence(attempt: Attempt) -> str:
-    """Return in a sentence what the best attempt is worth."""
+    """Return a sentence on the best attempt and its closed gap.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        Best attempt.
+
+    Returns
+    -------
+    str
+        Sentence.
+    """
     if attempt.is_of_the_fit_alone:
         return (
             f"From the fit alone: {attempt.name} explains the recordings to fit, and does nothing in those kept aside, "
@@ -74,7 +108,20 @@ def attempt_sentence(attempt: Attempt) -> str:
 
 
 def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
-    """Return what the recordings leave open."""
+    """Return the possibilities that the recordings do not exclude.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
+
+    Returns
+    -------
+    tuple of str
+        Possibilities.
+    """
     out: list[str] = []
     if verdict == "missing-physics" and choice.best.terms:
         others = [h.label for h in choice.alike if h is not choice.best]
@@ -95,9 +142,21 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
 
 
 def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
-    """Return which uncertain parameters a refit took further than chance would, at log-factors (n_parameters,).
+    """Return notes on uncertain parameters far from their priors.
 
-    Physics that only changes a number hides there: a refit that may change the number takes it up.
+    A missing effect that only changes a value is absorbed by calibration of that value.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors.
+
+    Returns
+    -------
+    tuple of str
+        One note per implausible parameter.
     """
     return tuple(
         f"{p.name} was refitted by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: either it is "
@@ -112,14 +171,23 @@ def _change(parameter: Uncertain, value: float) -> str:
 
 
 def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), attempt: Attempt | None = None) -> str:
-    """Return the measurement that would separate what is left.
+    """Return the measurement that separates the remaining possibilities.
 
     Parameters
     ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
     shown : sequence of str
-        Effects that the recordings show without any model.
+        Effects shown by the data alone.
     attempt : Attempt or None
-        The best one, where nothing is reported.
+        Best attempt, where nothing is reported.
+
+    Returns
+    -------
+    str
+        Measurement.
     """
     if attempt is not None and attempt.is_of_the_fit_alone:
         return f"another recording to keep aside, as loud as those to fit, so that {attempt.name} acts in it"

@@ -1,6 +1,7 @@
 """Uncertain parameters of a structure, and adjusted plants.
 
-Parameters concern sections, fittings, tension, damping and gains. Sensitivities of M and K are those of the FE model, by central differences.
+Parameters concern sections, fittings, tension, damping and gains. Sensitivities of M and K are those of the FE model,
+by central differences.
 """
 
 from collections.abc import Callable, Mapping, Sequence
