@@ -58,7 +58,7 @@ class Problem:
     intensity : mapping of float to float
         Unknown-force intensity by sample period [s], from an earlier tuning.
     bare : Problem or None
-        Problem without the forces of the model's own nonlinearity, where there are any.
+        Problem without forces of the model's own nonlinearity.
     timing : str
         Note on an estimated sampling convention.
     """

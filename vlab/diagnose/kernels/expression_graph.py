@@ -1,7 +1,7 @@
 """Compiled time integration with nonlinear laws as expression graphs.
 
-Parameter sets and recordings are integrated as one batch. Forces act explicitly: a law sees the midpoint of the free
-step, with the last force as estimate of its own.
+Parameter sets and recordings are integrated as one batch. Forces act explicitly: a law receives the midpoint of the
+free step, with the last force as estimate of its own.
 """
 
 from collections.abc import Sequence

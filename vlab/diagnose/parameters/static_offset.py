@@ -1,4 +1,4 @@
-"""Static offsets of sensors, such as stand-off or gravity.
+"""Static offsets of sensors, such as distance or gravity.
 
 Offsets of many times the motion are subtracted first, since filters and windows would start far off. Smaller offsets
 are parameters of every fit (`vlab.diagnose.inference.sensor_offset`).

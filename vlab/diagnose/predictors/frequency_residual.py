@@ -236,7 +236,8 @@ def modal_residual(
 def quick_modal_residual(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Array:
     """Return an approximate modal residual for trials.
 
-    The method covers mass, damping and stiffness effects. Undamped modes with uncoupled damping err by the square of the damping ratios.
+    The method covers mass, damping and stiffness effects. Undamped modes with uncoupled damping err by the square of
+    the damping ratios.
 
     Parameters
     ----------

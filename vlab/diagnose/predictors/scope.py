@@ -126,7 +126,7 @@ def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> Non
             )
 
 
-# ---- what cannot be handled ------------------------------------------------------------------------------------------
+# ---- limits of the trajectory-linearised class -----------------------------------------------------------------------
 
 
 def check_scope(case: Case) -> None:

@@ -1,6 +1,7 @@
 """Errors of models on data, and the closed gap.
 
-The gap is the error of the model without findings minus the noise. Every finding's contribution is the change by its removal.
+The gap is the error of the model without findings minus the noise. Every finding's contribution is the change by its
+removal.
 """
 
 from collections.abc import Sequence
@@ -88,7 +89,8 @@ class Distance:
     def start(self) -> float:
         """Least error without findings.
 
-        The minimum is over nominal, calibrated and extended calibration. A gap closed by calibration is no gap closed by a finding.
+        The minimum is over nominal, calibrated and extended calibration. A gap closed by calibration is no gap closed
+        by a finding.
         """
         return float(np.fmin(self.before, self.bare))
 
