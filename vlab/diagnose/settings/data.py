@@ -232,8 +232,8 @@ class ResponsesSettings:
     """smallest_zeta [1]: lower bound of a modelled damping ratio in log ratios, above 0; default untested. Raising it
     hides differences between lightly damped modes."""
     gives: float = 0.1
-    """gives [1]: share of the driving-point mobility with negative real part above which the response is active, 0 to
-    1; default untested. Raising it refuses fewer responses."""
+    """gives [1]: share of the driving-point mobility with negative real part above which a response is active, 0 to 1;
+    default untested. Raising it reports fewer active responses."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -200,11 +200,11 @@ class ParameterVectorSettings:
     """furthest [1]: bound of the log ratio of a positive effect parameter to its start, above 0; default untested.
     Raising it widens the search."""
     step: float = 1e-2
-    """step [1]: finite-difference step of uncertain parameters [sd] and of effect parameters, relative, above 0;
-    default untested. Raising it adds truncation error."""
+    """step [1]: finite-difference step of uncertain parameters and offsets [sd], and relative step of effect
+    parameters, above 0; default untested. Raising it adds truncation error."""
     start_step: float = 0.1
-    """start_step [1]: finite-difference step of offsets and initial states in their scale, above 0; default untested.
-    Raising it adds truncation error."""
+    """start_step [1]: finite-difference step of initial states in their scale, above 0; default untested. Raising it
+    adds truncation error."""
     least_step: float = 1e-12
     """least_step [1]: least finite-difference step of a signed effect parameter in its unit, above 0; default untested.
     Raising it blurs small parameters."""

@@ -44,8 +44,8 @@ class FrequencyResidualSettings:
     """band_error [1]: standard deviation of the log amplitude in a band of the coarse residual, above 0; default
     untested. Raising it flattens the coarse cost."""
     skipped: float = 6.0
-    """skipped [sd]: cost of a model mode missing from the table, above 0; default untested. Raising it pairs modes in
-    stricter order."""
+    """skipped [sd]: cost of a model mode missing from the table, above 0; default untested. Raising it skips fewer
+    model modes."""
     own_part: float = 0.3
     """own_part [1]: participation of the structure below which a mode is a resonance of an attachment, 0 to 1; default
     untested. Raising it penalises more modes."""

@@ -33,7 +33,7 @@ class ResponseChecksSettings:
 
     share: float = 0.3
     """share [1]: reversed phase turn of a response over the modelled turn from which the response is early, above 0;
-    default untested. Raising it reports fewer time shifts."""
+    default untested. Raising it reports fewer conjugated responses."""
     turns: float = 0.02
     """turns [1]: least modelled phase turn per line over its power for the test, above 0; default untested. Raising it
     tests fewer responses."""

@@ -40,6 +40,8 @@ class ExtendedFrequencyModel:
         Gains of the outputs, in the order of `names`.
     input_gain : (n_columns,) array
         Gains of the inputs; of forces measured at ports beyond the actuators.
+    offset : None
+        Responses have no offset.
     """
 
     plant: Plant
