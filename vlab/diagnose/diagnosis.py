@@ -13,7 +13,7 @@ from vlab.diagnose.settings import GAP
 from vlab.diagnose.validation.gap import Distance, total, verifying, whole_gap
 
 ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
-"""Errors in the JSON document."""
+"""Attribute of `Distance` by error key of the JSON document."""
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 """Next measurement after a rejected case."""
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
