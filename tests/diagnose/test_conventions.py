@@ -202,7 +202,7 @@ def test_what_is_right_is_not_asked_twice(written, truth):
 
 
 def convention(hold, gain, **other):
-    usual = {"case": None, "skew_s": 0.0, "is_near": True, "is_believed": True}
+    usual = {"case": None, "skew_s": 0.0, "is_near": True, "is_conclusive": True}
     return _Convention(hold=hold, log_likelihood_gain=gain, **{**usual, **other})
 
 

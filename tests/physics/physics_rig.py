@@ -67,14 +67,14 @@ class ChainRig:
     def in_reduced_model(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
         """Return the same from the reduced model, (n_samples, n_channels)."""
         refiner = object.__new__(LeastSquares)  # the simulation alone, without what a fit needs
-        refiner.twin = self.problem.twin
-        refiner.highest = float(np.abs(refiner.twin.omega).max()) / (2 * np.pi)
+        refiner.reduced_model = self.problem.reduced_model
+        refiner.highest = float(np.abs(refiner.reduced_model.omega).max()) / (2 * np.pi)
         places = {name: p for p in self.problem.places for name in (p.name, *p.aliases)}
         terms = [Term(effect=effect_named(n), place=places[at], values=p) for n, at, p in effects]
         values = [{k: np.array([v]) for k, v in p.items()} for _, _, p in effects]
-        m, runs = self.problem.twin.m, [self.problem.signals[0]]
+        m, runs = self.problem.reduced_model.m, [self.problem.signals[0]]
         return refiner.simulate(
-            runs, terms, np.zeros((1, len(self.problem.twin.changes))), values, np.zeros((1, 1, 2 * m))
+            runs, terms, np.zeros((1, len(self.problem.reduced_model.changes))), values, np.zeros((1, 1, 2 * m))
         )[:, 0, 0]
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis says in words: what was not excluded, and the measurement that would decide."""
+"""Notes of a diagnosis: possibilities not excluded, and the next measurement."""
 
 from collections.abc import Sequence
 
@@ -9,85 +9,38 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.family import separating_measurement
 from vlab.signals import Array
 
-_SEPARATES = {
-    frozenset(
-        {"friction", "hysteresis"}
-    ): "a slow quasi-static sweep through several amplitudes: the loop of dry friction has "
-    "vertical sides at every amplitude, that of micro-slip a slope",
-    frozenset(
-        {"damping", "friction"}
-    ): "releases or sine dwells at three amplitudes a factor of three apart: damping ratios that rise "
-    "with amplitude speak for drag, falling ones for dry friction, constant ones for viscous damping",
-    frozenset(
-        {"nonlinear-stiffness", "clearance"}
-    ): "sine dwells at three amplitudes below and above the gap, harmonics recorded",
-    frozenset(
-        {"nonlinear-stiffness", "contact"}
-    ): "sine dwells at three amplitudes, harmonics recorded: a stop sets in at one amplitude",
-    frozenset({"mass", "stiffness"}): "the same test with a known mass added at the place, or modes with a node there",
-    frozenset(
-        {"gain", "mass"}
-    ): "a calibration of one actuator against a known force, or of one sensor against a known motion",
-    frozenset({"gain", "stiffness"}): "a static test: a known force and the deflection it gives",
-    frozenset(
-        {"timing"}
-    ): "excitation up to frequencies where a delay turns the phase by much more than a first-order lag",
-    frozenset(
-        {"saturation"}
-    ): "the same excitation at a level that is twice as large, the actuator's own force recorded",
-    frozenset({"mass"}): "the same test with a known mass moved along the structure",
-    frozenset(
-        {"stiffness"}
-    ): "mode shapes at more points: a local loss of stiffness shows as a kink where its curvature is large",
-}
-_TESTS = {
-    "mass": "the same test with a known mass added at the place: the frequencies must fall as with both",
-    "stiffness": "a known force at the place, and the deflection that it gives",
-    "damping": "releases from two heights: they tell how the decay changes with amplitude",
-    "nonlinear-stiffness": "sine dwells near the resonance at two levels: its frequency must move as the law says",
-    "friction": "the same excitation at a third of the level: dry friction must take three times its share",
-    "clearance": "sine dwells with less and with more motion than the gap: the response must change its kind there",
-    "contact": "the same excitation at a level that does not reach the contact: what was found must be gone",
-    "bias": "readings at rest with the drive switched off and on",
-    "disturbance": "a recording with the drive switched off: what was found must still be there",
-    "hysteresis": "slow cycles to and fro at two amplitudes, force and motion recorded: their loops must open as the law says",
-    "time-variation": "the same recording again, an hour later",
-    "substructure": "a sensor on what swings along, or the same test with it held",
-    "gain": "a calibration of one actuator against a known force, or of one sensor against a known motion",
-    "saturation": "the same excitation at half the level, which stays clear of the limit: what was found must be gone",
-    "timing": "a step of the command and its answer, sampled ten times as fast",
-    "resolution": "the same excitation at ten times the level, where steps no longer matter",
-    "actuator-position": "a known current in the coil at three positions of its travel, and the force that it gives",
-    "sensor-dynamics": "a second sensor of another make beside it, over the whole band",
-    "pick-up": "the same commands with the structure held: what the sensor still reads is not motion",
-}
-"""What a single finding of a family foretells, and can be refuted by."""
 _AGAIN = "a repetition on another day, with the same excitation at a third of the level"
-_CONFIRMS = {
-    "actuator-clipping": "the same loop at half the level, where no command reaches the limit: the model must then do without it",
-    "sensor-clipping": "the same excitation at a level at which the sensor stays within its range",
-    "mains-hum": "a recording at rest with the leads routed otherwise: mains interference changes, motion does not",
-    "sensor-offset": "a reading of the sensor at rest, before and after",
-}
-
-
 RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved for physics outside the catalogue"
+"""Note on the probability of physics outside the catalogue."""
 
 
 def format_probability(probability: float) -> str:
-    """Return a probability as it is printed."""
+    """Return a probability as text."""
     return f"{probability:.3f}" if probability >= ADVICE.least_probability else f"< {ADVICE.least_probability:g}"
 
 
 def before_heading(checked: Sequence[Distance]) -> str:
-    """Return what errors without the findings are headed with in a table."""
+    """Return the table heading of errors without findings."""
     return "nominal or calibrated" if any(c.is_spoilt for c in checked) else "calibrated"
 
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return in one sentence which recordings a refit takes the model further from; nothing where there are none."""
+    """Return a note on recordings where calibration increases the error.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
     worse = [c for c in checked if c.calibrated > GAP.no_worse * c.nominal]
     if not worse:
         return ()
@@ -102,7 +55,18 @@ def _error(error: float) -> str:
 
 
 def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return in a sentence each which findings no recording kept aside, or not every one, can verify."""
+    """Return notes on findings without effect in hold-out recordings.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors with a part per finding.
+
+    Returns
+    -------
+    tuple of str
+        One note per unverifiable finding.
+    """
     held = [c for c in checked if c.role == "holdout" and c.parts]
     out = []
     for i, part in enumerate(held[0].parts if held else ()):
@@ -118,7 +82,18 @@ def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
 
 
 def attempt_sentence(attempt: Attempt) -> str:
-    """Return in a sentence what the best attempt is worth."""
+    """Return a sentence on the best attempt and its closed gap.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        Best attempt.
+
+    Returns
+    -------
+    str
+        Sentence.
+    """
     if attempt.is_of_the_fit_alone:
         return (
             f"From the fit recordings alone: {attempt.name} explains the fit recordings and has no effect on the held-out "
@@ -133,7 +108,20 @@ def attempt_sentence(attempt: Attempt) -> str:
 
 
 def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
-    """Return what the recordings leave open."""
+    """Return the possibilities that the recordings do not exclude.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
+
+    Returns
+    -------
+    tuple of str
+        Possibilities.
+    """
     out: list[str] = []
     if verdict == "missing-physics" and choice.best.terms:
         others = [h.label for h in choice.alike if h is not choice.best]
@@ -154,9 +142,21 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
 
 
 def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
-    """Return which uncertain parameters a refit took further than chance would, at log-factors (n_parameters,).
+    """Return notes on uncertain parameters far from their priors.
 
-    Physics that only changes a number hides there: a refit that may change the number takes it up.
+    A missing effect that only changes a value is absorbed by calibration of that value.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors.
+
+    Returns
+    -------
+    tuple of str
+        One note per implausible parameter.
     """
     return tuple(
         f"{p.name} was calibrated by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: check the value, "
@@ -171,33 +171,38 @@ def _change(parameter: Uncertain, value: float) -> str:
 
 
 def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), attempt: Attempt | None = None) -> str:
-    """Return the measurement that would separate what is left.
+    """Return the measurement that separates the remaining possibilities.
 
     Parameters
     ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
     shown : sequence of str
-        Effects that the recordings show without any model.
+        Effects shown by the data alone.
     attempt : Attempt or None
-        The best one, where nothing is reported.
+        Best attempt, where nothing is reported.
+
+    Returns
+    -------
+    str
+        Measurement.
     """
     if attempt is not None and attempt.is_of_the_fit_alone:
         return f"another held-out recording, as loud as the fit recordings, so that {attempt.name} acts in it"
     if verdict == "bad-recording":
         return "the same recordings again, with the damage that is listed under their quality repaired"
     if verdict == "missing-physics" and not choice.best.terms:
-        return next((_CONFIRMS[name] for name in shown if name in _CONFIRMS), _AGAIN)
+        return next((EFFECTS[name].confirmed_by for name in shown if EFFECTS[name].confirmed_by), _AGAIN)
     if verdict == "nothing-missing":
         return "a recording at a level several times higher, which brings out what grows with amplitude"
     if verdict == "none-of-these":
         return "a sensor on both sides of the place where the mismatch is largest, and three levels of a periodic excitation"
     families = {t.effect.family for h in (choice.best, *choice.alike) for t in h.terms[:1]}
-    if len(families) == 1:
-        single = frozenset(families)
-        if len(choice.alike) > 1 and single in _SEPARATES:
-            return _SEPARATES[single]
-    for pair, words in _SEPARATES.items():
-        if pair <= families and len(pair) > 1:
-            return words
+    measurement = separating_measurement(families) if len(families) > 1 or len(choice.alike) > 1 else ""
+    if measurement:
+        return measurement
     if len([p for p in choice.places.values() if p > 0.1]) > 1:
         return "a sensor between the remaining places, " + " and ".join(list(choice.places)[:2])
-    return _TESTS.get(choice.best.terms[0].effect.family, _AGAIN)  # an effect of one's own may have a family of its own
+    return choice.best.terms[0].effect.traits.tested_by or _AGAIN

@@ -1,4 +1,4 @@
-"""What recordings show without any law of physics fitted, and without their model: limits, steps, hum, damage."""
+"""Findings from the data alone: limits, quantisation, interference, data quality, offsets."""
 
 from dataclasses import dataclass, replace
 
@@ -25,22 +25,22 @@ from vlab.diagnose.validation.simulation import ExtendedModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataFindings:
-    """What recordings show without any law of physics fitted.
+    """Findings without any fitted law.
 
     Parameters
     ----------
     limit : CommandLimit or None
-        Of the commands of a law in the loop.
+        Limit of a law's commands.
     stops : tuple of SensorLimit
-        Of sensors, where they matter.
+        Significant range limits of sensors.
     steps : tuple of SensorStep
-        Of sensors whose readings are coarse.
-    hums, benign_interferences : tuple of Hum
-        On sensors: where it matters, and elsewhere.
-    damage : Damage
-        Of the recordings.
-    zeros : tuple of Zero
-        Of channels that are far off, as the last fit has them.
+        Coarse quantisation of sensors.
+    interferences, benign_interferences : tuple of MainsInterference
+        Significant and benign mains interference.
+    damage : DataQuality
+        Data quality of the recordings.
+    zeros : tuple of SensorOffset
+        Large sensor offsets of the last fit.
     """
 
     limit: CommandLimit | None
@@ -53,7 +53,7 @@ class DataFindings:
 
     @property
     def is_missing(self) -> bool:
-        """Whether any of it is physics that the model lacks."""
+        """Whether any finding is physics missing in the model."""
         return (
             self.limit is not None
             or bool(self.stops)
@@ -63,15 +63,29 @@ class DataFindings:
         )
 
     def on(self, model: ExtendedModel) -> ExtendedModel:
-        """Return a model with it."""
+        """Return a model with the findings."""
         return replace(model, limit=self.limit, stops=self.stops, steps=self.steps, interferences=self.interferences)
 
     def of_law(self, problem: Problem) -> list[Finding]:
-        """Return the limit of the commands as a finding: the law is known, so nothing is surer."""
+        """Return the command limit as a finding.
+
+        The law is known, so the limit is the most certain finding.
+        """
         return [] if self.limit is None else [finding_of_limit(self.limit, problem)]
 
     def of_sensors(self, problem: Problem) -> list[Finding]:
-        """Return what sensors show as findings."""
+        """Return the sensor findings.
+
+        Parameters
+        ----------
+        problem : Problem
+            Problem with the recordings.
+
+        Returns
+        -------
+        list of Finding
+            Limits, quantisation, interference and offsets.
+        """
         units = {c.name: c.unit for c in problem.runs[0].measured.channels}
         out = [finding_of_stop(stop, units[stop.channel]) for stop in self.stops]
         out += [finding_of_step(step, units[step.channel]) for step in self.steps]
@@ -82,7 +96,22 @@ class DataFindings:
 
 
 def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
-    """Look at the recordings to fit of a case without its model; the law in the loop aside, whose commands are replayed."""
+    """Examine the fitted recordings without their model.
+
+    Only commands of a control law are replayed.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem with the recordings.
+    damage : DataQuality
+        Data quality.
+
+    Returns
+    -------
+    DataFindings
+        Findings.
+    """
     runs = problem.runs
     big: list[MainsInterference] = []
     small: list[MainsInterference] = []

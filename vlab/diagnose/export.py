@@ -1,4 +1,4 @@
-"""The amended model as files that run by themselves: an MJCF or a structure file, and a case with the recordings beside it."""
+"""Export of the extended model with its case."""
 
 import dataclasses
 import math
@@ -27,26 +27,29 @@ from vlab.signals import Array
 from vlab.structure.model import Structure
 
 MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
+"""Names of the written files."""
 RECORDINGS = "recordings"
+"""Folder of the copied recordings."""
 Done = Diagnosed | FrequencyDiagnosed
+"""Diagnosis with its models."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExtendedModelFiles:
-    """What was written.
+    """Written files and their error.
 
     Parameters
     ----------
     files : tuple of str
         Names in the output folder.
     tables : tuple of str
-        Effects that the case states because the model file has no element for them.
+        Effects stated in the case, without an element in the model file.
     nrmse : float or None
-        Of the checked recordings, from the files as they were written; None where it could not be run.
+        Error on the checked recordings from the written files; None if the simulation fails.
     reported : float
-        What the diagnosis says.
+        Error reported by the diagnosis.
     note : str
-        Why it could not be run, or "".
+        Reason of a failure, or "".
     """
 
     files: tuple[str, ...]
@@ -57,7 +60,21 @@ class ExtendedModelFiles:
 
 
 def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
-    """Write the amended model (the refitted one where nothing was found), its case and the recordings; run them again.
+    """Write the extended model and simulate the files.
+
+    The files are a model, a case and its recordings. Without findings the calibrated model is written.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Diagnosis with its models.
+    folder : Path
+        Output folder.
+
+    Returns
+    -------
+    ExtendedModelFiles
+        Written files and their error.
 
     Raises
     ------
@@ -111,12 +128,12 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
 
 
 def _for_plant(done: Done, theta: Array) -> Array:
-    """Return log-factors as a structure takes them; see `Problem.for_plant`."""
+    """Return log factors for a structure's plant, by `Problem.for_plant`."""
     return theta if isinstance(done.problem, FrequencyProblem) else done.problem.for_plant(theta)
 
 
 def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
-    """Return the effects of the case as given that are no numbers of its model and must be stated again."""
+    """Return the case's effects outside the model file."""
     at_work = [(a.effect.name, dict(a.values)) for a in done.problem.plant.physics]
     given = [
         Attached(effect=effect_named(e["name"], code=()), place=e["place"], values=e["parameters"])
@@ -146,9 +163,9 @@ def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: P
 
 
 def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
-    """Return the refitted gains and zeros of channels, and of a structure's coils, as effects of the catalogue."""
+    """Return calibrated gains and offsets as effects."""
     out, problem = [], done.problem
-    if problem.case.structure is not None:  # of an MJCF they are in the actuators' own gains
+    if problem.case.structure is not None:  # an MJCF holds them as actuator gains
         for parameter, value in zip(problem.parameters, theta, strict=True):
             index = parameter.actuator
             if index is not None and index < len(problem.plant.actuators) and abs(value) > EXPORT.least:
@@ -174,7 +191,7 @@ def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
 
 
 def _ranges(done: Done) -> list[Attached]:
-    """Return the ends of sensors' ranges and the steps of their readings that were found, and the limit of commands that their law knows nothing of."""
+    """Return limits and quantisation as effects."""
     if not isinstance(done, Diagnosed):
         return []
     model = done.after
@@ -206,7 +223,7 @@ def _ranges(done: Done) -> list[Attached]:
 
 
 def _tell_limit(done: Done, raw: dict[str, Any]) -> None:
-    """Write the limit of the commands, in the law's own unit, to the laws that are told of it."""
+    """Write the command limit to laws with an observer."""
     if not isinstance(done, Diagnosed) or done.after.limit is None or not done.after.limit.is_known:
         return
     for table in raw.get("recording", ()):
@@ -215,7 +232,7 @@ def _tell_limit(done: Done, raw: dict[str, Any]) -> None:
 
 
 def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:
-    """Copy every file that the case names into a folder of its own, each once."""
+    """Copy every file of the case once."""
     known: dict[str, str] = {}
     for table in (*raw.get("recording", ()), *raw.get("frf", ())):
         given = table["file"]
@@ -231,7 +248,7 @@ def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:
 
 
 def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
-    """Return the NRMSE of the checked recordings, simulated from the written files alone."""
+    """Return the error of the written files."""
     roles = sorted({c.role for c in done.diagnosis.checked})
     names = {c.name for c in done.diagnosis.checked}
     if not names:
@@ -251,7 +268,20 @@ def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
 
 
 def toml_text(table: Mapping[str, Any], path: str = "") -> str:
-    """Return a table as TOML that reads back to the same values."""
+    """Return a table as lossless TOML text.
+
+    Parameters
+    ----------
+    table : mapping
+        Table.
+    path : str
+        Dotted name of the table.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
     plain = {k: v for k, v in table.items() if not isinstance(v, Mapping) and not _is_tables(v)}
     lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
     for key, value in table.items():
@@ -292,7 +322,7 @@ def _value(value: Any) -> str:
 
 
 def structure_toml(structure: Structure) -> str:
-    """Return a structure as the text of a structure file, every number in SI and said to be identified."""
+    """Return a structure as the text of its file."""
     return toml_text(_table(structure))
 
 
@@ -320,7 +350,7 @@ def _table(part: Any) -> dict[str, Any]:
 
 
 class _Raw:
-    """Text that stands in a TOML file as it is."""
+    """Verbatim TOML text."""
 
     def __init__(self, text: str) -> None:
         self._text = text

@@ -1,4 +1,4 @@
-"""The whole way of a diagnosis in frequency, from a case's responses and modal tables to what is said of its model."""
+"""Pipeline of a diagnosis from frequency data."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -39,18 +39,29 @@ from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
 FORMS = ("m/N", "m/s/N", "m/s^2/N")
+"""Units of a response by its order."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyDiagnosed:
-    """A diagnosis in frequency with what it was made of; it reads as `vlab.diagnose.pipeline.Diagnosed`.
+    """Diagnosis in frequency with its models.
 
     Parameters
     ----------
+    diagnosis : Diagnosis
+        Result.
+    problem : FrequencyProblem
+        Inverse problem.
+    found : FrequencyFound
+        Hypotheses of the search.
+    choice : Choice
+        Chosen hypothesis.
     before, after : ExtendedFrequencyModel
-        The refitted and the amended model; the same where nothing was found.
+        Calibrated and extended model; equal without findings.
+    fit : Fit
+        Fit of the chosen hypothesis.
     left_out : LeftOut or None
-        The prediction of parts that were left out, where nothing was held out.
+        Cross-validation without a hold-out set.
     """
 
     diagnosis: Diagnosis
@@ -64,7 +75,7 @@ class FrequencyDiagnosed:
 
 
 def is_in_frequency(case: Case) -> bool:
-    """Say whether a case has nothing to fit but frequency responses and modal tables."""
+    """Return whether a case has only frequency data to fit."""
     roles = [*(frf.role for frf in case.table.frf), *(modal.role for modal in case.table.modal)]
     return "fit" in roles and not case.recordings(("fit",))
 
@@ -72,17 +83,28 @@ def is_in_frequency(case: Case) -> bool:
 def diagnose_frequency(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
 ) -> FrequencyDiagnosed | RejectedCase:
-    """Diagnose a case of frequency responses and modal tables, or say before any search that its files are not what it says.
+    """Diagnose a case of frequency responses and modal tables.
+
+    Contradictory files are rejected before any search.
 
     Parameters
     ----------
+    case : Case
+        Case.
     effects : sequence of Effect
-        What may be missing; the whole catalogue by default. Those that are not linear leave no trace of their own here.
+        Candidate effects; the catalogue by default. Nonlinear effects are unidentifiable from linear responses.
+    progress : callable or None
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    FrequencyDiagnosed or RejectedCase
+        Diagnosis.
 
     Raises
     ------
     BadCase
-        Nothing to fit, an unstable model, or data that do not fit the model.
+        Nothing to fit, an unstable model, or a contradiction between data and model.
     """
     began = time.monotonic()
     report = progress or (lambda share, what: None)
@@ -136,14 +158,20 @@ def _tried(
     terms: Sequence[Finding],
     data: Sequence[Measured] = (),
 ) -> Attempt:
-    """Return what comes of a fit on data: by default on those held out, or on those fitted where none are.
+    """Return the errors of a fit on hold-out or fitted data.
 
     Parameters
     ----------
+    problem : FrequencyProblem
+        Problem.
     before : ExtendedFrequencyModel
-        The refitted model.
+        Calibrated model.
+    fit : Fit
+        Fit.
     terms : sequence of Finding
-        The fit's effects as they are reported.
+        Reported effects of the fit.
+    data : sequence of Response or Modes
+        Other data to check.
     """
     data = data or problem.read_holdout or problem.measured
     rests = [replace(fit, terms=tuple(t for t in fit.terms if t is not term)) for term in fit.terms]
@@ -158,7 +186,7 @@ def _tried(
 
 
 def _chosen(found: FrequencyFound) -> Choice:
-    """Choose, and take back what did not gain enough for the number of effects and places that were tried."""
+    """Return the choice, rejected where the gain is small."""
     choice = choose_model(found)
     if not choice.best.terms or choice.best.score - found.before.score >= FREQUENCY_VERDICT.least_score:
         return choice
@@ -178,12 +206,18 @@ def _verdict(
     left_out: LeftOut | None,
     fitted: Callable[[], Sequence[CheckedFrequency]],
 ) -> Verdict:
-    """Return the verdict on data that were checked.
+    """Return the verdict on checked data.
 
     Parameters
     ----------
+    choice : Choice
+        Choice.
+    checked : sequence of CheckedFrequency
+        Errors on checked data.
+    left_out : LeftOut or None
+        Cross-validation.
     fitted : callable
-        Gives how far the models are from the data to fit.
+        Returns the errors on fitted data.
     """
     errors = {key: total(checked, key) for key in ("before", "after", "noise")}
     gap = _gap(checked)
@@ -191,7 +225,7 @@ def _verdict(
         gap = left_out.gap_closed
     is_held_out = all(c.role == "holdout" for c in checked)
     explained = is_held_out or errors["after"] <= _allowed(FREQUENCY_VERDICT.unverified, checked)
-    if choice.best.terms and all(c.is_idle for c in checked):  # nothing that was kept aside can verify it
+    if choice.best.terms and all(c.is_idle for c in checked):  # no hold-out data can verify the choice
         own = fitted()
         if (
             total(own, "before") > _allowed(FREQUENCY_VERDICT.above_noise, own)
@@ -204,13 +238,13 @@ def _verdict(
 
 
 def _allowed(times: float, checked: Sequence[CheckedFrequency]) -> float:
-    """Return what a model may leave: a multiple of the noise, and of responses what every model leaves."""
+    """Return the residual allowed by noise and model error."""
     floor = FREQUENCY_VERDICT.least_misfit if any(isinstance(c.measured, Response) for c in checked) else 0.0
     return max(times * total(checked, "noise"), floor)
 
 
 def _gap(checked: Sequence[CheckedFrequency]) -> float | None:
-    """Return the share of the gap that findings close where they do anything; None where there is none."""
+    """Return the closed share over verifying data, or None."""
     tests = verifying(checked)
     before, start, after, noise = (total(tests, key) for key in ("before", "start", "after", "noise"))
     gap = gap_closed(before, after, noise)
@@ -251,7 +285,7 @@ def _report(
 
 
 def _in_form(problem: FrequencyProblem, finding: Finding) -> Finding:
-    """Return a finding with what a channel picks up in the unit of the responses."""
+    """Return a finding in the unit of the responses."""
     effect = EFFECTS.get(finding.effect)
     orders = {d.order for d in problem.measured if isinstance(d, Response)}
     if not isinstance(effect, PickUp) or "command" not in effect.needs or len(orders) != 1:
@@ -261,7 +295,7 @@ def _in_form(problem: FrequencyProblem, finding: Finding) -> Finding:
 
 
 def _next(choice: Choice, verdict: Verdict, problem: FrequencyProblem, attempt: Attempt | None) -> str:
-    """Return the measurement that would decide, in the terms of responses and tables."""
+    """Return the next measurement for frequency data."""
     has_shapes = any(isinstance(d, Response) or d.shapes.shape[1] > 2 for d in problem.measured)
     if verdict == "nothing-missing":
         return "responses at a level several times higher, which bring out what goes with the amplitude"
@@ -313,7 +347,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
 
 
 def _mismatch(checked: Sequence[CheckedFrequency]) -> dict[str, Any]:
-    """Return where the model is off without any hypothesis: bands or modes, channels, the worst first."""
+    """Return the largest residuals by band and channel."""
     bands: list[dict[str, Any]] = []
     channels: dict[str, float] = {}
     for c in checked:

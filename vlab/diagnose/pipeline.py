@@ -1,4 +1,4 @@
-"""The whole way of a diagnosis, from a case to what is said of it."""
+"""Pipeline of a diagnosis from recordings: preparation, search, confirmation, validation, report."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -39,12 +39,22 @@ from vlab.physics.effect import Effect
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosed:
-    """A diagnosis with what it was made of.
+    """Diagnosis with its models.
 
     Parameters
     ----------
-    before, after : Amended
-        The refitted and the amended model; the same where nothing was found.
+    diagnosis : Diagnosis
+        Result.
+    problem : Problem
+        Inverse problem.
+    found : TimeFound
+        Hypotheses of the search.
+    choice : Choice
+        Chosen hypothesis.
+    before, after : ExtendedModel
+        Calibrated and extended model; equal without findings.
+    fit : Fit
+        Fit of the extended model.
     """
 
     diagnosis: Diagnosis
@@ -59,19 +69,31 @@ class Diagnosed:
 def diagnose(
     case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
 ) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
-    """Diagnose a case, or say before any search that its files are not what it says; one of frequency responses and modal tables only in frequency.
+    """Diagnose a case.
+
+    Contradictory files are rejected before any search. A case of responses and modal tables alone is diagnosed in
+    frequency.
 
     Parameters
     ----------
+    case : Case
+        Case.
     effects : sequence of Effect
-        What may be missing; the whole catalogue by default.
+        Candidate effects; the catalogue by default.
+    progress : callable or None
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    Diagnosed or FrequencyDiagnosed or RejectedCase
+        Diagnosis.
 
     Raises
     ------
     BadCase
-        No recording to fit, or recordings that do not fit the model.
+        No recording to fit, or a contradiction between recordings and model.
     BadRecording
-        A file is damaged or not what the case says.
+        A file is damaged or contradicts the case.
     """
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)
@@ -91,12 +113,18 @@ def _diagnosed(
 
     Parameters
     ----------
+    whole_case : Case
+        Case before preparation.
+    effects : sequence of Effect
+        Candidate effects.
+    report : callable
+        Receives the completed share and the current step.
     began : float
-        When the clock of all of it started [s].
+        Start time of the diagnosis [s].
     told : str
-        What the recordings told of it before.
+        Note of an earlier pass.
     checked_file : FileCheck or None
-        What was seen of its files before.
+        File check of an earlier pass.
     """
     report(0.0, "reading")
     given = whole_case.plant
@@ -133,7 +161,7 @@ def _diagnosed(
         if not (
             closes_gap(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
         ):
-            fit_after, after = fit_before, without  # what the recordings show without a model explains them
+            fit_after, after = fit_before, without  # the findings from the data alone explain the recordings
     report(0.9, "checking in MuJoCo")
     runs = list(holdout.runs) or [run for run in problem.runs if moves(run)]
     trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=ExtendedModel(plant=given))
@@ -156,7 +184,7 @@ def _diagnosed(
                 verdict, tried, trials = second, again, finer
                 before, after = with_finer_steps(before), with_finer_steps(after)
                 coarse += "; the verdict is on the shorter ones"
-            elif not told:  # what was fitted with the coarse steps makes up for them
+            elif not told:  # the fit compensates the coarse steps, so the search repeats
                 finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
                 told = f"{coarse}; all of the search is with the shorter ones"
                 return _diagnosed(finer_case, effects, report, began, told, file)
@@ -165,7 +193,7 @@ def _diagnosed(
         others = (h for h in found.hypotheses if h.label != choice.best.label)
         attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
     if verdict != "missing-physics":
-        after, fit_after = before, fit_before  # what is not reported is not in the amended model
+        after, fit_after = before, fit_before  # the extended model holds reported findings only
         checked = [c.without_findings() for c in checked]
     notes = (
         *residual_note(verdict, checked, is_structure=is_structure),
@@ -220,7 +248,7 @@ def _report(
 
 
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
-    """Return how far the models are from the recordings to fit."""
+    """Return the errors on the fitted recordings."""
     return replace(trials, runs=trials.problem.runs).of(fit, terms).checked
 
 
@@ -230,7 +258,7 @@ def _interference_note(hum: MainsInterference) -> str:
 
 
 def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:
-    """Return where the model is off without any hypothesis: bands, channels, times, the worst first."""
+    """Return the largest residuals by band, channel and time."""
     bands: list[dict[str, float]] = []
     channels: dict[str, float] = {}
     times: list[dict[str, Any]] = []

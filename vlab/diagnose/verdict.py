@@ -1,4 +1,4 @@
-"""The verdict: whether what was chosen explains enough, nothing is missing, or nothing in the catalogue explains the difference."""
+"""Verdict of a diagnosis from errors on hold-out recordings."""
 
 from collections.abc import Callable, Sequence
 
@@ -13,15 +13,28 @@ from vlab.diagnose.validation.simulation import Checked
 
 
 def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
-    """Return the errors of the refitted and the amended model and the noise, over all recordings."""
+    """Return the errors of both models, and the noise."""
     return {key: total(checked, key) for key in ("before", "after", "noise")}
 
 
 def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
-    """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
-    much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
+    """Return whether the findings close enough of the gap.
 
-    The gap is that of the recordings in which a finding does anything, from what the model leaves without the findings.
+    The criterion is the gap over all recordings. Alternatively most recordings must be nearly closed and every
+    recording half, since one recording far beyond the fitted motion dominates the sum. Only recordings with an effect
+    of a finding count, from the error without findings.
+
+    Parameters
+    ----------
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether the findings explain enough.
     """
     if any(run.after >= GAP.lost or _has_lost_a_channel(run) for run in checked):
         return False
@@ -38,32 +51,65 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
 
 
 def _has_lost_a_channel(run: Checked) -> bool:
-    """Return whether an amended model leaves all of a channel that is more than noise."""
+    """Return whether a model explains nothing of a channel."""
     return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
 
 
 def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:
-    """Return whether a choice that has no gap to close, for a refit follows with parameters that nobody believes, or as well as its mesh
-    lets it, is better than that."""
+    """Return whether a choice without a gap beats calibration.
+
+    The calibrated model then follows with implausible parameters, or within its mesh error.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether the choice is needed.
+    """
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = GAP.no_worse if choice.is_prior_driven else VERDICT.better
     before, after = errors["before"], errors["after"]
-    if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
+    if is_structure:  # mesh error biases the parameters, so implausible values prove little
         no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
 def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
-    """Return whether the refitted (``"before"``) or amended model (``"after"``) leaves more than noise and what it leaves of itself."""
+    """Return whether an error exceeds noise and model error."""
     if is_structure:
         return bool(errors[which] > np.hypot(VERDICT.above_noise * errors["noise"], PROBLEM.mesh_own_error))
     return errors[which] > max(VERDICT.above_noise * errors["noise"], VERDICT.least_misfit)
 
 
 def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
-    """Return in a sentence that an amended model leaves more than noise, where it does: two effects are sought at most."""
+    """Return a note where the residual exceeds the noise.
+
+    The search covers at most two effects.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Verdict.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
     errors = errors_of(checked)
     if verdict != "missing-physics" or not _shows("after", errors, is_structure=is_structure):
         return []
@@ -74,12 +120,30 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
 
 
 def is_incoherent(checked: Sequence[Checked]) -> bool:
-    """Return whether the model's residual has no coherence with inputs and motion: then it is noise, however coloured."""
+    """Return whether the residual is incoherent noise.
+
+    Incoherent noise of any colour depends on neither inputs nor motion.
+    """
     return total(checked, "before") <= VERDICT.above_noise * total(checked, "incoherent")
 
 
 def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
-    """Return in a sentence that more than the noise of the spectra's upper ends is left and counts as noise, where that is so."""
+    """Return a note where a coloured residual counts as noise.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Verdict.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
     errors = errors_of(checked)
     if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
         return []
@@ -92,12 +156,21 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
 def is_of_the_fit_alone(
     checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, is_structure: bool
 ) -> bool:
-    """Return whether findings explain the recordings to fit and do nothing in any recording kept aside, which then verifies none.
+    """Return whether findings act in the fitted recordings only.
 
     Parameters
     ----------
+    checked : sequence of Checked
+        Errors on hold-out recordings.
     fitted : callable
-        Gives how far the models are from the recordings to fit.
+        Returns the errors on fitted recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether hold-out recordings cannot verify the findings.
     """
     return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), is_structure=is_structure)
 
@@ -110,12 +183,25 @@ def decide_verdict(
     is_structure: bool,
     fitted: Callable[[], Sequence[Checked]] = list,
 ) -> Verdict:
-    """Return the verdict on recordings kept aside, or on those fitted where none are.
+    """Return the verdict on the checked recordings.
 
     Parameters
     ----------
+    choice : Choice
+        Choice.
+    checked : sequence of Checked
+        Errors on recordings.
+    seen : DataFindings
+        Findings from the data alone.
+    is_structure : bool
+        Whether mesh error counts as model error.
     fitted : callable
-        Gives how far the models are from the recordings to fit.
+        Returns the errors on fitted recordings.
+
+    Returns
+    -------
+    Verdict
+        Verdict.
     """
     if seen.damage.fatal:
         return "bad-recording"
@@ -126,7 +212,7 @@ def decide_verdict(
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
-    # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
+    # no gap remains where quantisation counts as noise, or no hold-out recording reaches a limit
     shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):

@@ -1,1 +1,1 @@
-"""Data quality, noise and what recordings show without a model."""
+"""Data quality, noise and responses of the recordings, before any model."""

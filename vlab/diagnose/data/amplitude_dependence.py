@@ -1,4 +1,7 @@
-"""What responses of one pair at several levels say: whether frequencies and damping ratios go with the amplitude, and how."""
+"""Amplitude dependence of frequency responses at several excitation levels.
+
+Poles fitted per level give the trend of every natural frequency and damping ratio.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +18,17 @@ ONE_LEVEL = (
     "responses at one level cannot tell nonlinear effects from linear ones: there dry friction and drag look like damping, "
     "hardening and micro-slip like stiffness"
 )
+"""Note on responses at a single level."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trend:
-    """One mode over levels.
+    """Natural frequency and damping of one mode over the levels.
 
     Parameters
     ----------
     levels, freq, zeta : (n,) array
-        Ascending levels; frequencies [Hz] and damping ratios.
+        Levels in ascending order, frequencies [Hz] and damping ratios [1].
     """
 
     levels: Array
@@ -32,7 +36,7 @@ class Trend:
     zeta: Array
 
     def words(self) -> str:
-        """Say what changes, and which physics does that."""
+        """Describe the change with the level, and the physics with that signature."""
         shift = float(np.log(self.freq[-1] / self.freq[0]))
         growth = float(np.log(self.zeta[-1] / self.zeta[0]))
         said = []
@@ -60,7 +64,18 @@ def _cause(shift: float, growth: float) -> str:
 
 
 def level_notes(measured: Sequence[Measured]) -> list[str]:
-    """Return what responses of the same pairs at several levels say, in words."""
+    """Return notes on the amplitude dependence of responses.
+
+    Parameters
+    ----------
+    measured : sequence of Response or Modes
+        Measured data; responses of one input and output set form a group.
+
+    Returns
+    -------
+    list of str
+        Notes for the report.
+    """
     responses = [d for d in measured if isinstance(d, Response)]
     groups: dict[tuple[str, tuple[str, ...], int], list[Response]] = {}
     for data in responses:
@@ -99,7 +114,7 @@ def _compared(group: list[Response]) -> list[str]:
 
 
 def _apart(a: Response, b: Response) -> float:
-    """Return how far two responses of one pair are apart, in multiples of their noise."""
+    """Return the rms difference of two responses over their noise."""
     low, high = max(a.freq[0], b.freq[0]), min(a.freq[-1], b.freq[-1])
     keep = (a.freq >= low) & (a.freq <= high)
     if keep.sum() < 2:
@@ -115,7 +130,18 @@ def _apart(a: Response, b: Response) -> float:
 
 
 def trends_of(group: Sequence[Response]) -> list[Trend]:
-    """Return the modes of responses at several levels, paired by frequency; none where phases are not known."""
+    """Return the modes of responses at several levels, paired by frequency.
+
+    Parameters
+    ----------
+    group : sequence of Response
+        Responses in ascending level.
+
+    Returns
+    -------
+    list of Trend
+        Modes found at all levels; empty without phases, levels or poles.
+    """
     found = []
     for data in group:
         if data.is_magnitude or data.level is None:
@@ -123,7 +149,7 @@ def trends_of(group: Sequence[Response]) -> list[Trend]:
         whole = FrequencyResponse(freq=data.freq, H=data.H[:, :, None], outputs=data.outputs, inputs=(data.input,))
         try:
             poles = estimate_poles(whole)
-        except VlabError:  # too few lines, or no mode that stands out
+        except VlabError:  # too few lines, or no identifiable mode
             return []
         found.append((float(data.level), poles.freq, poles.zeta))
     out = []

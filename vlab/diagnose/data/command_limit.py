@@ -1,8 +1,8 @@
-"""The command in a closed loop: what the law gives on the recorded samples beside what was recorded of its command.
+"""Command limit of a closed loop, identified from recorded commands.
 
-The law is known, so its commands can be replayed on the recorded samples without any model of the structure. Where the
-recorded commands are cut off at a limit, a replay with that limit meets them and one without does not; whether the law
-knows of the limit (an observer that is told the limited command) is tried as well.
+The control law is known, so replay on the recorded samples needs no structural model. A limit is accepted where the
+limited replay reproduces the recorded commands. Both variants are tried: a law with an observer of the limited command,
+and a law unaware of the limit.
 """
 
 import copy
@@ -23,14 +23,14 @@ from vlab.signals import Array
 
 
 class Limited:
-    """A law whose commands are cut off behind it, without its knowing.
+    """Control law with a limit behind the law.
 
     Parameters
     ----------
     law : Controller
-        The law.
+        Law without knowledge of the limit.
     limit : float
-        Largest command, in the law's own unit.
+        Largest command [unit of the law].
     """
 
     def __init__(self, law: Controller, limit: float) -> None:
@@ -38,30 +38,30 @@ class Limited:
         self.sensors, self.actuators = law.sensors, law.actuators
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the law's state."""
         self.law.reset()
 
     def step(self, y: Array) -> Array:
-        """Return the law's commands within the limit."""
+        """Return the law's commands, clipped at the limit."""
         return np.clip(self.law.step(y), -self.limit, self.limit)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommandLimit:
-    """A limit found on the recorded commands.
+    """Limit identified from the recorded commands.
 
     Parameters
     ----------
     actuator : str
-        Name of the actuator; of several the one that stands at the limit most.
+        Actuator with most samples at the limit.
     limit : float
-        Largest command in the law's own unit.
+        Largest command [unit of the law].
     sd : float
-        Half the spacing of the limits that were tried there.
+        Half the spacing of the trial limits [unit of the law].
     is_known : bool
-        Whether the law knows of it.
+        Whether the law's observer uses the limited command.
     before, after : float
-        Error of the replayed commands over the rms of the recorded ones, without and with the limit.
+        Replay error over the rms of the recorded commands, without and with the limit.
     """
 
     actuator: str
@@ -79,7 +79,22 @@ class CommandLimit:
 
 
 def limited(controller: Any, limit: float, is_known: bool) -> Any:
-    """Return a law with a limit that it knows of or not."""
+    """Return a copy of a law with a limit.
+
+    Parameters
+    ----------
+    controller : Any
+        Law.
+    limit : float
+        Largest command [unit of the law].
+    is_known : bool
+        Whether the law's observer uses the limited command.
+
+    Returns
+    -------
+    Any
+        Law with the limit.
+    """
     out = copy.deepcopy(controller)
     if is_known and hasattr(out, "limit"):
         out.limit = limit
@@ -88,7 +103,20 @@ def limited(controller: Any, limit: float, is_known: bool) -> Any:
 
 
 def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
-    """Return the limit that the recorded commands of closed loops have and their law has not; None without one."""
+    """Identify a command limit missing from the law.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with the actuators.
+    runs : sequence of Run
+        Recordings; closed loops with recorded commands are used.
+
+    Returns
+    -------
+    CommandLimit or None
+        Limit, or None where no limit explains the recorded commands.
+    """
     loops = [run for run in runs if run.law is not None and any(c.actuator is not None for c in run.compared)]
     if not loops:
         return None
@@ -98,7 +126,7 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return None
     recorded = [_recorded(run) for run in loops]
     size = float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in recorded]) ** 2)))
-    own = [np.abs(r / law.per_actuator[_columns(run)]) for run, r in zip(loops, recorded, strict=True)]  # its own unit
+    own = [np.abs(r / law.per_actuator[_columns(run)]) for run, r in zip(loops, recorded, strict=True)]  # its unit
     largest = max(float(r.max()) for r in own)
 
     def error(limit: float | None, is_known: bool) -> float:
@@ -121,7 +149,7 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
 
 
 def _columns(run: Run) -> list[int]:
-    """Return which of a law's commands were recorded."""
+    """Return the indices of the law's commands that were recorded."""
     assert run.law is not None
     recorded = {c.actuator for c in run.compared if c.actuator is not None}
     return [i for i, a in enumerate(run.law.actuators) if a in recorded]

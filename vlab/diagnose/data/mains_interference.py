@@ -1,8 +1,13 @@
-"""Mains hum: lines at 50 or 60 Hz and their multiples, found in the recordings before any model is asked.
+"""Mains interference: lines at 50 or 60 Hz and their multiples, estimated without a model.
 
-Hum has the mains' frequency, a steady amplitude and a phase of its own in every recording, and no input has a line there.
-It is benign where it is small: the lines are taken off before the search and count as noise in the verdict. Where it is a
-good part of a channel it is an effect of its own, `mains-hum`, with its amplitude from the recordings to fit.
+Interference has a steady amplitude, a free phase in every recording and no counterpart in an input. Small lines are
+subtracted before the search and count as noise in the verdict. Large lines are an effect, `mains-hum`, whose amplitude
+is fitted.
+
+References
+----------
+F. J. Harris, On the use of windows for harmonic analysis with the discrete Fourier transform, Proc. IEEE 66 (1978)
+51-83.
 """
 
 from collections.abc import Sequence
@@ -17,26 +22,25 @@ from vlab.diagnose.settings import INTERFERENCE
 from vlab.signals import Array
 
 BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
-"""Window of four cosines, side lobes at -92 dB (Harris, On the use of windows for harmonic analysis, 1978); evaluated at the
-time stamps as they are."""
+"""BLACKMAN_HARRIS [1]: cosine coefficients of the four-term window with side lobes at -92 dB (Harris 1978)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MainsInterference:
-    """The hum on one channel.
+    """Interference on one channel.
 
     Parameters
     ----------
     channel : str
-        Its name.
+        Channel.
     frequency : float
-        Of the mains [Hz], as the longest recording has it.
+        Mains frequency [Hz], median over the recordings.
     harmonics : tuple of int
-        The multiples that stand out.
+        Detected multiples of the mains frequency.
     rms : float
-        Of all its lines over all recordings [SI unit of the channel].
+        Rms of all lines over all recordings [SI unit of the channel].
     share : float
-        The same over the channel's rms about its mean.
+        The rms over the channel's rms about its mean.
     """
 
     channel: str
@@ -46,7 +50,18 @@ class MainsInterference:
     share: float = 0.0
 
     def on(self, run: Run) -> Array:
-        """Return the hum in a run as its own samples have it, (n,)."""
+        """Estimate the interference in a run.
+
+        Parameters
+        ----------
+        run : Run
+            Recording.
+
+        Returns
+        -------
+        (n,) array
+            Interference [SI unit of the channel].
+        """
         time = run.measured.time - run.measured.time[0]
         out = np.zeros(len(time))
         for k in self.harmonics:
@@ -56,7 +71,10 @@ class MainsInterference:
         return out
 
     def expected(self, run: Run) -> Array:
-        """Return the hum in a run with the size found elsewhere: of its own samples only the phases are used."""
+        """Return the interference (n,) of a run, scaled to the rms over all recordings.
+
+        Only the phases come from the run's own samples.
+        """
         own = self.on(run)
         size = float(np.sqrt(np.mean(own**2)))
         return own * (self.rms / size) if size > 0 else own
@@ -64,11 +82,11 @@ class MainsInterference:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Band:
-    """A narrow band of a signal, moved to zero frequency and thinned; windowed so that far lines do not leak in."""
+    """Demodulated and decimated narrow band of a windowed signal."""
 
     centre: float
     time: Array
-    values: Array  # complex, their sum is the mean of the windowed signal
+    values: Array  # complex; the sum is the mean of the windowed signal
     seconds: float
 
     @classmethod
@@ -80,7 +98,7 @@ class _Band:
             time * INTERFERENCE.blocks_hz - block,
             np.zeros(block[-1] + INTERFERENCE.overlap, dtype=complex),
         )
-        for k in range(INTERFERENCE.overlap):  # windows that overlap add up to one everywhere
+        for k in range(INTERFERENCE.overlap):  # overlapping windows sum to one
             share = BLACKMAN_HARRIS @ np.cos(2 * np.pi * np.arange(4)[:, None] * (inside + k) / INTERFERENCE.overlap)
             part = x * share / (INTERFERENCE.overlap * BLACKMAN_HARRIS[0])
             sums = np.bincount(block, part.real) + 1j * np.bincount(block, part.imag)
@@ -97,7 +115,7 @@ class _Band:
         return complex(self.amplitudes(np.array([frequency]))[0])
 
     def peak(self, spread: float) -> float:
-        """Return the frequency of the largest amplitude around the centre."""
+        """Return the frequency of the largest amplitude about the centre."""
         fine = self.centre + np.arange(-spread, spread, 0.1 / self.seconds)
         return float(fine[int(np.argmax(np.abs(self.amplitudes(fine))))])
 
@@ -107,7 +125,18 @@ class _Band:
 
 
 def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...]:
-    """Return the hum on the compared channels of some runs: lines that stand out in more than half of them."""
+    """Detect mains interference on the compared channels.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Recordings.
+
+    Returns
+    -------
+    tuple of MainsInterference
+        Lines found in more than half of the recordings.
+    """
     out = []
     for channel in compared_names(runs):
         options = []
@@ -128,7 +157,22 @@ def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...
 
 
 def remove_mains_interference(run: Run, interferences: Sequence[MainsInterference]) -> Run:
-    """Return a run with the hum taken off its channels; a limit that samples stand at is none without it, so these are marked before."""
+    """Subtract mains interference from a run.
+
+    Samples at a sensor limit are marked first, since the subtraction hides the limit.
+
+    Parameters
+    ----------
+    run : Run
+        Recording.
+    interferences : sequence of MainsInterference
+        Interference of the channels.
+
+    Returns
+    -------
+    Run
+        Recording without the interference.
+    """
     if not interferences:
         return run
     run = marked(run)
@@ -145,7 +189,7 @@ def _sized(interference: MainsInterference, runs: Sequence[Run]) -> MainsInterfe
 
 
 def _line(run: Run, channel: str, nominal: float) -> float | None:
-    """Return the frequency of a line near a nominal one that stands out, is steady and is not driven; None without one."""
+    """Return the frequency [Hz] of a steady undriven line near a nominal one, or None."""
     time, values = run.measured.time - run.measured.time[0], run.measured[channel]
     h = float(np.median(np.diff(time)))
     if nominal > INTERFERENCE.highest / h or time[-1] * nominal < INTERFERENCE.least_cycles or np.ptp(values) == 0.0:
@@ -159,11 +203,14 @@ def _line(run: Run, channel: str, nominal: float) -> float | None:
 
 
 def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
-    """Return whether a line is a multiple of the one line that a drive is: what is nonlinear answers a sine there."""
+    """Return whether a line is a harmonic of a sinusoidal drive.
+
+    A nonlinear structure responds at harmonics of its drive.
+    """
     for drive in run.drives:
         values = run.measured[drive.channel]
         if np.ptp(values) == 0.0:
-            continue  # an actuator at rest, which has no line
+            continue  # an actuator at rest has no line
         freq, power = signal.periodogram(values - values.mean(), 1.0 / float(np.median(np.diff(time))), window="hann")
         top = int(np.argmax(power))
         if power[max(top - 2, 0) : top + 3].sum() < INTERFERENCE.one_line * power.sum():
@@ -181,6 +228,6 @@ def _is_steady(time: Array, values: Array, frequency: float) -> bool:
         band = _Band.of(time[part] - t0, values[part], frequency)
         found.append(
             band.amplitude(frequency) * np.exp(-2j * np.pi * frequency * t0)
-        )  # counted from the record's start
+        )  # phase relative to the record's start
     scatter = float(np.sqrt(np.mean(np.abs(found - np.mean(found)) ** 2)))
     return scatter < INTERFERENCE.steady * float(np.abs(np.mean(found)))

@@ -1,4 +1,8 @@
-"""The noise of recorded channels, read off their spectra or off their neighbours in time."""
+"""Noise of recorded channels, from the spectrum or from neighbouring samples.
+
+The median Welch spectrum near the Nyquist frequency gives a white level. In low-passed records the lowest flat part of
+the spectrum gives that level instead.
+"""
 
 from collections.abc import Sequence
 
@@ -11,27 +15,33 @@ from vlab.signals import Array
 
 
 def noise_level(column: Array, inputs: Array | None = None) -> float:
-    """Return the standard deviation of a channel's noise: white noise of the level at the upper end of its spectrum.
+    """Estimate the standard deviation of a channel's white noise.
 
-    Where the recording was low-passed below that end, as data loggers do before they thin out, it is the level of the floor from
-    which the spectrum falls off.
+    The level is that of the upper end of the spectrum. In a low-passed record the level is that of the floor below the
+    filter's corner.
 
     Parameters
     ----------
     column : (n,) array
+        Channel [SI].
     inputs : (n, k) array or None
-        What drove the thing: a floor that they explain is the thing's answer. Without them every floor is noise.
+        Inputs; a floor coherent with the inputs is response. Without inputs every floor is noise.
+
+    Returns
+    -------
+    float
+        Standard deviation [unit of the channel].
     """
     return _noise(column, inputs)[0]
 
 
 def noise_levels(run: Run, names: Sequence[str]) -> Array:
-    """Return the noise levels of channels of a run, whose inputs and times it knows, (n_names,)."""
+    """Return the noise levels (n_names,) of a run's channels."""
     return np.array([level for level, _ in _noises(run, names)])
 
 
 def noise_rms(run: Run, names: Sequence[str]) -> Array:
-    """Return the rms of the noise in channels of a run, (n_names,): below its level where it was low-passed."""
+    """Return the noise rms (n_names,) of a run's channels, after any low-pass."""
     return np.array([rms for _, rms in _noises(run, names)])
 
 
@@ -44,7 +54,7 @@ def _noises(run: Run, names: Sequence[str]) -> list[tuple[float, float]]:
 
 
 def _noise(column: Array, inputs: Array | None) -> tuple[float, float]:
-    """Return the standard deviation of a channel's noise were it white, and its rms as it is."""
+    """Return a channel's standard deviation of equivalent white noise, and its noise rms."""
     least = NOISE.least_noise * (float(np.std(column)) or 1.0)
     if len(column) < 64:
         return least, least
@@ -70,9 +80,9 @@ def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
 
 
 def _filtered_floor(power: Array, least: float) -> slice | None:
-    """Return the bins of a floor above a level from which a spectrum (n_bins,) falls off to its end; None where there is none.
+    """Return the bins of the lowest flat part of a low-passed spectrum (n_bins,), or None.
 
-    Noise is below everything that was recorded before the filter, so no lower frequency has less.
+    The floor lies below every lower frequency, since the recorded motion is above the noise there.
     """
     width = len(power) // NOISE.groups
     if width < 2:
@@ -91,14 +101,14 @@ def _filtered_floor(power: Array, least: float) -> slice | None:
 
 
 def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
-    """Tell whether the inputs explain a channel between the ends of a band (n_bins,) of frequencies [1/sample]."""
+    """Return whether the inputs explain a channel in a band [cycles/sample]."""
     if inputs is None:
         return False
     inputs = inputs[:, np.ptp(inputs, axis=0) > 0]
     count = inputs.shape[1]
     length = min(NOISE.segment, 2 * len(column) // (NOISE.least_segments * count + 1)) if count else 0
     if length < 4 / (band[-1] - band[0]):
-        return count > 0  # it cannot be told
+        return count > 0  # too short to resolve the band
     parts = np.column_stack([inputs, column])
     freq, S = signal.csd(parts.T[:, None], parts.T[None], 1.0, nperseg=length, window="hann")
     inside = (freq >= band[0]) & (freq <= band[-1])
@@ -110,15 +120,28 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
 
 
 def _grain(column: Array) -> float:
-    """Return the step of a coarsely quantised channel, else 0."""
+    """Return the step of a coarsely quantised channel, otherwise 0."""
     steps = np.diff(np.unique(column))
     return float(steps.min()) if 0 < steps.size < len(column) // 4 else 0.0
 
 
 def uneven_noise(time: Array, column: Array) -> float:
-    """Return the standard deviation of the noise of a smooth channel at uneven times.
+    """Estimate the noise of a smooth channel at uneven times.
 
-    Every sample is compared with the cubic through its four neighbours; the median of what is left is robust to jumps.
+    Every sample is compared with the cubic through its four neighbours. The median of the differences is robust to
+    jumps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s].
+    column : (n,) array
+        Channel [SI].
+
+    Returns
+    -------
+    float
+        Standard deviation [unit of the channel].
     """
     if len(column) < 16:
         return NOISE.least_noise * float(np.std(column) or 1.0)

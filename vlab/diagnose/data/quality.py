@@ -1,8 +1,8 @@
-"""Damage to recordings before any model is asked: what makes them useless, and the samples that say nothing.
+"""Data quality: fatal defects of recordings, and the mask of informative samples.
 
-What `vlab.recordings.quality` finds is reported and never mended. Samples that were lost (gaps in the time stamps, blocks that
-repeat the last value) or stand at a sensor's limit are left out of the search; a recording that holds little else, a sensor
-that is dead or a copy of another one makes the verdict ``bad-recording``.
+Defects found by `vlab.recordings.quality` are reported and never repaired. Lost samples and samples at a sensor limit
+are masked. A recording without enough informative samples, a dead sensor or a duplicate sensor gives the verdict
+``bad-recording``.
 """
 
 from collections.abc import Sequence
@@ -18,22 +18,22 @@ from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, 
 from vlab.signals import Array
 
 DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
-"""Kinds of warnings that may be why a recording is not explained. Samples at a limit are left out and said; uneven samples are
-compared at their own times; a sensor that stands still in one recording may be right."""
+"""Kinds of warnings that can explain a residual. Limits are masked, uneven samples are compared at their own times, and
+a constant sensor may be correct in one recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DataQuality:
-    """What is wrong with the recordings of a case.
+    """Defects of a case's recordings.
 
     Parameters
     ----------
     fatal : tuple of str
-        Why nothing can be said of the model; empty where something can.
+        Defects that preclude a diagnosis.
     warnings : tuple of str
-        What may have changed the diagnosis.
+        Defects that may have changed the diagnosis.
     notes : tuple of str
-        What else was seen.
+        Further observations.
     """
 
     fatal: tuple[str, ...]
@@ -42,26 +42,26 @@ class DataQuality:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """All of it, the worst first."""
+        """All messages, the worst first."""
         return (*self.fatal, *self.warnings, *self.notes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorLimit:
-    """A limit at which a sensor stops.
+    """Range limit of a sensor.
 
     Parameters
     ----------
     channel : str
-        Its name.
+        Channel.
     limit : float
         Largest magnitude [SI unit of the channel].
     share : float
-        Of the samples of all recordings that stand there.
+        Share of all samples at the limit.
     tops : int
-        Lower and upper ends of recordings that stand at exactly that magnitude.
+        Number of flat upper and lower ends at exactly that magnitude.
     beyond : float
-        How far the signal would have gone beyond it, in steps of its readings.
+        Extrapolated excess over the limit [quantisation steps].
     """
 
     channel: str
@@ -72,14 +72,21 @@ class SensorLimit:
 
 
 def assess_quality(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCheck | None = None) -> DataQuality:
-    """Say what is wrong with some runs.
+    """Assess the recordings of a case.
 
     Parameters
     ----------
+    runs : sequence of Run
+        All recordings.
     fitted : sequence of Run
-        Those of them that the model is fitted to, in which every sensor must move; all by default.
+        Recordings of the fit, in which every sensor must move; all by default.
     file : FileCheck, optional
-        What is wrong with what their case says of them.
+        Findings on the case description.
+
+    Returns
+    -------
+    DataQuality
+        Defects, warnings and notes.
     """
     warnings = [] if file is None else list(file.of("warning"))
     notes = [] if file is None else list(file.of("note"))
@@ -95,7 +102,18 @@ def assess_quality(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCh
 
 
 def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
-    """Return the limits that sensors stop at, the same in all runs that reach them."""
+    """Identify range limits of sensors, common to all runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Recordings.
+
+    Returns
+    -------
+    tuple of SensorLimit
+        Limits.
+    """
     out = []
     for channel in compared_names(runs):
         tops = [(run, at) for run in runs for at in flat_tops(run.measured[channel]).values()]
@@ -106,7 +124,7 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         limit = float(sizes.max())
         at_limit = counts[sizes >= 0.99 * limit].sum()
         largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
-        # nothing ever goes beyond the end of a range; a coarse reading may stand still at the top of a small motion as well
+        # no sample exceeds a range limit; coarse quantisation is flat at the top of a small motion as well
         if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= 1.01 * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             share, same = float(np.mean(np.concatenate(reached))), int(np.count_nonzero(sizes >= limit * (1 - 1e-9)))
@@ -116,7 +134,20 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
 
 
 def is_informative(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
-    """Return which samples of which compared channels say something of the structure, (n_samples, n_channels)."""
+    """Return the mask of informative samples of compared channels.
+
+    Parameters
+    ----------
+    run : Run
+        Recording.
+    compared : sequence of Compared
+        Channels.
+
+    Returns
+    -------
+    (n_samples, n_channels) array of bool
+        False for lost samples and samples at a sensor limit.
+    """
     if run.valid is not None:
         return run.valid[:, [run.measured.index(c.channel) for c in compared]]
     out = np.repeat(_kept(run)[:, None], len(compared), axis=1)
@@ -127,14 +158,32 @@ def is_informative(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
 
 
 def marked(run: Run) -> Run:
-    """Return a run that knows which of its samples say something, whatever is done to their values."""
+    """Return a run that stores its mask of informative samples.
+
+    The mask survives later changes of the values.
+    """
     valid = np.ones(run.measured.data.shape, dtype=bool)
     valid[:, [run.measured.index(c.channel) for c in run.compared]] = is_informative(run, run.compared)
     return replace(run, valid=valid)
 
 
 def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool_]:
-    """Return which samples of a clock stand on samples that say something, (n, n_channels); between lost ones none does."""
+    """Return the mask of informative samples on another clock.
+
+    Parameters
+    ----------
+    run : Run
+        Recording.
+    valid : (n_samples, n_channels) array of bool
+        Mask of the recorded samples.
+    grid : (n,) array
+        Times of the clock [s].
+
+    Returns
+    -------
+    (n, n_channels) array of bool
+        False near masked samples and inside gaps.
+    """
     time = run.measured.time - run.measured.time[0]
     h, step = float(np.median(np.diff(time))), float(np.median(np.diff(grid)))
     reach = max(h, step)
@@ -148,7 +197,7 @@ def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool
 
 
 def _kept(run: Run) -> NDArray[np.bool_]:
-    """Return which samples were not lost and filled by the last value."""
+    """Return the mask of samples that do not repeat a held value."""
     return ~held_samples(run.measured)
 
 

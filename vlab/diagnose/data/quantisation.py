@@ -1,8 +1,7 @@
-"""Steps of coarse readings, found in the recordings before any model is asked.
+"""Quantisation of channels, from the empirical characteristic function.
 
-Values that a converter or an encoder has rounded stand on multiples of its step, or close to them where noise comes after
-it: the characteristic function of their distribution has a peak at one cycle per step, where that of any smooth motion has
-long died away. Fine steps are what every laboratory has; coarse ones are a good part of what a model fails to explain.
+The function of values on multiples of a step q has a peak at the frequency 1/q. The function of smooth motion has
+decayed there, by then below noise. Coarse steps explain a good part of a residual; fine steps are usual.
 """
 
 from collections.abc import Sequence
@@ -18,14 +17,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class SensorStep:
-    """The step of a channel's readings.
+    """Quantisation step of a channel.
 
     Parameters
     ----------
+    channel : str
+        Channel.
     step, sd : float
-        In the channel's unit.
+        Step and its standard deviation [SI unit of the channel].
     share : float
-        Of the step in the channel's rms.
+        Step over the channel's rms.
     """
 
     channel: str
@@ -34,12 +35,23 @@ class SensorStep:
     share: float
 
     def on(self, values: Array) -> Array:
-        """Return values as they are read."""
+        """Return quantised values."""
         return np.asarray(self.step * np.round(values / self.step))
 
 
 def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
-    """Return the steps of channels whose readings are coarse, pooled over runs."""
+    """Identify coarse quantisation of channels, pooled over runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Recordings.
+
+    Returns
+    -------
+    tuple of SensorStep
+        Steps above the benign size.
+    """
     out = []
     for channel in compared_names(runs):
         even = [run for run in runs if run.measured.is_uniform and channel in run.measured.names]
@@ -55,7 +67,7 @@ def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
 
 
 def _step(values: Array, least: float) -> tuple[float, float] | None:
-    """Return the largest step that values stand on and its standard deviation; None where there is none above the least."""
+    """Return the largest quantisation step above a bound and its standard deviation, or None."""
     low, high = float(values.min()), float(values.max())
     if not least > 0 or high - low < QUANTISATION.fewest * least:
         return None
@@ -67,7 +79,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
     inside = np.flatnonzero((cycles >= QUANTISATION.fewest / (high - low)) & (cycles <= 1.0 / least))
     if inside.size < 3:
         return None
-    still = float(np.median(seen[inside]))  # what stands still has no step of its own
+    still = float(np.median(seen[inside]))  # a constant value has no step
     wanted = np.where(cycles * np.std(values) >= 1.0, QUANTISATION.sharp, QUANTISATION.exact)
     peaks = [
         i
@@ -75,7 +87,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         if seen[i] >= seen[i - 1]
         and seen[i] >= seen[i + 1]
         and seen[i] - still > wanted[i] * (1.0 - still)
-        # values crowd about rest after a decay: then the function is as large all the way
+        # values concentrate at rest after a decay, and the function is large everywhere
         and (
             seen[i] - still > QUANTISATION.all * (1.0 - still)
             or seen[i] > QUANTISATION.clear * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
@@ -86,20 +98,22 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
 
 
 def _passes_between(values: Array, step: float) -> bool:
-    """Return whether a series goes from one multiple of a step to the next through what lies between, as an axis does that is driven
-    from stop to stop: noise that comes after a rounding jumps there, and back."""
+    """Return whether a series crosses steps smoothly, as an axis between stops does.
+
+    Noise behind a quantiser jumps back and forth instead.
+    """
     turns = np.exp(2j * np.pi * values / step)
     turns *= np.conj(turns.mean()) / np.abs(turns.mean())
     between = (
         np.abs(np.angle(turns[1:])) > 2 * np.pi * QUANTISATION.between
-    )  # hum and drift on top of the steps stay near them
+    )  # interference and drift on the steps stay near the steps
     return (
         bool(between.any()) and float(np.mean(np.real(turns[1:] * np.conj(turns[:-1]))[between])) > QUANTISATION.smooth
     )
 
 
 def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
-    """Return the step near a peak of the characteristic function, and its standard deviation."""
+    """Return the step at a peak of the characteristic function, and its standard deviation."""
     fine = np.linspace(cycle - width, cycle + width, 81)
     sharp = np.abs(np.exp(2j * np.pi * np.outer(fine, values)).mean(axis=1))
     k = int(np.argmax(sharp))

@@ -1,20 +1,20 @@
-"""Noise of a residual: the part that neither inputs nor motion explain.
+"""Incoherent noise of a residual, by the local rational method.
 
-A model that lacks physics errs by something that its inputs and its motion determine. Noise, of whatever colour, is what they leave: of
-a sensor, common to sensors, or of the recorded input, which comes in through the structure and rings on its resonances. The spectrum R of
-a residual over the whole record is modelled in every narrow band by the local rational method,
+Missing physics is a function of inputs and motion. Noise is the part that neither explains: of one sensor, common to
+sensors, or of an input through the structure. In every narrow band the spectrum R of a residual is
 
     R(k) D(k) = sum_i N_i(k) X_i(k) + T(k) + sum_j c_j Z_j(k) + D(k) V(k),
 
-with polynomials D (D(0) = 1), N_i and T of degree `RESIDUAL_NOISE.degree` in frequency about the band's middle, so that a band may hold as many
-resonances; X are the inputs' spectra, T is the transient (leakage, free decay), Z are spectra of nonlinear functions of the motion, and V
-is the noise. Every line of V is the error of its prediction from the other lines of its band (leave one out), so that a resonance of few
-lines, which any fit follows, does not count as explained.
+with polynomials D (D(0) = 1), N_i and T of degree `RESIDUAL_NOISE.degree` in frequency. X are the inputs' spectra, T is
+the transient of leakage and free decay, Z are spectra of nonlinear functions of the motion. V is the noise. Every line
+of V is a leave-one-out error, so a resonance of few lines does not count as explained.
 
 References
 ----------
-R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012, chapter 7 (local polynomials).
-T. McKelvey, G. Guérin, Non-parametric frequency response estimation using a local rational model, IFAC Proc. 45 (2012) 49.
+R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012, chapter 7 (local
+polynomials).
+T. McKelvey, G. Guérin, Non-parametric frequency response estimation using a local rational model, IFAC Proc. 45 (2012)
+49.
 """
 
 from collections.abc import Sequence
@@ -29,21 +29,21 @@ from vlab.signals import Array
 
 
 def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
-    """Return the rms of the noise in a residual.
+    """Estimate the rms of the noise in a residual.
 
     Parameters
     ----------
     run : Run
-        Its inputs and compared channels explain what is no noise.
+        Recording whose inputs and compared channels explain the coherent part.
     channel : str
-        The residual's.
+        Channel of the residual.
     residual : (n,) array
-        Recorded less simulated.
+        Recorded minus simulated values [SI].
 
     Returns
     -------
     float
-        In the channel's unit; 0 where the record cannot tell: uneven times, too few samples, or more than a tenth of the motion.
+        Rms [unit of the channel]. Zero for uneven times, too few samples, or noise above a tenth of the motion.
     """
     if not run.measured.is_uniform or np.ptp(residual) == 0:
         return 0.0
@@ -58,14 +58,15 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
 
 
 def _of_mean(power: Array) -> float:
-    """Return the 95 % quantile of what noise as red as a random walk, of power 1/f^2, adds to the square of a record's mean.
+    """Return the 95 % quantile of the noise in the squared mean.
 
-    The mean stands for half of the first line's frequency, and its square is chi-squared with one degree of freedom.
+    Noise as red as a random walk, of power 1/f^2, is assumed. The mean stands at half of the first line's frequency,
+    and its square is chi-squared with one degree of freedom.
 
     Parameters
     ----------
     power : (n,) array
-        Of the noise on the lines from the first one on.
+        Noise power on the lines from the first.
     """
     first = power[: RESIDUAL_NOISE.first_lines]
     return (
@@ -76,26 +77,39 @@ def _of_mean(power: Array) -> float:
 
 
 def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> float | None:
-    """Return the share of a residual's rms about its mean that is noise, from 0 to 1; None where `noise_lines` is None."""
+    """Return the noise share of a residual's rms about its mean.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Residual.
+    linear, nonlinear : sequence of (n // 2 + 1,) complex arrays
+        Explanatory spectra X and Z.
+
+    Returns
+    -------
+    float or None
+        Share from 0 to 1; None where the record has too few lines.
+    """
     noise = noise_lines(residual, linear, nonlinear)
     total = float(np.sum(np.abs(_spectrum(residual)) ** 2))
     return None if noise is None or total == 0 else float(np.sqrt(np.sum(noise) / total))
 
 
 def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> Array | None:
-    """Return the power of the noise on every line of a residual's spectrum but its mean, (n // 2,).
+    """Return the noise power on every line of a residual's spectrum without the mean.
 
     Parameters
     ----------
     residual : (n,) array
+        Residual.
     linear, nonlinear : sequence of (n // 2 + 1,) complex arrays
-        Spectra X and Z of what may explain it.
+        Explanatory spectra X and Z.
 
     Returns
     -------
     (n // 2,) array or None
-        Squares of absolute values of the discrete Fourier transform, at most the residual's own; None where the record has not
-        lines enough for one band.
+        Squared modulus of the discrete Fourier transform, at most that of the residual. None for too few lines.
     """
     R = _spectrum(residual)[1:]
     X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
@@ -115,7 +129,7 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
         rank = int(np.sum(singular > RESIDUAL_NOISE.rank * singular[0]))
         Q = Q[:, :rank]
         fit = Vh[:rank].conj().T @ ((Q.conj().T @ R[band]) / singular[:rank])
-        # leave-one-out residuals, (R - fit) / (1 - leverage); near a zero of D they have no bound, and noise is no more than R
+        # leave-one-out residuals, (R - fit) / (1 - leverage); unbounded near a zero of D, so R is the upper bound
         D = (
             1.0 + powers[:, 1:] @ (fit[: RESIDUAL_NOISE.degree] / size[: RESIDUAL_NOISE.degree])
             if np.all(size[: RESIDUAL_NOISE.degree] > 0)
@@ -129,12 +143,16 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
 
 
 def _nonlinear(run: Run, column: int) -> list[Array]:
-    """Return spectra of functions of a recorded motion: of friction, drag, cubic and quadratic springs, and a spring that drifts.
+    """Return spectra of nonlinear functions of a recorded motion.
+
+    The functions are friction, drag, cubic and quadratic springs, and a drifting spring.
 
     Parameters
     ----------
+    run : Run
+        Recording.
     column : int
-        Of the recording.
+        Column of the motion.
     """
     n, h = len(run.measured), uniform(run.measured.time)
     order = ORDER.get(run.measured.channels[column].kind, 0)

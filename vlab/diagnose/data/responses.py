@@ -1,4 +1,8 @@
-"""What was measured, in frequency: responses and tables of modes of a case, with what their noise and a model's own error are."""
+"""Measured frequency responses and modal tables of a case, with noise and model error.
+
+The noise of a response without stated coherence comes from its roughness over lines. With coherence gamma^2 and n
+averages the relative error is sqrt((1 - gamma^2) / (gamma^2 n)) (Bendat and Piersol, Random Data, 4th ed., 9.81).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +22,7 @@ from vlab.signals import Array, ComplexArray
 
 Role = Literal["fit", "holdout"]
 ORDERS = {"receptance": 0, "mobility": 1, "accelerance": 2}
-"""How often a form's motion is the derivative of a displacement."""
+"""Time derivatives of displacement in each form of a response."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,22 +31,28 @@ class Response:
 
     Parameters
     ----------
+    name : str
+        Name in the report.
+    role : {"fit", "holdout"}
+        Use of the data.
     input : str
-        Where the force acts.
+        Location of the force.
     outputs : tuple of str
-        Where the motion is measured.
+        Locations of the motion.
     order : int
         0 receptance, 1 mobility, 2 accelerance.
     freq : (n,) array
-        Lines [Hz], without zero.
+        Lines [Hz], above zero.
     H : (n, n_outputs) complex array
-        SI; magnitudes where `is_magnitude`.
+        Response [SI]; magnitude where `is_magnitude`.
     noise : (n, n_outputs) array
-        Standard deviation of the measurement's noise.
+        Standard deviation of the measurement noise.
     spread : (n, n_outputs) array
-        The same with the error from the spacing of the lines.
+        Standard deviation with the error from the line spacing.
+    is_magnitude : bool
+        Whether the phase is unknown.
     level : float or None
-        Of the excitation.
+        Level of the excitation.
     """
 
     name: str
@@ -64,8 +74,10 @@ class Response:
 
     @property
     def gives_power(self) -> bool:
-        """Whether the place that is driven gives back more power than it takes, which no passive thing does: the sign of the
-        response is turned, or it is conjugated (which a mobility does not show)."""
+        """Whether the driving point returns power, unlike any passive structure.
+
+        The cause is a reversed sign or a conjugated response; a mobility does not show conjugation.
+        """
         if self.is_magnitude or self.input not in self.outputs:
             return False
         mobility = self.H[:, self.outputs.index(self.input)] / (1j * self.omega) ** (self.order - 1)
@@ -76,7 +88,18 @@ class Response:
         return replace(self, freq=self.freq[keep], H=self.H[keep], noise=self.noise[keep], spread=self.spread[keep])
 
     def of_output(self, index: int) -> "Response":
-        """Return the response of one output."""
+        """Return the response of one output.
+
+        Parameters
+        ----------
+        index : int
+            Index of the output.
+
+        Returns
+        -------
+        Response
+            Response with a single column.
+        """
         one = slice(index, index + 1)
         return replace(
             self,
@@ -90,20 +113,22 @@ class Response:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes:
-    """A measured table of modes.
+    """Measured modal table.
 
     Parameters
     ----------
+    name : str
+        Name in the report.
+    role : {"fit", "holdout"}
+        Use of the data.
     freq, zeta : (n,) array
-        Natural frequencies [Hz] and damping ratios; NaN where the table has none.
+        Natural frequencies [Hz] and damping ratios [1]; NaN where unknown.
     at : tuple of str
-        Places of the shapes.
+        Locations of the shapes.
     shapes : (n, n_places) array
-        Unit maximum; without columns where the table has none.
+        Shapes of unit maximum; without columns where unknown.
     freq_sd, zeta_sd, shape_sd : (n,) array
-        Standard deviations: relative, relative, of shapes of unit maximum; model error included.
-    freq_noise, zeta_noise, shape_noise : (n,) array
-        The same without it.
+        Standard deviations with model error: relative, relative, and of shapes of unit maximum.
     """
 
     name: str
@@ -123,11 +148,14 @@ class Modes:
 
     @property
     def entries(self) -> int:
-        """How many numbers the table holds, a shape's scale aside."""
+        """Number of values in the table without the shapes' scales."""
         return int(self.n + np.isfinite(self.zeta).sum() + self.n * max(self.shapes.shape[1] - 1, 0))
 
     def without(self, mode: int) -> "Modes":
-        """Return the table with the numbers of one mode left open; the mode is still known to be there."""
+        """Return the table without the values of one mode.
+
+        The mode remains known to exist.
+        """
         sds = {name: getattr(self, name).copy() for name in ("freq_sd", "zeta_sd", "shape_sd")}
         for sd in sds.values():
             sd[mode] = 1e6
@@ -138,12 +166,24 @@ Measured = Response | Modes
 
 
 def read_measured(case: Case, roles: Sequence[str]) -> list[Measured]:
-    """Read the frequency responses and modal tables of a case in some roles.
+    """Read the frequency responses and modal tables of a case.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    roles : sequence of str
+        Roles to read.
+
+    Returns
+    -------
+    list of Response or Modes
+        Measured data.
 
     Raises
     ------
     BadRecording
-        A file is damaged or not what the case says.
+        A file is damaged or contradicts the case.
     """
     out: list[Measured] = []
     for i, frf in enumerate(case.table.frf):
@@ -156,9 +196,19 @@ def read_measured(case: Case, roles: Sequence[str]) -> list[Measured]:
 
 
 def thinned(measured: Sequence[Measured]) -> list[Measured]:
-    """Return data with at most `RESPONSES.most_lines` lines a response, the rest left out where responses change least.
+    """Thin responses to at most `RESPONSES.most_lines` lines each.
 
-    Responses on the same lines keep the same ones, in one array.
+    Lines are dropped where the responses change least. Responses on equal lines keep equal lines, in one array.
+
+    Parameters
+    ----------
+    measured : sequence of Response or Modes
+        Measured data.
+
+    Returns
+    -------
+    list of Response or Modes
+        Thinned data.
     """
     groups: dict[bytes, list[Response]] = {}
     for data in measured:
@@ -177,7 +227,7 @@ def thinned(measured: Sequence[Measured]) -> list[Measured]:
 
 
 def _telling(group: Sequence[Response]) -> Array:
-    """Return which lines of responses are kept: many where some response changes much from line to line."""
+    """Return the indices of the kept lines, dense where a response changes fast."""
     n = len(group[0].freq)
     if n <= RESPONSES.most_lines:
         return np.arange(n)
@@ -225,13 +275,13 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
 
 
 def _scales(table: FrfTable) -> Array:
-    """Return what every output's response is multiplied by, (n_outputs,)."""
+    """Return the scale factors (n_outputs,) of the responses."""
     each = {channel.at: channel.scale for channel in table.channel}
     return table.scale * np.array([each.get(output, 1.0) for output in table.outputs])
 
 
 def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lines: int) -> list[Array | None]:
-    """Return the standard deviation of every output where the file states coherence or variance; None where it does not."""
+    """Return the standard deviations of outputs with stated coherence or variance, otherwise None."""
     by_output = {channel.at: channel for channel in table.channel}
     out: list[Array | None] = []
     for k, output in enumerate(table.outputs):
@@ -259,10 +309,10 @@ def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lin
 
 
 def _roughness(freq: Array, H: ComplexArray) -> Array:
-    """Return the variance of noise from how far each line is from the curve through its four neighbours.
+    """Return the noise variance from the distance of lines to the cubic through their neighbours.
 
-    It is looked at by the median of some lines around, since noise goes with frequency: a hammer pushes little at high
-    frequencies, and what divides by a small force is loud. A resonance sharper than the lines does not count as noise.
+    A running median follows the noise over frequency: a hammer excites high frequencies weakly, so division by a small
+    force amplifies noise. A resonance sharper than the lines is no noise.
     """
     weights = np.stack([_lagrange(freq, k) for k in range(2, len(freq) - 2)])  # (n, 4)
     around = np.stack([H[:-4], H[1:-3], H[3:-1], H[4:]], axis=1)
@@ -273,7 +323,7 @@ def _roughness(freq: Array, H: ComplexArray) -> Array:
 
 
 def _lagrange(freq: Array, k: int) -> Array:
-    """Return the weights of the two lines below and above line k in the cubic through them, at line k."""
+    """Return the cubic's weights at line k of two lines on either side."""
     nodes = freq[[k - 2, k - 1, k + 1, k + 2]] - freq[k]
     return np.array([np.prod(np.delete(nodes, i) / (np.delete(nodes, i) - nodes[i])) for i in range(4)])
 

@@ -1,4 +1,7 @@
-"""The runs of a case on one clock: interval means of the inputs, deviations of the outputs from rest."""
+"""Runs of a case on one clock, for the search.
+
+Inputs are means over the sample intervals, outputs are deviations from rest.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,40 +23,40 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
-    """One run as the search sees it.
+    """One run on the clock of the search.
 
     Parameters
     ----------
     name, role : str
-        Of the run.
+        Name and role of the run.
     h : float
         Sample period of the search [s].
     u : (n, n_actuators) array
-        Mean command of every actuator from each sample to the next.
+        Mean command of every actuator over each sample interval.
     load : (n, n_ports) array
-        Mean force on the ports that a recording drives directly.
+        Mean force on directly driven ports over each sample interval [N or N m].
     y : (n, n_channels) array
-        Compared channels, deviations from the model's rest where the recording counts from elsewhere.
+        Compared channels [SI], as deviation from the model's rest unless the recording counts from rest.
     noise : (n_channels,) array
         Standard deviation of the noise of y.
     scale : (n_channels,) array
-        Rms of y about its mean, never zero.
+        Rms of y about its mean, above zero.
     at_rest : bool
         Whether the run starts at rest.
     t0 : float
-        Time of the first sample from the start of the recording [s].
+        Time of the first sample in the recording [s].
     start : (2m,) array or None
-        Modal state at the first sample, where it is taken as known.
+        Known modal state at the first sample.
     before : (k, 2m) array or None
-        Modal states at the samples before the first one, for laws with memory.
+        Modal states before the first sample, for hysteretic laws.
     shown : (k, n_channels) array or None
-        What the channels showed before the first sample, smoothed and freed of what sensors are said to add: for what sensors remember.
+        Smoothed channels before the first sample without sensor effects, for sensors with dynamics.
     led : (k, n_actuators) array or None
-        Commands before the first sample, for what comes out late.
+        Commands before the first sample, for delayed actuators.
     valid : (n, n_channels) array of bool or None
-        Which samples say something of the structure; all of them by default.
+        Mask of informative samples; all by default.
     end : float or None
-        Time of the last sample where the sample period is not even.
+        Time of the last sample [s] where the sample period is uneven.
     """
 
     name: str
@@ -75,17 +78,17 @@ class Signals:
 
     @property
     def last_s(self) -> float:
-        """Time of the last sample from the start of the recording [s]."""
+        """Time of the last sample in the recording [s]."""
         return self.t0 + (len(self.y) - 1) * self.h if self.end is None else self.end
 
     @property
     def usable(self) -> Array:
-        """One where a sample says something, zero where it was lost or stands at a limit, (n, n_channels)."""
+        """Weights (n, n_channels): one for informative samples, otherwise zero."""
         return np.ones(self.y.shape) if self.valid is None else np.asarray(self.valid, dtype=float)
 
     @property
     def t(self) -> Array:
-        """Time stamps from the start [s]."""
+        """Time stamps from the start of the recording [s]."""
         return self.t0 + np.arange(len(self.y)) * self.h
 
     def __len__(self) -> int:
@@ -99,21 +102,21 @@ class Signals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Feedthrough:
-    """What channels show of inputs at once.
+    """Instantaneous response of channels to inputs.
 
     Parameters
     ----------
     direct : (n_channels, n_actuators + n_ports) array
-        What they read of the accelerations that a unit command or load gives.
+        Response to the acceleration from a unit command or load.
     still : (n_channels, n_actuators + n_ports) array
-        What they read of a unit command or load while nothing that the search follows accelerates: as sensors of forces do, and
-        what modes above its band yield. What an actuator's effect does to its command does not show there.
+        Response to a unit command or load without acceleration of the dynamic modes: force sensors, and quasi-static
+        modes above the band. Actuator effects are excluded.
     moving : (n_channels, n_actuators + n_ports) array
-        What they read of a unit rate of a command or load: velocities of what yields.
+        Response to a unit rate of a command or load: velocities of quasi-static modes.
 
     Notes
     -----
-    All are those of the nominal model: of a refitted gain its deviation times the difference is left, a small thing times a small one.
+    All values are nominal. The error of a refitted gain is of second order: deviation times difference.
     """
 
     direct: Array
@@ -121,27 +124,50 @@ class Feedthrough:
     moving: Array
 
     def shows(self, column: int) -> bool:
-        """Return whether any channel shows an input at once."""
+        """Return whether any channel responds instantaneously to an input."""
         return any(np.any(part[:, column]) for part in (self.direct, self.still, self.moving))
 
     def ahead(self, column: int, mean: Array, now: Array, h: float) -> Array:
-        """Return what channels show beyond what the mean (n,) of an input gives, with its present values (n,) every h seconds;
-        (n, n_channels)."""
+        """Return the channels' difference between present input and interval mean.
+
+        Parameters
+        ----------
+        column : int
+            Index of the input.
+        mean, now : (n,) array
+            Interval means and present values of the input.
+        h : float
+            Sample period [s].
+
+        Returns
+        -------
+        (n, n_channels) array
+            Difference [SI].
+        """
         out = np.outer(now - mean, self.direct[:, column]) + np.outer(now, self.still[:, column])
         return out + np.outer(np.gradient(now, h), self.moving[:, column])
 
 
 def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> list[Signals]:
-    """Cut a run into windows that start from known states, so that a fit cannot lose the phase over a long record.
+    """Divide a run into windows with known initial states.
+
+    A fit cannot lose the phase over a long record then.
 
     Parameters
     ----------
+    run : Signals
+        Run.
     states : (n, 2m) array
-        Smoothed modal states at the run's samples.
+        Smoothed modal states.
     shown : (n, n_channels) array
-        What the channels show of them.
+        Channels of these states.
     slowest_hz : float
-        Frequency of the slowest mode; 0 where nothing oscillates.
+        Frequency of the slowest oscillating mode [Hz]; 0 without one.
+
+    Returns
+    -------
+    list of Signals
+        Windows.
     """
     n = len(run)
     length = max(n // RUNS.windows, RUNS.least_window, int(RUNS.cycles / (slowest_hz * run.h)) if slowest_hz > 0 else 0)
@@ -170,17 +196,26 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
 
 
 def uniform(time: Array) -> float:
-    """Return the sample period of a record, the median of its steps."""
+    """Return the sample period of a record [s], the median of its intervals."""
     return float(np.median(np.diff(time)))
 
 
 def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
-    """Return the frequency below which nearly all power of the velocities lies [Hz].
+    """Return the frequency below which nearly all velocity power lies.
 
     Parameters
     ----------
+    y : (n, n_channels) array
+        Channels [SI].
+    h : float
+        Sample period [s].
     orders : sequence of int
-        0 where a channel is a displacement, 1 a velocity, 2 an acceleration.
+        0 displacement, 1 velocity, 2 acceleration.
+
+    Returns
+    -------
+    float
+        Frequency [Hz].
     """
     out = 0.0
     for column, order in zip(y.T, orders, strict=True):
@@ -194,7 +229,24 @@ def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
 
 
 def thinning(count: int, h: float, highest_hz: float, enough: int = RUNS.enough_samples) -> int:
-    """Return by how much a run of `count` samples can be thinned; below `enough` it is not."""
+    """Return the decimation factor of a run.
+
+    Parameters
+    ----------
+    count : int
+        Samples.
+    h : float
+        Sample period [s].
+    highest_hz : float
+        Highest frequency of interest [Hz].
+    enough : int
+        Length up to which a run is not decimated [samples].
+
+    Returns
+    -------
+    int
+        Factor, at least 1.
+    """
     if highest_hz <= 0 or count <= enough:
         return 1
     by_band = int(1.0 / (h * RUNS.points_per_cycle * highest_hz))
@@ -202,9 +254,23 @@ def thinning(count: int, h: float, highest_hz: float, enough: int = RUNS.enough_
 
 
 def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
-    """Return the mean force of every sample of commands (n,) behind the delay, hold and filter of a run's hardware.
+    """Return the mean force of every sample behind the run's output hardware.
 
-    Without hardware, or sampled at another rate than the converter's, they are the forces themselves.
+    Delay, hold and filter act where the run is sampled at the converter's rate. Otherwise the commands are the forces.
+
+    Parameters
+    ----------
+    run : Run
+        Recording with its hardware.
+    commands : (n,) array
+        Commands.
+    rate_hz : float
+        Rate of the commands [Hz].
+
+    Returns
+    -------
+    (n,) array
+        Mean forces.
     """
     if run.hardware is None or abs(run.measured.rate / rate_hz - 1) > 1e-6 or not run.measured.is_uniform:
         return commands
@@ -213,9 +279,25 @@ def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
 
 
 def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
-    """Return the mean of an input (n,) at times (n,) [s] from every time of a grid (m,) [s] to the next, (m,).
+    """Return the mean of an input over every interval of a grid.
 
-    The last interval goes on as the input does: held, or along its last slope.
+    The last interval continues the input: held, or along its last slope.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the input [s].
+    values : (n,) array
+        Input.
+    is_held : bool
+        Whether the input is held between its times (zero-order hold); linear otherwise.
+    grid : (m,) array
+        Uniform times [s].
+
+    Returns
+    -------
+    (m,) array
+        Means from every time of the grid to the next.
     """
     h = grid[1] - grid[0]
     edges = np.append(grid, grid[-1] + h)
@@ -233,9 +315,25 @@ def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Ar
 
 
 def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
-    """Return a channel (n,) at times (n,) [s] at those of a grid (m,) [s] that takes every `thin`-th sample, (m,).
+    """Resample a channel to a grid of every `thin`-th sample.
 
-    It is low-passed where the grid is coarser, and interpolated where the times are not even.
+    A linear-phase low-pass precedes decimation; uneven times are interpolated.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the channel [s].
+    values : (n,) array
+        Channel.
+    grid : (m,) array
+        Uniform times [s].
+    thin : int
+        Decimation factor.
+
+    Returns
+    -------
+    (m,) array
+        Channel on the grid.
     """
     h = uniform(time)
     even = time[0] + h * np.arange(round((time[-1] - time[0]) / h) + 1)
@@ -261,21 +359,36 @@ def signals_of(
     highest_hz: float | None = None,
     feedthrough: Feedthrough | None = None,
 ) -> Signals:
-    """Put one run on the search's clock.
+    """Resample one run to the clock of the search.
+
+    Inputs act by their interval means, but sensors measure at their own instant. The instantaneous response to the
+    difference is subtracted from the channels.
 
     Parameters
     ----------
+    run : Run
+        Recording.
+    plant : Plant
+        Plant with the actuators.
     compared : sequence of Compared
         Measured channels, without commands.
     rest : (n_channels,) array
-        The model's values at rest.
+        Model values at rest [SI].
+    port_names : sequence of str
+        Directly driven ports.
+    orders : sequence of int
+        0 displacement, 1 velocity, 2 acceleration.
     commands : (n_samples, n_actuators) array or None
-        What a law in the loop commanded, added to the inputs.
+        Commands of a control law, added to the inputs.
     highest_hz : float or None
-        Fastest motion of interest; found from the run itself by default.
+        Highest frequency of interest [Hz]; from the run by default.
     feedthrough : Feedthrough or None
-        The search lets inputs act with their means over the intervals, and readings show the inputs of their own moment; what
-        channels show of the difference is taken off them.
+        Instantaneous response of channels to inputs.
+
+    Returns
+    -------
+    Signals
+        Run on the clock of the search.
     """
     time = run.measured.time - run.measured.time[0]
     h, n_actuators = uniform(time), len(plant.actuators)
@@ -330,7 +443,22 @@ def signals_of(
 
 
 def liveliest(y: Array, most: int) -> slice:
-    """Return which `most` samples of channels (n, p) to look at: the first, or those with the most power where the first have little."""
+    """Return the part of `most` samples for the search.
+
+    The first part is used, or the part of most power where the first has little.
+
+    Parameters
+    ----------
+    y : (n, p) array
+        Channels.
+    most : int
+        Samples of the part.
+
+    Returns
+    -------
+    slice
+        Part.
+    """
     n = len(y)
     if n <= most:
         return slice(0, n)

@@ -1,1 +1,1 @@
-"""Parameter vectors, least squares, evidence."""
+"""Score tests, least squares and evidence of hypotheses."""

@@ -1,4 +1,12 @@
-"""Hypotheses, their scores, and what every search leaves to choose from."""
+"""Hypotheses and their scores.
+
+The score approximates the log evidence (Schwarz 1978): minus effective sample size times log rms residual, minus the
+negative log prior, minus half the log of the effective sample size per parameter.
+
+References
+----------
+G. Schwarz, Estimating the dimension of a model, Ann. Statist. 6 (1978) 461-464.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -7,29 +15,28 @@ import numpy as np
 
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import EVIDENCE
-from vlab.physics.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """A fitted set of effects.
+    """Fitted set of effects.
 
     Parameters
     ----------
     fit : Fit
-        In windows, where there are any.
-    level : float
-        Root mean square of the remaining difference over the noise.
-    misfit : float
-        Logarithm of the level, or of what noise alone leaves where it is below that.
-    price : float
-        What the uncertain parameters are less likely than their priors' means, as a logarithm, and what the search costs.
-    worth : float
-        Independent values that the misfit counts as.
-    gain : float
-        Log-likelihood gained in the screening.
+        Fit in windows, or to whole runs without windows.
+    normalised_residual : float
+        Rms residual over noise and allowed model error.
+    log_rms_residual : float
+        Log of the normalised residual, at least that of noise alone.
+    negative_log_prior : float
+        Negative log prior of the uncertain parameters and effects, with the cost of the search [nat].
+    effective_samples : float
+        Effective sample size of the residual.
+    log_likelihood_gain : float
+        Log-likelihood gain in the screening [nat].
     whole : Fit or None
-        Over whole runs, where it was fitted to them.
+        Fit to whole runs, where there is one.
     """
 
     fit: Fit
@@ -42,34 +49,38 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Log evidence by Schwarz's approximation; larger is better."""
+        """Approximate log evidence (Schwarz 1978); larger is better."""
         return float(-self.effective_samples * self.log_rms_residual - self.negative_log_prior - self.complexity)
 
     @property
     def complexity(self) -> float:
-        """What its effects' parameters cost: each the logarithm of how many values of it the data tell apart, or that there are."""
+        """Log cost of the effects' parameters.
+
+        Every parameter costs half the log of the effective sample size; a discrete one at most the log of its number of
+        values.
+        """
         told = 0.5 * float(np.log(self.effective_samples))
         parameters = [p for t in self.terms for p in t.effect.parameters]
         return sum(min(told, float(np.log(len(p.grid)))) if p.grain else told for p in parameters)
 
     @property
     def long_fit(self) -> Fit:
-        """The fit over the longest stretches that there is."""
+        """Fit over the longest available stretches."""
         return self.fit if self.whole is None else self.whole
 
     @property
     def prior_departure(self) -> float:
-        """How much less likely its uncertain parameters are than their priors' means, as a logarithm."""
+        """Negative log prior of the uncertain parameters, relative to the mean [nat]."""
         return 0.5 * (self.fit.chi2 - self.fit.cost)
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Its effects."""
+        """Effects of the hypothesis."""
         return self.fit.terms
 
     @property
     def label(self) -> str:
-        """Its effects and places in one string."""
+        """Effects and locations in one string."""
         return " + ".join(t.label for t in self.terms) or "nothing"
 
 
@@ -81,18 +92,29 @@ def scored(
     tried: int = 1,
     floor: float = 1.0,
 ) -> Hypothesis:
-    """Return a fit as a hypothesis with its score, all that it leaves taken for the model's own error.
+    """Return a fit as a scored hypothesis.
+
+    The whole residual counts as model error.
 
     Parameters
     ----------
+    fit : Fit
+        Fit.
     samples : float
-        Values that its cost sums over.
-    worth : float
-        Of how many independent values the data hold.
+        Number of values in the fit's cost.
+    effective_samples : float
+        Effective sample size of the data.
+    log_likelihood_gain : float
+        Log-likelihood gain in the screening [nat].
     tried : int
-        Among how many effects at places every one of its effects was picked: it pays for that.
+        Number of trials from which every effect was selected, for a correction by its log.
     floor : float
-        Level that noise alone leaves.
+        Normalised residual of noise alone.
+
+    Returns
+    -------
+    Hypothesis
+        Hypothesis.
     """
     normalised_residual = float(np.sqrt(fit.cost / samples))
     return Hypothesis(
@@ -108,30 +130,33 @@ def scored(
 
 
 def _implausible(fit: Fit) -> float:
-    """Return the logarithm of the odds against the effects of a fit before anything was recorded: a spring that is nonlinear about
-    no rest position, or pushes away from none, bends to whatever friction and drift leave of a free motion; and where one drive alone
-    comes to its limit, all of them may have the same."""
-    free_starts = sum(_needs_rest(t.effect) and not t.place.is_held for t in fit.terms)
-    alike = sum(bool(t.place.also) and t.effect.family in EVIDENCE.of_one for t in fit.terms)
+    """Return the negative log prior of a fit's effects [nat].
+
+    A nonlinear or negative spring without rest position absorbs friction and drift of free motion. A limit in all
+    drives is less probable than in one.
+    """
+    free_starts = sum(t.effect.needs_rest and not t.place.is_held for t in fit.terms)
+    alike = sum(bool(t.place.also) and t.effect.traits.is_usually_single for t in fit.terms)
     return EVIDENCE.unheld * free_starts + EVIDENCE.all_alike * alike
 
 
-def _needs_rest(effect: Effect) -> bool:
-    return effect.family == "nonlinear-stiffness" or "magnet" in effect.needs
-
-
 def effective_sample_size(noise: float, error: float, samples: float) -> float:
-    """Return as how many independent values recordings count whose noise averages out and whose model's own error does not.
+    """Return the effective sample size of noise and model error together.
 
-    With noise of variance f and an error of the model of variance m spread over `EVIDENCE.model_error_samples` directions, the log-likelihood that a
-    smaller difference gains is its decrease over twice f/n + m/`EVIDENCE.model_error_samples`, n the samples.
+    Noise of variance f averages out over n samples; model error of variance m has N = `EVIDENCE.model_error_samples`
+    independent values. The size is (f + m)/(f/n + m/N).
 
     Parameters
     ----------
     noise, error : float
-        The variances, in the same unit.
+        Variances f and m, in one unit.
     samples : float
-        Independent values that the recordings hold.
+        Independent samples n of the recordings.
+
+    Returns
+    -------
+    float
+        Effective sample size.
     """
     return float((noise + error) / (noise / samples + error / EVIDENCE.model_error_samples))
 
@@ -139,21 +164,28 @@ def effective_sample_size(noise: float, error: float, samples: float) -> float:
 def weighed(
     hypotheses: Sequence[Hypothesis], noise: float, error: float, samples: float, least_error: float = 0.0
 ) -> list[Hypothesis]:
-    """Return hypotheses with what they leave taken as noise as far as it can be noise, and the rest as the model's own error.
+    """Return hypotheses with a common effective sample size.
 
-    So all samples count where noise is all that the best hypothesis leaves, and no more than `EVIDENCE.model_error_samples` where the model's error is;
-    see `effective_sample_size`.
+    The residual counts as noise as far as possible, and as model error beyond. All samples count where the best
+    hypothesis leaves noise alone.
 
     Parameters
     ----------
+    hypotheses : sequence of Hypothesis
+        Hypotheses.
     noise : float
-        Share of the noise in the variance that levels are counted in.
+        Variance share of the noise in the normalised residual.
     error : float
-        The same of the model's own error, at least.
+        Least variance share of the model error.
     samples : float
-        Independent values that the recordings hold.
+        Independent samples of the recordings.
     least_error : float
-        Variance of what integration alone leaves: to leave less than noise and that is no merit.
+        Variance share of the integration error, below which a smaller residual gains nothing.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
     """
     if not hypotheses or samples <= EVIDENCE.model_error_samples:
         return list(hypotheses)
@@ -169,16 +201,16 @@ def weighed(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     Parameters
     ----------
     before : Hypothesis
-        The same physics with its uncertain parameters refitted.
+        Calibrated model without effects.
     hypotheses : tuple of Hypothesis
-        All that were fitted, best first, without `before`.
+        All fitted hypotheses, best first.
     places : mapping of str to Hypothesis
-        The best hypothesis with its first effect at other places, by place.
+        Best hypothesis with its first effect at other locations.
     """
 
     before: Hypothesis

@@ -1,4 +1,9 @@
-"""Fits of a hypothesis in frequency: effects and everything uncertain together, by Gauss and Newton's method under priors."""
+"""Maximum a posteriori fits in frequency by the Levenberg-Marquardt method.
+
+References
+----------
+D. W. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963) 431-441.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +21,14 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """Where a fit stands.
+    """Current parameters of a fit.
 
     Parameters
     ----------
     theta : (n_parameters,) array
-        Log-factors of the uncertain parameters.
+        Log factors of the uncertain parameters.
+    terms : tuple of Term
+        Effects with values.
     """
 
     theta: Array
@@ -29,12 +36,14 @@ class Point:
 
 
 class Fitter:
-    """Fits hypotheses to data.
+    """Fits of hypotheses to frequency data.
 
     Parameters
     ----------
+    problem : FrequencyProblem
+        Problem.
     measured : sequence of Response or Modes, optional
-        Other data than the problem's.
+        Data; those of the problem by default.
     """
 
     def __init__(self, problem: FrequencyProblem, measured: Sequence[Measured] | None = None) -> None:
@@ -44,7 +53,7 @@ class Fitter:
 
     @property
     def floor(self) -> float:
-        """Level that the noise alone leaves: data better than the model's error that is allowed for may tell more than that."""
+        """Normalised residual of noise alone, below 1 for very accurate data."""
         shares, counts = [], []
         for data in self.measured:
             if isinstance(data, Response):
@@ -58,7 +67,22 @@ class Fitter:
         return float(np.sqrt(min(np.average(shares, weights=counts), 1.0)))
 
     def differences(self, point: Point, *, bands: float = 0.0, with_derivatives: bool = False) -> list[Residual]:
-        """Return the difference to every set of data."""
+        """Return the residual of every data set.
+
+        Parameters
+        ----------
+        point : Point
+            Parameters.
+        bands : float
+            Relative bandwidth of the coarse residual; 0 for single lines.
+        with_derivatives : bool
+            Whether to compute derivatives.
+
+        Returns
+        -------
+        list of Residual
+            Residuals.
+        """
         problem, state = self.problem, self.problem.state(point.theta)
         shared: Shared = {}
         return [
@@ -79,7 +103,24 @@ class Fitter:
     def fit(
         self, terms: Sequence[Term] = (), start: Array | None = None, *, iterations: int = FREQUENCY_FIT.iterations
     ) -> Fit:
-        """Fit a hypothesis from its terms' values; without a start from the model as given, by way of the coarse view."""
+        """Fit a hypothesis from its terms' values.
+
+        Without a start the fit begins at the nominal model with coarse residuals.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Effects with starting values.
+        start : (n_parameters,) array or None
+            Initial log factors.
+        iterations : int
+            Most iterations.
+
+        Returns
+        -------
+        Fit
+            Fit.
+        """
         theta = np.zeros(len(self.sd)) if start is None else np.array(start)
         point = Point(theta=theta, terms=tuple(terms))
         if start is None and any(isinstance(d, Response) for d in self.measured):
@@ -115,12 +156,12 @@ class Fitter:
         with np.errstate(all="ignore"):
             try:
                 parts = self.differences(point, bands=bands)
-            except np.linalg.LinAlgError:  # matrices that a wild trial left without an inverse
+            except np.linalg.LinAlgError:  # a diverged trial has singular matrices
                 return float("inf")
         return float(sum(r.e @ r.e for r in parts) + np.sum((point.theta / self.sd) ** 2))
 
     def _stacked(self, point: Point, bands: float) -> tuple[Array, Array]:
-        """Return the difference and its derivatives with the prior below: whitened uncertain parameters, then the effects'."""
+        """Return residual and Jacobian with the prior appended, in standard deviations."""
         parts = self.differences(point, bands=bands, with_derivatives=True)
         e = np.concatenate([*(r.e for r in parts), point.theta / self.sd])
         own = np.vstack([*(r.by_theta * self.sd for r in parts), np.eye(len(self.sd))])
@@ -129,7 +170,7 @@ class Fitter:
         return e, np.hstack([own, values * self._sizes(point)])
 
     def _sizes(self, point: Point) -> Array:
-        """Return the size of one step of every effect parameter: one in the logarithm, of a signed one its value."""
+        """Return the step size of effect parameters: one log unit, or a signed value."""
         return np.array(
             [
                 max(abs(float(t.values[p.name])), 1e-12) if p.signed else 1.0
@@ -182,13 +223,30 @@ class Fitter:
 
     @property
     def effective_samples(self) -> float:
-        """How many numbers of the data count."""
+        """Effective sample size of the data."""
         point = Point(theta=np.zeros(len(self.sd)), terms=())
         return float(sum(r.effective_samples for r in self.differences(point)))
 
 
 def bounded(term: Term, name: str, value: float) -> float:
-    """Return a parameter's value within the range of its prior, where that is no multiple of something recorded."""
+    """Return a parameter's value within its prior range.
+
+    Ranges relative to recorded quantities do not apply.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+    name : str
+        Parameter.
+    value : float
+        Value.
+
+    Returns
+    -------
+    float
+        Bounded value.
+    """
     p = term.effect.parameter(name)
     if p.reference:
         return value

@@ -1,4 +1,4 @@
-"""Hypotheses fitted and scored: quickly at first, the best ones to the end, over whole runs, and at other places."""
+"""Fits of many hypotheses: quick fits, converged fits, whole runs, other locations."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +10,6 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
-from vlab.physics.effect import Effect, PortEffect
 from vlab.signals import Array
 
 
@@ -20,12 +19,27 @@ def terms_of(candidates: Sequence[Candidate]) -> list[Term]:
 
 
 def floor_of(refiner: LeastSquares) -> float:
-    """Return the level that noise alone leaves."""
+    """Return the normalised residual of noise alone."""
     return float(np.sqrt(refiner.noise_share))
 
 
 def scored_by(refiner: LeastSquares, fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
-    """Return a refiner's fit as a hypothesis with its score."""
+    """Return a fit as a scored hypothesis.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Runs and weights.
+    fit : Fit
+        Fit.
+    log_likelihood_gain : float
+        Log-likelihood gain in the screening [nat].
+
+    Returns
+    -------
+    Hypothesis
+        Hypothesis.
+    """
     return scored(
         fit,
         sum(run.y.size for run in refiner.runs),
@@ -35,11 +49,6 @@ def scored_by(refiner: LeastSquares, fit: Fit, log_likelihood_gain: float = 0.0)
     )
 
 
-def is_hysteretic(effect: Effect) -> bool:
-    """Return whether a law has a memory of the motion."""
-    return isinstance(effect, PortEffect) and effect.memory((1,)) is not None
-
-
 def fitted(
     refiner: LeastSquares,
     terms: Sequence[Term],
@@ -47,13 +56,28 @@ def fitted(
     iterations: int = HYPOTHESIS_FITS.quick,
     log_likelihood_gain: float = 0.0,
 ) -> Hypothesis:
-    """Return a hypothesis fitted from another fit on, with its score."""
+    """Return a hypothesis fitted from another fit."""
     own = refiner.beside(terms)
     return scored_by(own, own.fit(terms, start, iterations), log_likelihood_gain)
 
 
 def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: Fit) -> list[Hypothesis]:
-    """Return quick fits of candidates, each alone."""
+    """Return quick fits of candidates, one by one.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Runs and weights.
+    candidates : sequence of Candidate
+        Candidates.
+    start : Fit
+        Fit to start from.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
+    """
     told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
     first = side_by_side(
         lambda c: fitted(refiner, terms_of([c]), start, HYPOTHESIS_FITS.first, c.log_likelihood_gain), told
@@ -72,9 +96,9 @@ def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: F
 
 
 def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidate]:
-    """Return a candidate with every value that a parameter of few values can have; none of one that has no such parameter.
+    """Return a candidate with every value of its discrete parameters.
 
-    Slopes tell nothing there, and in the screening a period that is far from the right one may gain more than it.
+    Derivatives are zero there, and a wrong period may gain more in the screening.
     """
     h = refiner.runs[0].h
     return [
@@ -86,7 +110,20 @@ def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidat
 
 
 def pairs_fitted(refiner: LeastSquares, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:
-    """Return quick fits of a second effect each beside a fitted hypothesis."""
+    """Return quick fits of second effects with fitted hypotheses.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Runs and weights.
+    pairs : sequence of (Hypothesis, Candidate)
+        Hypotheses and second effects.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
+    """
 
     def fit(pair: tuple[Hypothesis, Candidate]) -> Hypothesis:
         first, second = pair
@@ -99,19 +136,45 @@ def pairs_fitted(refiner: LeastSquares, pairs: Sequence[tuple[Hypothesis, Candid
 
 
 def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return hypotheses, the best first."""
+    """Return hypotheses in order of score, the best first."""
     return sorted((h for some in hypotheses for h in some), key=lambda h: -h.score)
 
 
 def hopeful(order: Sequence[Hypothesis]) -> int:
-    """Return how many hypotheses, by score, are worth more time: all of them as long as none explains the recordings."""
+    """Return the number of hypotheses that merit further fits.
+
+    All do while none explains the recordings.
+
+    Parameters
+    ----------
+    order : sequence of Hypothesis
+        Hypotheses by score.
+
+    Returns
+    -------
+    int
+        Number from the best.
+    """
     if not order or min(h.normalised_residual for h in order) > HYPOTHESIS_FITS.enough:
         return len(order)
     return sum(h.score > order[0].score - HYPOTHESIS_FITS.hopeless for h in order)
 
 
 def finished(refiner: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return hypotheses by score, the best of them fitted to the end."""
+    """Return hypotheses by score, the best ones converged.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Runs and weights.
+    hypotheses : sequence of Hypothesis
+        Hypotheses.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
+    """
     order = by_score(hypotheses)
     most = min(HYPOTHESIS_FITS.finished, hopeful(order))
 
@@ -132,25 +195,38 @@ def on_whole_runs(
     screened: Sequence[Candidate] = (),
     start: Fit | None = None,
 ) -> list[Hypothesis]:
-    """Return hypotheses of equally many effects with what windows and whole runs say of them, half and half, by score.
+    """Return hypotheses scored on windows and whole runs, half each.
 
-    Windows say how well a law describes the motion at hand; whole runs how well it holds on in the long run, and what a law
-    that remembers makes of all that came before. Only the first `most` are fitted again; to the others happens
-    what happened to the worst of these.
+    Windows test a law on the present motion; whole runs test long-term phase and hysteresis. Only the first `most` are
+    fitted again. The others receive the largest change among the first.
 
     Parameters
     ----------
+    whole, narrow : LeastSquares
+        Whole runs and windows.
+    hypotheses : sequence of Hypothesis
+        Hypotheses with equal numbers of effects, by score.
+    most : int
+        Number of hypotheses to fit again.
     thetas : sequence of (n_changes,) arrays
-        Uncertain parameters to start from besides: short windows leave frequencies open by more than whole runs forgive, for
-        half a cycle further on a fit is lost.
+        Further starts of the uncertain parameters, since a frequency error of half a cycle over a run loses the fit.
+    iterations : int
+        Most iterations.
     screened : sequence of Candidate
-        The screening's values, from which a law that remembers starts as well, with all else as `start` has it: in windows it knows
-        nothing of what came before, and a set that one event left is there in all that follow.
+        Values from the screening, as further starts of hysteretic laws. Windows do not show a set left by an earlier
+        event.
+    start : Fit or None
+        Other parameters for `screened`.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses by score.
     """
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    told = {c.label: c for c in reversed(screened) if is_hysteretic(c.effect)}
+    told = {c.label: c for c in reversed(screened) if c.effect.has_state}
 
     def fitted_on(h: Hypothesis) -> Fit:
         own = whole.fit(h.terms, h.fit, iterations, thetas)
@@ -165,7 +241,7 @@ def on_whole_runs(
     for h, fit in zip(chosen, fits, strict=True):
         other = scored_by(whole, fit)
         normalised_residual = float(np.sqrt(0.5 * (h.normalised_residual**2 + other.normalised_residual**2)))
-        # windows start from states smoothed without the law, for which the uncertain parameters make up
+        # window starts are smoothed without the law, and the uncertain parameters compensate
         both.append(
             replace(
                 h,
@@ -197,9 +273,9 @@ def on_whole_runs(
 
 
 def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:
-    """Return fits that leave nearly as little as the best one, fitted on from where it ended as far as that is theirs, too.
+    """Return nearly equal fits, continued from the best one's common parameters.
 
-    A law that holds another one as a special case may get there where the simpler one, after as many steps, is still on its way.
+    A richer law may converge before its special case does.
     """
     if len(fits) < 2:
         return list(fits)
@@ -217,18 +293,29 @@ def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:
 
 
 def as_meant(whole: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return the hypotheses whose laws have values that their words fit; those that do not are fitted on from values that the
-    elastic elements at their places suggest, where these have any.
+    """Return the hypotheses whose laws have values within their description.
 
-    Of a gap that is small beside the motion a recording knows the force alone: with a tenth of the stiffness and ten times the gap it
-    is a stop beside the element.
+    Others are fitted again from values of the local elastic elements. A gap small against the motion identifies its
+    force alone: at a tenth of the stiffness and ten times the gap the law is a stop.
+
+    Parameters
+    ----------
+    whole : LeastSquares
+        Whole runs.
+    hypotheses : sequence of Hypothesis
+        Hypotheses.
+
+    Returns
+    -------
+    list of Hypothesis
+        Valid hypotheses.
     """
     found = side_by_side(lambda h: h if is_meant(h.long_fit.terms) else _from_elements(whole, h), list(hypotheses))
     return [h for h in found if is_meant(h.long_fit.terms)]
 
 
 def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:
-    """Return a hypothesis fitted to whole runs from what the elements at its places suggest."""
+    """Return a hypothesis fitted from values of the local elastic elements."""
     old = hypothesis.long_fit
     terms = tuple(of_element(t) for t in old.terms)
     if not is_meant(terms):
@@ -245,7 +332,7 @@ def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _as_in(best: Fit, fit: Fit) -> Fit:
-    """Return a fit with all that another one knows of the same: uncertain parameters, and values of the same names."""
+    """Return a fit with the values that another fit shares."""
     terms = [
         replace(term, values={name: other.values.get(name, value) for name, value in term.values.items()})
         for term, other in zip(fit.terms, best.terms, strict=False)
@@ -256,7 +343,24 @@ def _as_in(best: Fit, fit: Fit) -> Fit:
 def other_places(
     refiner: LeastSquares, best: Hypothesis, candidates: Sequence[Candidate], start: Fit
 ) -> dict[str, Hypothesis]:
-    """Fit the best hypothesis again with its first effect at the other places where the screening gained most."""
+    """Fit the best hypothesis with its first effect at other locations.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Runs and weights.
+    best : Hypothesis
+        Best hypothesis.
+    candidates : sequence of Candidate
+        Screening, for the locations.
+    start : Fit
+        Fit to start from.
+
+    Returns
+    -------
+    dict of str to Hypothesis
+        Hypotheses by location.
+    """
     first, others = best.terms[0], best.terms[1:]
     elsewhere = [c for c in candidates if c.effect.name == first.effect.name and c.place.name != first.place.name]
     chosen = elsewhere[: HYPOTHESIS_FITS.places - 1]
@@ -266,5 +370,5 @@ def other_places(
     )
     here = fitted(
         refiner, best.terms, best.fit, HYPOTHESIS_FITS.quick + 2, best.log_likelihood_gain
-    )  # as the others: in windows only
+    )  # in windows only, for comparison
     return {first.place.name: here, **{c.place.name: h for c, h in zip(chosen, found, strict=True)}}

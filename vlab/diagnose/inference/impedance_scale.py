@@ -1,8 +1,7 @@
-"""The scale of the motions, of which recordings hardly know: of twice the forces they are twice as large, and read the same where
-sensors show half of them.
+"""Common scale of motion, nearly unidentifiable from recordings.
 
-Where a law has edges its slopes chatter by more than that valley slopes, and a descent that has reached its floor does not see
-along it.
+Doubled forces double the motion, and halved sensor gains hide the difference. Nonsmooth laws scatter the derivative
+more than the prior slopes along that scale, so a descent needs an explicit step.
 """
 
 import re
@@ -17,14 +16,30 @@ _POWER = re.compile(r"(?P<over>/?)\s*\b(?P<unit>N|m)\b(?:\^(?P<power>\d+))?")
 
 
 def motion_scale(problem: Problem) -> Array:
-    """Return the log-factors of the uncertain parameters, (n_changes,), where all motions are larger by a factor of e and readings stay:
-    larger gains of the actuators, smaller ones of the sensors."""
+    """Return the log factors (n_changes,) that scale all motions by e.
+
+    Actuator gains grow and sensor gains shrink; the recorded channels stay equal.
+    """
     return np.array([float(p.actuator is not None) - float(p.sensor is not None) for p in problem.parameters])
 
 
 def exponent(effect: Effect, parameter: Parameter) -> float:
-    """Return the power of the motions' scale with which a parameter of an effect grows: with forces and lengths as its unit has them,
-    masses as they are; of an effect on channels none."""
+    """Return the exponent of an effect parameter under the motion scale.
+
+    Forces and lengths scale as the unit states, masses stay. Effects on channels have exponent zero.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    parameter : Parameter
+        Parameter.
+
+    Returns
+    -------
+    float
+        Exponent.
+    """
     if effect.kind != "port" or parameter.unit.startswith("kg"):
         return 0.0
     total, sign = 0.0, 1.0

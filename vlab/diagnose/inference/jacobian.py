@@ -1,4 +1,9 @@
-"""Derivatives of what a fit in simulation leaves: by steps of every parameter, by what moves it alike, along what is known exactly."""
+"""Jacobian of the residual: forward differences, differences along singular vectors, Broyden updates.
+
+References
+----------
+C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Math. Comp. 19 (1965) 577-593.
+"""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -7,37 +12,47 @@ import numpy as np
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.parameter_vector import ParameterVector
-from vlab.diagnose.predictors.modal import NONSMOOTH
 from vlab.diagnose.settings import JACOBIAN
 from vlab.signals import Array
 
 
 class Simulated(Protocol):
-    """What leaves a residual; see `vlab.diagnose.inference.least_squares.LeastSquares`."""
+    """Protocol of a residual, as of `vlab.diagnose.inference.least_squares.LeastSquares`."""
 
     runs: list[Signals]
     sigma: Array
     free_starts: dict[int, tuple[Array, Array, Array]]
 
     def residual(self, vector: ParameterVector, X: Array) -> Array:
-        """Return the residuals of vectors, (n_sets, rows)."""
+        """Return the residuals (n_sets, rows) of parameter vectors."""
 
 
 def is_nonsmooth(vector: ParameterVector) -> bool:
-    """Return whether a law among the terms has edges, so that small steps of slopes are noise."""
-    return any(t.effect.family in NONSMOOTH for t in vector.terms)
+    """Return whether a term has a nonsmooth law."""
+    return any(t.effect.traits.is_nonsmooth for t in vector.terms)
 
 
 def forward_differences(of: Simulated, vector: ParameterVector, x: Array, raw: Array) -> Array:
-    """Return the derivatives of the residual by forward differences, (rows, n); those by channel offsets are known.
+    """Return the Jacobian by forward differences.
 
-    In a long lightly damped record a hundredth of a standard deviation of a frequency bends the slope along it by more than the
-    slope along directions that the recordings say little of; of laws with edges smaller steps are noise.
+    Columns of sensor offsets are exact. Long lightly damped records need small steps in frequency, nonsmooth laws large
+    ones.
 
     Parameters
     ----------
+    of : Simulated
+        Residual.
+    vector : ParameterVector
+        Meaning of the entries.
+    x : (n,) array
+        Parameter vector.
     raw : (rows,) array
-        The residual at `x`.
+        Residual at `x`.
+
+    Returns
+    -------
+    (rows, n) array
+        Jacobian.
     """
     steps = vector.steps(x)
     if not is_nonsmooth(vector):
@@ -63,16 +78,29 @@ def forward_differences(of: Simulated, vector: ParameterVector, x: Array, raw: A
 
 
 def differences_by_strength(of: Simulated, vector: ParameterVector, x: Array, raw: Array, slopes: Array) -> Array:
-    """Return the derivatives of the residual by differences along the directions that move it as much as each other, (rows, n).
+    """Return the Jacobian by differences along singular vectors.
 
-    Dry friction and stops chatter by more than small steps do. What is strong in every single parameter and cancels in a sum of
-    them, as larger forces do with larger gains and impedances, would drown in that, and is what is least known; so the steps
-    go along the singular vectors of what is known of the slopes, wide where these are weak.
+    Dry friction and stops scatter more than small steps move the residual. Parameters that cancel in combination, as
+    forces and gains do, would be lost. The steps follow the singular vectors of a first Jacobian, wide where the
+    singular values are small.
 
     Parameters
     ----------
+    of : Simulated
+        Residual.
+    vector : ParameterVector
+        Meaning of the entries.
+    x : (n,) array
+        Parameter vector.
+    raw : (rows,) array
+        Residual at `x`.
     slopes : (rows, n) array
-        Derivatives to begin with.
+        First Jacobian.
+
+    Returns
+    -------
+    (rows, n) array
+        Jacobian.
     """
     steps = vector.steps(x)
     _, _, across = np.linalg.svd(np.linalg.qr(slopes * steps, mode="r"))
@@ -86,13 +114,25 @@ def differences_by_strength(of: Simulated, vector: ParameterVector, x: Array, ra
 
 
 def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -> Array:
-    """Return derivatives whose part along the common scale of impedances and gains is exact: what changes with it is only how large
-    the laws' forces, masses and stiffnesses are beside all others.
+    """Return a Jacobian that is exact along the common scale.
+
+    Along the common scale of impedances and gains only the laws' relative forces, masses and stiffnesses change.
 
     Parameters
     ----------
+    vector : ParameterVector
+        Meaning of the entries.
+    x : (n,) array
+        Parameter vector.
+    slopes : (rows, n) array
+        Jacobian.
     scale : (n_changes,) array
-        That scale, in standard deviations of the uncertain parameters.
+        Common scale in standard deviations of the uncertain parameters.
+
+    Returns
+    -------
+    (rows, n) array
+        Corrected Jacobian.
     """
     size = float(np.linalg.norm(scale))
     project_prior = np.zeros(x.size)
@@ -106,13 +146,10 @@ def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -
 
 
 def update_broyden(slopes: Array, step: Array, change: Array) -> Array:
-    """Return slopes that agree with the change that a step made, by Broyden's update.
-
-    Source: A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation 19, 1965, eq. 4.5.
-    """
+    """Return a Jacobian that matches a step's change (Broyden 1965, eq. 4.5)."""
     return np.asarray(slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300)))
 
 
 def by_period(runs: Sequence[Signals]) -> list[int]:
-    """Return the runs in the order that a residual has them: by sample period, then as they come."""
+    """Return the runs in the order of a residual, by sample period."""
     return sorted(range(len(runs)), key=lambda i: runs[i].h)

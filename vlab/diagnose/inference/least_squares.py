@@ -1,8 +1,12 @@
-"""Fits in simulation: a hypothesis with everything uncertain beside it, on all fit runs at once.
+"""Maximum a posteriori fits of hypotheses in time, by the Levenberg-Marquardt method.
 
-The twin is simulated from its initial states with the effects of the hypothesis inside the loop, for many parameter sets
-side by side, and Gauss and Newton's method brings the difference to the recordings down. The uncertain parameters enter
-in the few directions that the recordings say something of; initial states and channel offsets are fitted along.
+The reduced model is simulated with the effects in the loop, for many parameter sets at once. Uncertain parameters enter
+in their identifiable subspace; initial states and sensor offsets are nuisance parameters. Derivatives are finite
+differences with Broyden updates.
+
+References
+----------
+D. W. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963) 431-441.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,23 +37,25 @@ from vlab.signals import Array
 
 
 class LeastSquares:
-    """Fits hypotheses to a problem's runs.
+    """Fits of hypotheses to a problem's runs.
 
     Parameters
     ----------
-    screen : Screen
-        Gives the uncertain parameters' informed directions and the first states.
+    screen : ScoreTest
+        Screening with the identifiable subspace and initial states.
+    runs : sequence of Signals or None
+        Runs; those of the screening by default.
     model_error : float or None
-        Error of the simulation itself that the weights allow for, as a share of a channel's rms; the problem's by default.
+        Allowed simulation error over a channel's rms; that of the problem by default.
     is_rough : bool
-        For first fits, with coarser steps.
+        Whether to take coarser steps, for first fits.
     """
 
     is_rough = False
     directions: Array
-    """Of the uncertain parameters, that the runs inform, (n_changes, r), in their prior's standard deviations."""
+    """Identifiable directions (n_changes, r) of the uncertain parameters, of unit prior variance."""
     unidentifiable: Array
-    """The other ones, (n_changes, n_changes - r)."""
+    """Unidentifiable directions (n_changes, n_changes - r) of the uncertain parameters."""
 
     def __init__(
         self,
@@ -72,7 +78,7 @@ class LeastSquares:
         self.free_starts = self._initial_condition_nuisance()
 
     def _weigh(self, model_error: float | None = None) -> None:
-        """Set what the weights of the runs' samples are and what their differences are worth, see `LeastSquares`."""
+        """Set the samples' weights and effective sample sizes."""
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
         samples = sum(run.y.size for run in self.runs)
@@ -84,19 +90,22 @@ class LeastSquares:
         self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
         self.effective_share = self.effective_samples
         if self.problem.case.structure is not None and self.effective_samples > EVIDENCE.model_error_samples:
-            # a mesh errs everywhere a little: believed to the last sample it would bend what is uncertain far from its prior
+            # mesh error is correlated over samples: full weight would bias the uncertain parameters far from their priors
             self.effective_share = effective_sample_size(self.noise_share, self.error_share, self.effective_samples)
 
     @cached_property
     def weights(self) -> list[Array]:
-        """Of every run's samples, (n, n_channels) each: one over the standard deviation of noise and model error, zero where lost."""
+        """Weights (n, n_channels) of every run's samples.
+
+        A weight is one over the standard deviation of noise and model error, zero for lost samples.
+        """
         return [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
 
     def _identifiable(self) -> Array:
-        """Return the directions of the uncertain parameters that the runs inform, scaled to unit prior variance.
+        """Return the identifiable directions of unit prior variance.
 
-        Every parameter is moved by a part of its standard deviation in a simulation; directions in which all of them
-        together move the channels by little beside noise and model error stay at the prior's mean.
+        Every parameter is moved by a part of its standard deviation in a simulation. Directions that move the channels
+        little, relative to noise and model error, stay at the prior mean.
         """
         sd, n = self.reduced_model.prior, len(self.reduced_model.prior)
         theta = np.vstack([self.screen.theta, self.screen.theta + FIT.probe * np.diag(sd)])
@@ -116,7 +125,7 @@ class LeastSquares:
                 samples += run.y.size
         scale = self._common_scale()
         unknown = np.vstack([self.problem.redundant, *([] if scale is None else [scale])])
-        if len(unknown):  # what seems to be known of these is an error of the derivatives
+        if len(unknown):  # apparent information there is derivative error
             known = linalg.null_space(unknown)
             gram = known @ (known.T @ gram @ known) @ known.T
         size, vectors = np.linalg.eigh(gram / samples)
@@ -126,15 +135,15 @@ class LeastSquares:
         return np.asarray(sd[:, None] * vectors[:, keep])
 
     def _common_scale(self) -> Array | None:
-        """Return the common scale of impedances and gains in standard deviations of its priors, (n_changes,); None without one."""
+        """Return the common scale (n_changes,) in standard deviations, or None."""
         scale = self.problem.common_scale
         return None if scale is None else np.asarray(scale / self.reduced_model.prior)
 
     def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
-        """Return for every window what its start can explain: free responses, the solver for them, the starts' spread.
+        """Return every window's free responses, their solver, and the start's spread.
 
-        The states that windows start from are smoothed with a model that lacks the physics sought, so they are off by a
-        little; every residual is freed of what a start within that spread makes up for, by linear least squares.
+        Window starts are smoothed without the missing physics. Every residual is projected off the free responses
+        within that spread, by linear least squares.
         """
         out: dict[int, tuple[Array, Array, Array]] = {}
         m2 = 2 * self.reduced_model.m
@@ -158,7 +167,7 @@ class LeastSquares:
         return out
 
     def _active(self) -> Array:
-        """Return the modes whose first state is fitted: those that carry the first motion."""
+        """Return the modes with an estimated initial state, by initial energy."""
         if not self._free:
             return np.zeros(0, dtype=int)
         size = np.zeros(self.reduced_model.m)
@@ -171,17 +180,31 @@ class LeastSquares:
         return np.sort(largest[size[largest] > 1e-6])
 
     def first_state(self, run: Signals) -> Array:
-        """Return the smoothed modal state at the first sample of a run that the screening filtered."""
+        """Return a run's smoothed initial modal state from the screening.
+
+        Parameters
+        ----------
+        run : Signals
+            Run.
+
+        Returns
+        -------
+        (2m,) array
+            State.
+        """
         if run.start is not None:
             return run.start
         for group in self.screen.groups:
             for i, other in enumerate(group.runs):
-                if other.name == run.name:  # the screening may have looked at its first part only
+                if other.name == run.name:  # the screening may have shortened the run
                     return np.asarray(group.smoothed.x[0, i])
         return np.zeros(2 * self.reduced_model.m)
 
     def beside(self, terms: Sequence[Term]) -> "LeastSquares":
-        """Return the refiner of a hypothesis: this one, or another where its runs start from states that the hypothesis denies."""
+        """Return the fits for given terms.
+
+        Subclasses return other windows where a sensor effect contradicts the smoothed starts.
+        """
         return self
 
     # ---- simulation -------------------------------------------------------------------------------------------------
@@ -194,14 +217,20 @@ class LeastSquares:
         values: Sequence[Mapping[str, Array]],
         starts: Array,
     ) -> Array:
-        """Simulate parameter sets side by side over runs of one sample period.
+        """Simulate parameter sets over runs of one sample period.
 
         Parameters
         ----------
+        runs : list of Signals
+            Runs.
+        terms : sequence of Term
+            Effects.
         theta : (n_sets, n_changes) array
-        values : sequence of mappings
-            Of every term its parameter values, (n_sets,) arrays.
+            Log factors.
+        values : sequence of mapping
+            Parameter values (n_sets,) of every term.
         starts : (n_sets, n_runs, 2m) array
+            Initial states.
 
         Returns
         -------
@@ -219,9 +248,9 @@ class LeastSquares:
         theta: Array,
         values: Sequence[Mapping[str, Array]],
     ) -> Array:
-        """Return what the sensors make of channels (n, n_sets, n_runs, p): their gains, then the terms that act on them."""
+        """Return channels (n, n_sets, n_runs, p) after sensor gains and sensor effects."""
         gains = self.reduced_model.gains(theta)[1]
-        with np.errstate(over="ignore"):  # of a trial that ran away
+        with np.errstate(over="ignore"):  # a diverged trial
             y *= gains[:, None, :]
         for term, own in zip(terms, values, strict=True):
             if isinstance(term.effect, PickUp):
@@ -239,10 +268,9 @@ class LeastSquares:
         given: Mapping[str, Array],
         runs: Sequence[Signals],
     ) -> None:
-        """Let a sensor effect act on its channel, set by set and run by run.
+        """Apply a sensor effect to its channel, by set and run.
 
-        A window begins in the middle of a motion that the sensor's own dynamics have followed before: where that is not known, it is
-        the beginning turned round.
+        A window needs the motion before its start for a sensor with dynamics. An odd extension replaces unknown motion.
         """
         for s in range(y.shape[1]):
             p = {k: float(v[s]) for k, v in given.items()}
@@ -268,15 +296,26 @@ class LeastSquares:
     ) -> Fit:
         """Fit a hypothesis.
 
-        It starts from the screening's values and uncertain parameters, or those of `start` for what both know, with new
-        terms at several sizes, whichever simulates best.
+        The fit starts from the screening, or from `start` with new terms at several sizes, whichever has the least
+        cost.
 
         Parameters
         ----------
+        terms : sequence of Term
+            Effects with starting values.
+        start : Fit or None
+            Earlier fit.
+        iterations : int
+            Most iterations.
         thetas : sequence of (n_changes,) arrays
-            Other log-factors of the uncertain parameters to start from where `start` knows all terms.
-        settled : float
-            The descent ends where two steps in a row lower the cost by less.
+            Further starts of the uncertain parameters, where `start` has all terms.
+        tolerance : float
+            Cost decrease [nat] below which two successive steps end the fit.
+
+        Returns
+        -------
+        Fit
+            Fit of least negative log posterior.
         """
         vector = self.vector(terms)
         first, *others = self._starts(vector, start, thetas)
@@ -284,16 +323,30 @@ class LeastSquares:
         samples = sum(run.y.size for run in self.runs)
         for x in (
             others
-        ):  # only worth the time where the first one led no way down to the noise, or only far from the priors
+        ):  # further starts only where the first one missed the noise level, or ended far from the prior means
             if best.cost < FIT.explained * samples and best.chi2 - best.cost < FIT.distant * vector.r:
                 break
             best = min(best, self._descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
 
     def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
-        """Return the least that a term leaves with any of some values, as a fit's `cost` with its priors, and the term with these.
+        """Return the best of some values of a term, without a fit.
 
-        All else is as `start` has it; nothing is fitted.
+        Parameters
+        ----------
+        term : Term
+            Term.
+        values : sequence of mapping
+            Trial values.
+        start : Fit
+            All other parameters.
+
+        Returns
+        -------
+        cost : float
+            Least cost with priors.
+        term : Term
+            Term with the best values.
         """
         terms = [replace(term, values=dict(own)) for own in values]
         vector = self.vector(terms[:1])
@@ -302,12 +355,15 @@ class LeastSquares:
         return float(costs[best]), terms[best]
 
     def negative_log_posterior(self, fit: Fit) -> float:
-        """Return what a descent brings down: the logarithm of what is left, as many values as it is worth, and the priors."""
+        """Return the objective of a descent [nat].
+
+        The objective is the effective sample size times the log cost, plus the prior terms.
+        """
         return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
     def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
         damping, raw = 1e-3, self.residual(vector, x[None])[0]
-        if not x.size:  # the recordings say nothing of what is uncertain: no fit has anything to move
+        if not x.size:  # without identifiable parameters there is nothing to fit
             return self._result(vector, x, raw, np.zeros((0, 0)))
         slopes, age = np.zeros((raw.size, x.size)), FIT.reused
         small, done, last = 0, -1, iterations
@@ -333,7 +389,7 @@ class LeastSquares:
             costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
             pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
             if not costs[pick] < cost:
-                if age:  # the slopes are old: new ones before smaller steps
+                if age:  # an old Jacobian is renewed before smaller steps
                     age = FIT.reused
                     continue
                 damping *= 1e4
@@ -350,7 +406,7 @@ class LeastSquares:
             damping = max(0.1 * (lams[pick - len(FIT.parts)] if is_damped else damping), 1e-8)
             is_cheap = (
                 cost - costs[pick] < FIT.cheaper
-            )  # no longer do the uncertain parameters come nearer to their priors
+            )  # from here the uncertain parameters no longer approach their prior means
             if small >= 2 and shapes_too:
                 break
             if tolerance <= FIT.exact:
@@ -359,7 +415,7 @@ class LeastSquares:
                 break
             if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < FIT.explained:
                 last = min(max(last, done + 2), iterations + FIT.more)
-        if tolerance <= FIT.exact:  # what is carried on is good for steps, not for intervals
+        if tolerance <= FIT.exact:  # an updated Jacobian suffices for steps, not for intervals
             vector, x, raw = self._with_unidentifiable(vector, x, raw)
             slopes = forward_differences(self, vector, x, raw)
             for _ in range(FIT.passes):
@@ -370,7 +426,7 @@ class LeastSquares:
         return self._result(vector, x, raw, self._normal(vector, slopes, self._weight(vector, raw)))
 
     def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
-        """Return an entry with all motions on the scale that the priors like best; see `scales`."""
+        """Return a vector with the motion scale of largest prior density."""
         project_prior, ours = vector.project_prior(motion_scale(self.problem)), slice(0, vector.r)
         grown = -float(project_prior @ x[ours]) / max(float(project_prior @ project_prior), 1e-12)
         out = x.copy()
@@ -382,40 +438,39 @@ class LeastSquares:
         return out
 
     def _normal(self, vector: ParameterVector, slopes: Array, weight: Array) -> Array:
-        """Return the matrix of Gauss and Newton's method for slopes of a residual with its weights: one for priors, one for data."""
+        """Return the weighted normal matrix of priors and data."""
         ours, data = slopes[: vector.priors], slopes[vector.priors :]
         return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
 
     def _with_unidentifiable(
         self, vector: ParameterVector, x: Array, raw: Array
     ) -> tuple[ParameterVector, Array, Array]:
-        """Return entries, a vector of them and its residual with the directions that the runs say nothing of beside the informed ones.
+        """Return vector and residual with the unidentifiable directions added.
 
-        All gains and impedances a hundredth larger change no channel, but every force that a law is found to have.
+        A common change of gains and impedances moves no channel, but every estimated force.
         """
         wide = replace(vector, directions=np.hstack([vector.directions, self.unidentifiable]))
         none = np.zeros(wide.r - vector.r)
         return wide, np.insert(x, vector.r, none), np.insert(raw, vector.r, none)
 
     def _is_noise(self, vector: ParameterVector, raw: Array) -> bool:
-        """Return whether what remains of every run is as small as the noise: a better fit means nothing.
+        """Return whether every run's residual is at noise level.
 
-        All together may be while the loudest run still asks for another value: most samples of a blow are of its fading out.
+        The runs together may be while the loudest is not: most samples of an impact test belong to the decay.
         """
         at = vector.priors
         for size in (self.runs[i].y.size for i in by_period(self.runs)):
             if np.mean(raw[at : at + size] ** 2) > FIT.noise + 4.0 * np.sqrt(
                 2.0 / size
-            ):  # four standard deviations of it
+            ):  # four standard deviations of the mean square
                 return False
             at += size
         return True
 
     def _weight(self, vector: ParameterVector, raw: Array) -> Array:
-        """Return the weights of residuals: one for priors, and for data what makes their sum of squares the samples' worth.
+        """Return weights that reduce the data to their effective sample size.
 
-        The scale of what no parameter explains is unknown; taking it as found keeps the priors in force however wrong a
-        hypothesis is.
+        The scale of the residual is estimated, so the priors stay active under any wrong hypothesis.
         """
         priors = vector.priors
         effective_samples = self.effective_share / max(raw.size - priors, 1)
@@ -425,7 +480,7 @@ class LeastSquares:
         return out
 
     def _starts(self, vector: ParameterVector, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
-        """Return where to start from: the screening's joint estimate, and another fit with the new terms added small."""
+        """Return starting vectors: the screening's estimate, and a fit with small new terms."""
         terms = vector.terms
         known = {} if start is None else {t.label: t for t in start.terms}
         theta = self.screen.theta if start is None else start.theta
@@ -457,12 +512,12 @@ class LeastSquares:
         first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
         if start is None or start.chi2 - start.cost < FIT.distant * vector.r:
             return first
-        # far from its priors the other fit has made up for what is missing
+        # far from its priors the other fit has absorbed the missing physics
         own = [known.get(term.label, term).values for term in terms]
         return [*first, self._initial(vector, own, np.zeros_like(theta), start)]
 
     def _ordered(self, vector: ParameterVector, starts: list[Array]) -> list[Array]:
-        """Return starts by what they leave, the least first; with a law that alone."""
+        """Return starts in order of cost; with a law the best alone."""
         if len(starts) == 1:
             return starts
         costs = self._costs(vector, np.array(starts))
@@ -473,7 +528,18 @@ class LeastSquares:
         return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
 
     def vector(self, terms: Sequence[Term]) -> ParameterVector:
-        """Return what a fit of terms moves."""
+        """Return the parameter vector of a fit.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Effects.
+
+        Returns
+        -------
+        ParameterVector
+            Meaning, bounds and scales of the entries.
+        """
         firsts = [self.first_state(self.runs[i]) for i in self._free]
         return ParameterVector(
             terms=terms,
@@ -492,13 +558,13 @@ class LeastSquares:
 
     @property
     def _free(self) -> list[int]:
-        """The runs whose first state is fitted."""
+        """Runs with an estimated initial state."""
         return [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
 
     def _initial(
         self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
-        """Return the vector of terms' values and log-factors, with the offsets and first states of a fit where one is given."""
+        """Return the vector of given values, with a fit's offsets and initial states."""
         known = {} if start is None else start.starts
         names = [self.runs[i].name for i in self._free]
         states = [known.get(name, first) for name, first in zip(names, vector.firsts, strict=True)]
@@ -506,7 +572,7 @@ class LeastSquares:
         return vector.packed(theta, offsets, states, values)
 
     def _unpacked(self, vector: ParameterVector, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
-        """Return log-factors, offsets, the first states of all runs (n_sets, n_runs, 2m) and terms' values of vectors."""
+        """Return log factors, offsets, initial states (n_sets, n_runs, 2m) and values of vectors."""
         theta, offsets, states, values = vector.unpacked(X)
         starts = np.zeros((len(X), len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):
@@ -516,8 +582,23 @@ class LeastSquares:
         return theta, offsets, starts, values
 
     def residual(self, vector: ParameterVector, X: Array) -> Array:
-        """Return what vectors leave of the recordings, (n_sets, rows): deviations from priors, weighted differences of every run's samples
-        in the order of `by_period`, what windows' starts were moved by; of unit variance each."""
+        """Return the residuals of parameter vectors, of unit variance.
+
+        The rows are prior deviations, weighted residuals of the runs in the order of `by_period`, and moves of window
+        starts.
+
+        Parameters
+        ----------
+        vector : ParameterVector
+            Meaning of the entries.
+        X : (n_sets, n) array
+            Parameter vectors.
+
+        Returns
+        -------
+        (n_sets, rows) array
+            Residuals.
+        """
         theta, offsets, starts, values = self._unpacked(vector, X)
         priors = vector.priors
         samples = sum(run.y.size for run in self.runs)
@@ -534,7 +615,7 @@ class LeastSquares:
                 block = out[:, at : at + run.y.size]
                 at += run.y.size
                 difference = block.reshape(len(X), *run.y.shape)
-                with np.errstate(over="ignore", invalid="ignore"):  # what ran away is cut off below
+                with np.errstate(over="ignore", invalid="ignore"):  # diverged trials are clipped below
                     np.subtract(y[: len(run), :, j].transpose(1, 0, 2), run.y, out=difference)
                     difference += offsets[:, None]
                     difference *= self.weights[i]
@@ -585,7 +666,7 @@ class LeastSquares:
 
 
 def _cut_off(residual: Array) -> None:
-    """Bring a residual that ran away back to large numbers, in place."""
-    if residual.min() >= -FIT.largest and residual.max() <= FIT.largest:  # not of what is no number
+    """Clip a diverged residual, in place."""
+    if residual.min() >= -FIT.largest and residual.max() <= FIT.largest:  # false for NaN
         return
     residual[:] = np.where(np.isfinite(residual), np.clip(residual, -FIT.largest, FIT.largest), FIT.largest)

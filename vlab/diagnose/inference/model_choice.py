@@ -1,4 +1,4 @@
-"""The choice among hypotheses: how many effects, which class of them, where, with what probability."""
+"""Choice among hypotheses: number of effects, effect class, location and probability."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,31 +7,30 @@ import numpy as np
 
 from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE
-from vlab.physics.effect import LinearPortEffect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """What is chosen on the fit recordings alone.
+    """Choice on the fitted recordings.
 
     Parameters
     ----------
     best : Hypothesis
-        `Found.before` where nothing is missing.
+        Chosen hypothesis; `Found.before` where nothing is missing.
     alike : tuple of Hypothesis
-        With the best one, all that the recordings cannot tell from it.
+        Indistinguishable hypotheses, the best included.
     probability : float
-        Of the best hypothesis' effects, wherever they are.
-    shares : mapping of str to float
-        Of every one of its effects, whatever is there besides it.
+        Posterior probability of the best effects at any location [1].
     ranking : tuple of (Hypothesis, float)
-        Other hypotheses with their probabilities, best first.
+        Other hypotheses with probabilities, best first.
     places : dict
-        Probability of every place of the first effect.
+        Posterior probability of every location of the first effect.
+    shares : mapping of str to float
+        Marginal probability of each of the best effects.
     gained : float
-        Log-likelihood beyond what is enough to believe in it, over the refitted model alone.
+        Log posterior gain over the calibrated model beyond the threshold [nat].
     is_prior_driven : bool
-        Most of that is what the refitted model's uncertain parameters are less likely.
+        Whether the gain is mostly prior density of the uncertain parameters.
     """
 
     best: Hypothesis
@@ -45,12 +44,23 @@ class Choice:
 
     @property
     def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
-        """All hypotheses with their probabilities, the chosen one first."""
+        """All hypotheses with probabilities, the chosen one first."""
         return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
 
 
 def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
-    """Return whether most of what a hypothesis gains over another is what the other's uncertain parameters are less likely."""
+    """Return whether a gain is mostly prior density.
+
+    Parameters
+    ----------
+    more, less : Hypothesis
+        Hypotheses with and without the gain.
+
+    Returns
+    -------
+    bool
+        Whether the prior gain exceeds the likelihood gain.
+    """
     return less.negative_log_prior - more.negative_log_prior > more.effective_samples * (
         less.log_rms_residual - more.log_rms_residual
     )
@@ -61,7 +71,7 @@ def _excess(hypothesis: Hypothesis) -> float:
 
 
 def _beyond(more: Hypothesis, less: Hypothesis) -> float:
-    """Return by how much the log-likelihood that one more effect gains exceeds what is enough to believe in it."""
+    """Return the gain of further effects beyond the threshold [nat]."""
     if any(
         _is_mains_frequency(t.values["frequency"])
         for t in more.terms
@@ -71,7 +81,7 @@ def _beyond(more: Hypothesis, less: Hypothesis) -> float:
     known = {t.label for t in less.terms}
     added = [t for t in more.terms if t.label not in known]
     count = sum(len(t.effect.parameters) for t in added)
-    is_linear = all(isinstance(t.effect, LinearPortEffect) or t.effect.family == "gain" for t in added)
+    is_linear = all(t.effect.is_linear or t.effect.traits.is_linear for t in added)
     enough = (MODEL_CHOICE.of_linear if is_linear else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
     enough += MODEL_CHOICE.of_pairs if len(added) > 1 else 0.0
     return more.score - less.score + more.complexity - less.complexity - enough
@@ -86,7 +96,18 @@ def _is_mains_frequency(frequency: float) -> bool:
 
 
 def choose_model(found: Found) -> Choice:
-    """Choose the hypothesis that explains the fit recordings with the fewest effects."""
+    """Choose the hypothesis with the fewest sufficient effects.
+
+    Parameters
+    ----------
+    found : Found
+        Result of a search.
+
+    Returns
+    -------
+    Choice
+        Choice.
+    """
     before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
     doubles = [h for h in found.hypotheses if len(h.terms) == 2]
     best = before
@@ -108,7 +129,7 @@ def choose_model(found: Found) -> Choice:
             best = two
     elif (
         doubles and before.normalised_residual > MODEL_CHOICE.above_noise
-    ):  # of two effects one alone may explain nothing
+    ):  # one of two effects alone may explain nothing
         two = doubles[0]
         if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and _beyond(two, before) > 0:
             best = two
@@ -131,7 +152,7 @@ def choose_model(found: Found) -> Choice:
 
 
 def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:
-    """Return the probabilities that the scores of some hypotheses give them among themselves."""
+    """Return the relative probabilities of hypotheses from their scores."""
     scores = np.array([h.score for h in hypotheses])
     weights = np.exp(scores - scores.max())
     return [float(w) for w in weights / weights.sum()]
@@ -142,7 +163,10 @@ def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
 
 
 def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
-    """Return the probability of the chosen effects and the ranking of the others with the same number of effects."""
+    """Return the probability of the best effects, and the ranking of others.
+
+    All have the same number of effects.
+    """
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
     by_effect: dict[tuple[str, ...], Hypothesis] = {}
     for h in [best, *sorted(same, key=lambda h: -h.score)]:

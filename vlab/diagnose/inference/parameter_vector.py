@@ -1,4 +1,4 @@
-"""The vector that a fit in simulation moves: what its entries stand for, in which sizes and within which bounds."""
+"""Parameter vector of a fit in time: order, transforms, scales and bounds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,27 +14,28 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterVector:
-    """Which entry of a fitted vector is what: uncertain parameters along directions, offsets of channels, first states of runs,
-    parameters of effects, in this order.
+    """Meaning of the entries of a fitted vector.
+
+    The order is uncertain parameters along directions, sensor offsets, initial states, effect parameters.
 
     Parameters
     ----------
     terms : sequence of Term
-        The effects at their places whose parameters are fitted.
+        Effects with fitted parameters.
     limits : sequence of (float, float)
-        Least and largest entry of every one of these parameters.
+        Bounds of every effect parameter's entry.
     directions : (n_changes, r) array
-        Of the uncertain parameters, of unit prior variance.
+        Directions of the uncertain parameters, of unit prior variance.
     prior : (n_changes,) array
-        Standard deviations of the uncertain parameters.
+        Prior standard deviations of the uncertain parameters.
     offset_sd : (n_channels,) array
-        Those of the channels' offsets.
+        Prior standard deviations of the sensor offsets.
     omega : (m,) array
-        Angular frequencies of the twin's modes [rad/s].
+        Natural frequencies of the reduced model [rad/s].
     active : (n,) array of int
-        Modes whose first state is fitted, in every run of `firsts`.
+        Modes with an estimated initial state.
     firsts : (n_free, 2m) array
-        First modal states, as estimated before, of the runs that do not start at rest nor from a state of their own.
+        Prior initial states of the runs with an estimated one.
     """
 
     terms: Sequence[Term]
@@ -53,22 +54,25 @@ class ParameterVector:
 
     @property
     def priors(self) -> int:
-        """Number of entries with a prior of unit variance: directions and offsets. They come first."""
+        """Number of leading entries with unit prior variance.
+
+        These are directions and offsets.
+        """
         return self.r + len(self.offset_sd)
 
     @property
     def first_effect(self) -> int:
-        """Where the effects' parameters begin."""
+        """Index of the first effect parameter."""
         return self.priors + 2 * len(self.active) * len(self.firsts)
 
     @cached_property
     def parameters(self) -> list[tuple[int, Parameter]]:
-        """Of every effect's parameter the index of its term, and itself."""
+        """Term index and parameter of every effect parameter's entry."""
         return [(i, parameter) for i, term in enumerate(self.terms) for parameter in term.effect.parameters]
 
     @property
     def shapes(self) -> list[int]:
-        """The entries of parameters that a law is not linear in, of laws that have others."""
+        """Entries of shape parameters, of laws with amplitudes."""
         return [
             k
             for k, (i, parameter) in enumerate(self.parameters, start=self.first_effect)
@@ -77,7 +81,7 @@ class ParameterVector:
 
     @cached_property
     def start_scale(self) -> Array:
-        """Sizes that first states are fitted in, (2 n_active,)."""
+        """Scales (2 n_active,) of the initial states."""
         m, a = len(self.omega), self.active
         omega = np.maximum(np.abs(self.omega[a]), 1.0)
         if not len(a):
@@ -87,13 +91,30 @@ class ParameterVector:
         return PARAMETER_VECTOR.start_size * np.concatenate([speed / omega, np.full(len(a), speed)])
 
     def project_prior(self, theta: Array) -> Array:
-        """Return log-factors along the directions, in standard deviations of their prior; the rest is left out."""
+        """Return log factors along the directions, in prior standard deviations."""
         return np.asarray((self.directions / self.prior[:, None] ** 2).T @ theta)
 
     def packed(
         self, theta: Array, offsets: Array, states: Sequence[Array], values: Sequence[Mapping[str, float]]
     ) -> Array:
-        """Return the vector, within its bounds, of log-factors, offsets, free runs' first states and terms' values."""
+        """Return the bounded vector of given values.
+
+        Parameters
+        ----------
+        theta : (n_changes,) array
+            Log factors.
+        offsets : (n_channels,) array
+            Sensor offsets.
+        states : sequence of (2m,) array
+            Initial states of the free runs.
+        values : sequence of mapping
+            Parameter values of every term.
+
+        Returns
+        -------
+        (n,) array
+            Vector.
+        """
         m = len(self.omega)
         parts = [self.project_prior(theta), offsets / self.offset_sd]
         parts += [np.concatenate([x[self.active], x[m + self.active]]) / self.start_scale for x in states]
@@ -101,7 +122,24 @@ class ParameterVector:
         return np.asarray(self.bounded(np.concatenate(parts)[None])[0])
 
     def unpacked(self, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
-        """Return log-factors (n_sets, n_changes), offsets, free runs' first states (n_sets, n_free, 2m) and terms' values of vectors."""
+        """Return the values of vectors.
+
+        Parameters
+        ----------
+        X : (n_sets, n) array
+            Vectors.
+
+        Returns
+        -------
+        theta : (n_sets, n_changes) array
+            Log factors.
+        offsets : (n_sets, n_channels) array
+            Sensor offsets.
+        states : (n_sets, n_free, 2m) array
+            Initial states of the free runs.
+        values : list of dict
+            Parameter values (n_sets,) of every term.
+        """
         m, half = len(self.omega), len(self.active)
         theta = X[:, : self.r] @ self.directions.T
         offsets = X[:, self.r : self.priors] * self.offset_sd
@@ -114,7 +152,18 @@ class ParameterVector:
         return theta, offsets, states, values
 
     def steps(self, x: Array) -> Array:
-        """Return the steps of slopes at a vector."""
+        """Return the finite-difference steps (n,) at a vector.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Vector.
+
+        Returns
+        -------
+        (n,) array
+            Steps.
+        """
         out = np.full(x.size, PARAMETER_VECTOR.step)
         out[self.priors : self.first_effect] = PARAMETER_VECTOR.start_step
         for k, (_, parameter) in enumerate(self.parameters, start=self.first_effect):
@@ -126,7 +175,18 @@ class ParameterVector:
         return out
 
     def bounded(self, X: Array) -> Array:
-        """Return vectors brought back within their bounds."""
+        """Return vectors clipped to their bounds.
+
+        Parameters
+        ----------
+        X : (n_sets, n) array
+            Vectors.
+
+        Returns
+        -------
+        (n_sets, n) array
+            Clipped vectors.
+        """
         out = X.copy()
         for k, (low, high) in enumerate(self.limits, start=self.first_effect):
             out[:, k] = np.clip(out[:, k], low, high)
@@ -135,14 +195,24 @@ class ParameterVector:
 
 
 def limits_of(parameter: Parameter, value: float, reference: Callable[[str], float]) -> tuple[float, float]:
-    """Return the least and the largest entry of a parameter that starts at a value; a shape's within its range, which says what it is:
-    a damping ratio; a slip or a gap that is a share of the motion, for others are other laws. A size does not go beyond its range, wherever
-    it starts: a gain of a thousand is a unit, not an amplifier.
+    """Return the bounds of a parameter's entry.
+
+    Shapes stay within the range that defines them: damping ratios, or slip and gap as share of the motion. Amplitudes
+    stay within their range from any start.
 
     Parameters
     ----------
+    parameter : Parameter
+        Parameter.
+    value : float
+        Starting value.
     reference : callable
-        Gives by name what the parameter's range is in multiples of.
+        Returns the reference quantity of a relative range, by name.
+
+    Returns
+    -------
+    low, high : float
+        Bounds.
     """
     if parameter.signed:
         most = np.inf if parameter.reference else parameter.high
@@ -161,10 +231,10 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
 
 
 def to_unbounded(parameter: Parameter, value: float) -> float:
-    """Return the entry that is fitted for a parameter's value: itself where it has a sign, else its logarithm."""
+    """Return the entry of a value: its log, or itself where signed."""
     return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
 
 
 def from_unbounded(parameter: Parameter, x: Array) -> Array:
-    """Return the values of fitted entries."""
+    """Return the values of entries."""
     return x if parameter.signed else np.exp(np.clip(x, -80, 80))

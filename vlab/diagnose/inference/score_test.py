@@ -1,10 +1,15 @@
-"""Which physics, where: a regression of the filter's innovations on every effect at every place.
+"""Score test of every effect at every location, on the innovations of a Kalman filter.
 
-The innovations of a filter on the nominal model are white where nothing is missing. A force that the model lacks leaves
-in them its response through the observer, which forgets quickly even where the structure rings for minutes: no phase
-drifts, and decays without any input are as good as driven records. The motion at every place is the smoothed one, so the
-law of every effect can be evaluated there, and its amplitude follows by linear regression with the uncertain parameters
-beside it under their priors. What remains is a table of likelihood gains, one for each effect at each place.
+The innovations of the nominal model are white where nothing is missing. A missing force leaves its response through the
+observer, which forgets quickly even where the structure rings for minutes. No phase drifts, and free decays serve as
+well as driven records. Every law is evaluated along the smoothed motion, and linear regression gives its amplitude next
+to the uncertain parameters with their priors. The score test (Rao 1948) gives a log-likelihood gain for each effect and
+location.
+
+References
+----------
+C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters, Proc. Camb. Phil. Soc. 44 (1948)
+50-57.
 """
 
 import copy
@@ -41,14 +46,14 @@ from vlab.signals import Array
 
 
 def _inverse(normal: Array) -> Array:
-    """Return the pseudo-inverse of a normal matrix; columns of very different units must not fall to its cutoff."""
+    """Return the pseudo-inverse of a normal matrix, scaled by its diagonal."""
     size = np.sqrt(np.diag(normal))
     return np.asarray(np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size))
 
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """The whitened columns of all effects and shapes at a place, (rows, sum of widths)."""
+    """Whitened columns (rows, sum of widths) of all effects and shapes at a location."""
 
     effects: list[tuple[Effect, dict[str, float]]]
     widths: list[int]
@@ -56,30 +61,32 @@ class _Plan:
 
 
 class ScoreTest:
-    """The screening of a problem's fit runs.
+    """Screening of a problem's fit runs.
 
     Parameters
     ----------
     problem : Problem
-        The case.
+        Problem.
+    signals : sequence of Signals or None
+        Runs; the fit runs of the problem by default.
     trust : float
-        Factor on the unknown forces' intensity: below 1 the filter trusts the model more and forgets more slowly.
-    like : Screen or None
-        Another screening of the same runs, whose uncertain parameters and intensities are taken over.
+        Factor on the unknown-force intensity; below 1 the filter forgets more slowly.
+    like : ScoreTest or None
+        Screening whose uncertain parameters and intensities are taken over.
     theta : (n_changes,) array or None
-        Uncertain parameters to start from instead.
+        Initial log factors of the uncertain parameters.
     """
 
     keeps_plans: ClassVar[bool] = False
-    """Whether the columns of all places are kept for screenings beside some candidates; they are made in this process then."""
+    """Whether the columns of all locations are cached, which needs a single process."""
     slower: "tuple[ScoreTest, ...]" = ()
-    """Screenings of the same runs by observers that forget more slowly, where there are any."""
+    """Screenings by slower observers."""
     theta: Array
-    """The uncertain parameters as the filters have them."""
+    """Log factors of the uncertain parameters in the filters."""
     estimate: tuple[Array, list[dict[str, float]]]
-    """Of `given`: the uncertain parameters and the candidates' values that explain the innovations together."""
+    """Joint estimate of uncertain parameters and candidates, set by `given`."""
     cautious: tuple[Array, list[dict[str, float]]]
-    """The same with the innovations taken as few independent values, so that the priors weigh more."""
+    """Joint estimate at a small effective sample size, with stronger priors."""
 
     def __init__(
         self,
@@ -110,12 +117,12 @@ class ScoreTest:
             self._linearise()
 
     def _shortened(self, runs: list[Signals]) -> list[Signals]:
-        """Return the first parts of runs that together hold no more than `SCORE_TEST.most_rows` values."""
+        """Return the first parts of runs within `SCORE_TEST.most_rows` values."""
         most = SCORE_TEST.most_rows // (len(runs) * len(self.reduced_model.rows.at_q))
         return [run if len(run) <= most else run.first(most) for run in runs]
 
     def _linearise(self) -> None:
-        """Filter all runs with the uncertain parameters as they stand, and regress what is left on them."""
+        """Filter all runs at the current parameters and regress the innovations."""
         periods = sorted({run.h for run in self.runs})
         M, C, K, self.actuator_gain, self.sensor_gain = (
             part[0] for part in self.reduced_model.matrices(self.theta[None])
@@ -135,17 +142,28 @@ class ScoreTest:
         self._plain = (self.nuisance, precision)
 
     def _estimate_changes(self, precision: Array, pull: Array) -> Array:
-        """Return the coefficients of the uncertain parameters' columns, the innovations taken as few independent values.
+        """Return the uncertain parameters at a small effective sample size.
 
-        What a model leaves of the innovations is its own error, which does not average out over a hundred thousand samples;
-        taken at their number, directions that scale nearly everything drift many standard deviations away.
+        The innovations' model error does not average out over samples. Full weight would let weakly identified
+        directions drift many standard deviations.
         """
         share = SCORE_TEST.model_error_samples / len(self.e) / max(self.variance, 1.0)
         normal = share * self.nuisance.T @ self.nuisance + np.diag(precision)
         return np.asarray(_inverse(normal) @ (share * (self.nuisance.T @ self.e) - pull))
 
     def given(self, candidates: Sequence[Candidate]) -> "ScoreTest":
-        """Return the screening with some candidates taken as present: their amplitudes are free beside the uncertain ones."""
+        """Return the screening with free amplitudes of some candidates.
+
+        Parameters
+        ----------
+        candidates : sequence of Candidate
+            Candidates taken as present.
+
+        Returns
+        -------
+        ScoreTest
+            Conditional screening.
+        """
         other = copy.copy(self)
         other._spectra, other._tones = None, {}
         columns = [self.columns_of(candidate) for candidate in candidates]
@@ -164,7 +182,7 @@ class ScoreTest:
         return other
 
     def _estimate(self, candidates: Sequence[Candidate], solution: Array) -> tuple[Array, list[dict[str, float]]]:
-        """Return the uncertain parameters and the candidates' values that explain the innovations together."""
+        """Return the joint estimate of uncertain parameters and candidates."""
         at, values = len(self.theta) + len(self.offset_sd), []
         theta = np.clip(self.theta + solution[: len(self.theta)], -2.0, 2.0)
         for candidate in candidates:
@@ -180,8 +198,18 @@ class ScoreTest:
     def states(
         self, effects: Sequence[tuple[SensorEffect, Place, Mapping[str, float]]] = ()
     ) -> list[tuple[Signals, Array, Array]]:
-        """Return every run with its smoothed modal states, (n, 2m), from recordings that sensor effects are taken off, and what channels
-        of gain one show of these, (n, n_channels)."""
+        """Return every run with its smoothed states and channels.
+
+        Parameters
+        ----------
+        effects : sequence of (SensorEffect, Place, mapping)
+            Sensor effects to remove from the recordings first.
+
+        Returns
+        -------
+        list of (Signals, (n, 2m) array, (n, n_channels) array)
+            Run, smoothed modal states, and channels of unit gain.
+        """
         out = []
         for group in self.groups:
             smoothed = group.smoothed
@@ -195,13 +223,24 @@ class ScoreTest:
         return out
 
     def forget(self) -> None:
-        """Drop what only the table of candidates is made of."""
+        """Drop the caches of the candidates."""
         self._integrated.clear()
         if not self.keeps_plans:
             self._cache.clear()
 
     def columns_of(self, candidate: Candidate) -> Array:
-        """Return the whitened columns of a candidate's amplitudes, (rows, k)."""
+        """Return the whitened columns (rows, k) of a candidate's amplitudes.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            Candidate.
+
+        Returns
+        -------
+        (rows, k) array
+            Columns.
+        """
         blocks = []
         shape = {p.name: candidate.values[p.name] for p in candidate.effect.shapes}
         plan = self._cache.get(candidate.place.name)
@@ -219,8 +258,11 @@ class ScoreTest:
     def _foreseen(
         self, group: Group, place: Place, effect: Effect, values: Mapping[str, float], columns: Array
     ) -> None:
-        """Take the innovations themselves off the columns (n, n_runs, p, k) of a pick-up: of their own sample signals count as
-        far as they were foreseen, or what is left of one sensor would explain what is left of another."""
+        """Subtract the innovations from the columns of a pick-up, in place.
+
+        Of their own sample only the predicted part of signals counts. Otherwise one sensor's innovation would explain
+        another's.
+        """
         if not isinstance(effect, PickUp):
             return
         other = 0.0 if place.tag == "command" else group.e[..., place.other]
@@ -252,7 +294,7 @@ class ScoreTest:
         else:
             intensity = near or tune(system, noise, forces, y, lengths, usable)[0]
             gains = filter_gains(system, noise, intensity * self.trust, start_covariance(system, y))
-        if usable is None and all(run.at_rest for run in runs):  # how it starts is known: every sample counts
+        if usable is None and all(run.at_rest for run in runs):  # a known start makes every sample count
             gains = FilterGains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:])
         smoothed = run_filter(system, gains, forces, y, lengths, usable=usable)
         steady = np.trace(gains.S[-1])
@@ -264,10 +306,25 @@ class ScoreTest:
         group.impulses = impulses_of(system, gains.K[-1], len(y))
         return group
 
-    # ---- what a signal leaves in the innovations --------------------------------------------------------------------
+    # ---- innovations' response to signals ---------------------------------------------------------------------------
 
     def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
-        """Return what modal forces (n, n_runs, m, k) and additions to readings (n, n_runs, p, k) leave, (n, n_runs, p, k)."""
+        """Return the innovations' response to forces and channel additions.
+
+        Parameters
+        ----------
+        group : Group
+            Filtered runs.
+        modal : (n, n_runs, m, k) array or None
+            Modal forces.
+        reading : (n, n_runs, p, k) array or None
+            Additions to the channels.
+
+        Returns
+        -------
+        (n, n_runs, p, k) array
+            Innovations.
+        """
         parts = []
         if modal is not None:
             parts.append(convolved(group.impulses[:, :, : self.reduced_model.m], modal.astype(np.float32)))
@@ -276,7 +333,7 @@ class ScoreTest:
         return np.asarray(sum(parts))
 
     def _nuisance(self) -> Array:
-        """Return the whitened columns of the uncertain parameters, (rows, n_changes)."""
+        """Return the whitened columns (rows, n_changes) of the uncertain parameters."""
         blocks = []
         sensors = [
             (i, change.sensor) for i, change in enumerate(self.reduced_model.changes) if change.sensor is not None
@@ -289,13 +346,13 @@ class ScoreTest:
                 p, v = np.split(group.smoothed.x, 2, axis=-1)
                 reading[..., shift.sensor, shift.by] = p @ shift.at_q + v @ shift.at_v
             left = self.through(group, self._changed_forces(group), reading)
-            for i, sensor in sensors:  # of its own sample only what was foreseen: the rest is the innovation itself
+            for i, sensor in sensors:  # of its own sample only the prediction counts, not the innovation
                 left[..., sensor, i] -= group.e[..., sensor]
             blocks.append(group.rows(left))
         return np.concatenate(blocks)
 
     def _changed_forces(self, group: Group) -> Array:
-        """Return the modal forces that a unit of every uncertain parameter adds, (n, n_runs, m, n_changes)."""
+        """Return modal forces (n, n_runs, m, n_changes) per unit uncertain parameter."""
         p, v, a = group.motion
         modal = np.zeros((*p.shape, len(self.reduced_model.changes)))
         slopes = self.reduced_model.slopes(self.theta)
@@ -308,7 +365,7 @@ class ScoreTest:
         return modal
 
     def _offsets(self) -> Array:
-        """Return the columns of the channels' zeros."""
+        """Return the columns of the sensor offsets."""
         blocks = []
         for group in self.groups:
             reading = np.zeros((*group.y.shape, group.y.shape[2]))
@@ -319,36 +376,36 @@ class ScoreTest:
 
     @property
     def offset_sd(self) -> Array:
-        """Prior standard deviation of the channels' zeros."""
+        """Prior standard deviations (n_channels,) of the sensor offsets."""
         share = np.array([SCORE_TEST.offset_sd[order] for order in self.problem.orders])
         return np.asarray(share * np.max([run.scale for run in self.runs], axis=0))
 
     def _left(self, columns: Array) -> Array:
-        """Return columns with what the uncertain parameters explain of them taken off."""
+        """Return columns projected off the uncertain parameters."""
         return np.asarray(columns - self.nuisance @ (self._gram @ (self.nuisance.T @ columns)))
 
     def asked(
         self, others: Sequence[Sequence[Signals]], skewed: Sequence[int] = (), skew_s: float = 0.0
     ) -> tuple[Array, float, float]:
-        """Return how far the innovations ask for other inputs and for another time of some readings.
+        """Estimate other inputs and a time skew from the innovations.
 
         Parameters
         ----------
         others : sequence of sequences of Signals
             The same runs with other inputs.
         skewed : sequence of int
-            Channels that may show what is later, all by the same time.
+            Channels with a common time skew.
         skew_s : float
-            That time, a share of a sample [s].
+            Unit of the skew [s].
 
         Returns
         -------
         shares : (n_others,) or (n_others + 1,) array
-            Of the way to each of the others, and of the skew, all together: 1 where they are right.
+            Joint shares of the other inputs, and of the skew; 1 where they are correct.
         gain : float
-            In log-likelihood.
+            Log-likelihood gain [nat].
         explained : float
-            Share of what is left that this explains.
+            Explained share of the residual [1].
         """
         by_name, blocks = [{s.name: s for s in signals} for signals in others], []
         for group in self.groups:
@@ -362,7 +419,7 @@ class ScoreTest:
                 forces.append(np.zeros_like(group.forces))
                 readings.append(_moved(group.y, skewed, skew_s / group.h))
             left = self.through(group, np.stack(forces, axis=-1), np.stack(readings, axis=-1))
-            if skewed:  # of their own samples only what was foreseen
+            if skewed:  # of their own samples only the prediction counts
                 left[..., -1] -= _moved(group.e, skewed, skew_s / group.h)
             blocks.append(group.rows(left))
         columns = np.concatenate(blocks)
@@ -374,7 +431,7 @@ class ScoreTest:
         return shares, 0.5 * won / self.variance, won / max(float(self.base @ self.base), 1e-300)
 
     def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
-        """Return by what modal forces the inputs of the same runs with others differ from a group's, (n, n_runs, m)."""
+        """Return the difference (n, n_runs, m) of modal forces under other inputs."""
         u, _ = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
         return np.asarray(u @ self.now.forces.T + load @ self.now.loads.T - group.forces)
@@ -386,12 +443,19 @@ class ScoreTest:
         effects: Sequence[Effect],
         among: Collection[str] | None = None,
     ) -> list[Candidate]:
-        """Return every effect at every place that admits it, best first.
+        """Return every effect at every admissible location, best first.
 
         Parameters
         ----------
+        effects : sequence of Effect
+            Effects.
         among : collection of str or None
-            Labels of the candidates to look at; all by default.
+            Labels of the candidates to test; all by default.
+
+        Returns
+        -------
+        list of Candidate
+            Candidates by log-likelihood gain.
         """
 
         def at(places: Sequence[Place]) -> list[Candidate]:
@@ -413,11 +477,11 @@ class ScoreTest:
         return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
 
     def _plan(self, place: Place, effects: Sequence[Effect]) -> "_Plan":
-        """Return the columns of some effects at a place, one block for every effect and shape."""
+        """Return the columns of effects at a location, by effect and shape."""
         return self._columns(place, [(effect, values) for effect in effects for values in self._shapes(effect, place)])
 
     def _columns(self, place: Place, plans: list[tuple[Effect, dict[str, float]]]) -> "_Plan":
-        """Return the columns of effects with their shapes at a place."""
+        """Return the columns of effects with given shapes at a location."""
         parts: list[Array] = []
         widths: list[int] = []
         for group in self.groups:
@@ -428,7 +492,7 @@ class ScoreTest:
     def _left_by(
         self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
     ) -> tuple[Array, list[int]]:
-        """Return what effects with their shapes leave in the innovations, (n, n_runs, p, sum of widths), and their widths."""
+        """Return the innovations' response to effects, and its widths."""
         left, widths = self._carried(group, [self._causes(group, place, effect, values) for effect, values in plans])
         start = 0
         for (effect, values), width in zip(plans, widths, strict=True):
@@ -437,9 +501,9 @@ class ScoreTest:
         return left, widths
 
     def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
-        """Return what causes leave in the innovations, one block of columns for those that belong together, and the widths.
+        """Return the innovations' response to causes, and its widths.
 
-        Every way in has one impulse response, so the columns are its convolutions with the signals.
+        Every entrance has one impulse response, so columns are convolutions with it.
         """
         widths = [own[0].series.shape[-1] for own in causes]
         starts = [sum(widths[:i]) for i in range(len(widths) + 1)]
@@ -460,7 +524,7 @@ class ScoreTest:
         return out, widths
 
     def _impulse(self, group: Group, cause: Cause) -> Array:
-        """Return what a unit impulse in a cause's way leaves in the innovations, (n, p, 1)."""
+        """Return the innovations' impulse response (n, p, 1) of a cause."""
         m = self.reduced_model.m
         if cause.force is None:
             return group.impulses[:, :, m + cause.channel, None]
@@ -477,17 +541,26 @@ class ScoreTest:
         return list(best.values())
 
     def zoomed(self, candidate: Candidate) -> Candidate:
-        """Return a candidate with its shape sought between the values of the grid.
+        """Return a candidate with its shape refined between grid values.
 
-        A law with an edge - a gap, a threshold, a step - has slopes only near the right one: a fit that starts between two
-        values of a coarse grid finds no way to either.
+        A nonsmooth law has useful derivatives only near the correct shape, so a fit between coarse grid values fails.
+
+        Parameters
+        ----------
+        candidate : Candidate
+            Candidate.
+
+        Returns
+        -------
+        Candidate
+            Refined candidate.
         """
         best = candidate
-        shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # read off the recordings
-        is_hysteretic = isinstance(candidate.effect, PortEffect) and candidate.effect.memory((1,)) is not None
+        shapes = [p for p in candidate.effect.shapes if p.name != "frequency"]  # frequencies come from the recordings
+        has_state = candidate.effect.has_state
         widths = (
-            SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if is_hysteretic else SCORE_TEST.zoom
-        )  # such laws are smooth in their shapes, and slow
+            SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if has_state else SCORE_TEST.zoom
+        )  # such laws are smooth in their shapes, and slow to evaluate
         for width in widths if shapes else ():
             values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
             tried = [
@@ -499,8 +572,8 @@ class ScoreTest:
         return best
 
     def _regressed(self, place: Place, plan: "_Plan") -> list[Candidate]:
-        """Return the candidates of a plan with their amplitudes and gains."""
-        rows = np.asfortranarray(plan.rows, dtype=float)  # a column is read at once
+        """Return the candidates of a plan with amplitudes and gains."""
+        rows = np.asfortranarray(plan.rows, dtype=float)  # columns are contiguous
         left = np.asfortranarray(self._left(rows))
         out: list[Candidate] = []
         start = 0
@@ -517,10 +590,10 @@ class ScoreTest:
         return out
 
     def _gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
-        """Return the log-likelihood that columns gain beside the uncertain parameters, and their coefficients.
+        """Return the log-likelihood gain of columns, and their coefficients.
 
-        With W = (I + N P N^T)^-1, N the uncertain parameters' columns and P their prior covariance, the gain is
-        b^T A^-1 b/2, A = c^T W c, b = c^T W e; innovations are scaled to unit variance.
+        With W = (I + N P N^T)^-1, N the uncertain parameters' columns and P their prior covariance, the gain is b^T
+        A^-1 b/2. Here A = c^T W c and b = c^T W e, with innovations of unit variance.
         """
         size = np.sqrt(np.einsum("ij,ij->j", columns, left).clip(0.0))
         width = columns.shape[1]
@@ -530,7 +603,7 @@ class ScoreTest:
         b = (columns / size).T @ self.base
         x = np.linalg.solve(gram, b)
         negative = [i for i, p in enumerate(effect.amplitudes) if not p.signed and x[i] < 0]
-        if negative:  # a negative friction or mass is no candidate: what is left of the law without it
+        if negative:  # a negative friction or mass is dropped from the law
             others = [i for i in range(width) if i not in negative]
             x = np.zeros(width)
             if others:
@@ -542,7 +615,10 @@ class ScoreTest:
         return 0.5 * float(b @ x) / self.variance, x / size
 
     def _corrected_gain(self, column: Array, left: Array, effect: SensorEffect, values: dict[str, float]) -> float:
-        """Return the log-likelihood that a corrected recording gains, its stretching paid for."""
+        """Return the log-likelihood gain of a corrected recording.
+
+        The correction's amplification of noise is subtracted.
+        """
         before = float(self.base @ self.e)
         after = before - 2 * float(column @ self.base) + float(column @ left)
         if not after > 0:
@@ -551,14 +627,27 @@ class ScoreTest:
         return 0.5 * len(self.e) * float(np.log(before / after)) + samples * effect.stretch(values, self.groups[0].h)
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
-        """Return displacement and velocity of a port at the middles of the steps, (n, n_runs)."""
+        """Return port displacement and velocity (n, n_runs) at mid-step."""
         if place.name not in group.at_places:
             row = place.rows[0]
             group.at_places[place.name] = (group.motion[0] @ row, group.motion[1] @ row)
         return group.at_places[place.name]
 
     def reference(self, name: str, place: Place) -> float:
-        """Return what a parameter's values are multiples of at a place."""
+        """Return the reference quantity of a relative parameter range.
+
+        Parameters
+        ----------
+        name : str
+            Name of the quantity.
+        place : Place
+            Location.
+
+        Returns
+        -------
+        float
+            Quantity [SI].
+        """
         if name in ("displacement", "velocity"):
             which = 0 if name == "displacement" else 1
             sizes = []
@@ -582,8 +671,20 @@ class ScoreTest:
         return 1.0
 
     def tones(self, place: Place) -> tuple[tuple[float, bool], ...]:
-        """Return the frequencies [Hz] at which a force at a port would explain most of what is left, the strongest first, and
-        whether each stands out of its neighbours, as a force of one frequency does and a resonance need not."""
+        """Return the frequencies of the strongest tones in the residual.
+
+        A force of one frequency stands out of its neighbours; a resonance need not.
+
+        Parameters
+        ----------
+        place : Place
+            Port of the force.
+
+        Returns
+        -------
+        tuple of (float, bool)
+            Frequency [Hz], and whether the tone stands out.
+        """
         if place.name in self._tones:
             return self._tones[place.name]
         if self._spectra is None:
@@ -609,7 +710,7 @@ class ScoreTest:
         return tuple(out)
 
     def _spectra_left(self) -> tuple[Group, Array, Any]:
-        """Return the largest group, frequencies (nf,) and the spectra (nf, n_runs, p) of what nothing uncertain explains."""
+        """Return the largest group, frequencies, and spectra (nf, n_runs, p) of the residual."""
         sizes = [len(g.rows(g.e[..., None])) for g in self.groups]
         which = int(np.argmax(sizes))
         group = self.groups[which]
@@ -619,7 +720,7 @@ class ScoreTest:
         return group, np.fft.rfftfreq(size, group.h), np.fft.rfft(left, size, axis=0)
 
     def _answer(self, group: Group, place: Place, frequency: Array) -> Any:
-        """Return the whitened innovations that a unit force at a port leaves at some frequencies, (nf, p)."""
+        """Return the whitened innovations (nf, p) of a unit force by frequency."""
         system, K = group.system, group.gains.K[-1]
         C, D, row = system.C[0], system.D[0], place.rows[0]
         poles, vectors = np.linalg.eig(system.A[0] - K @ C)
@@ -629,7 +730,7 @@ class ScoreTest:
         return seen @ group.white.T
 
     def _grid(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
-        """Return the values of a shape that are tried; frequencies of forces are read off the recordings besides."""
+        """Return the trial values of a shape, with tones for frequencies."""
         values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
         if isinstance(effect, PortEffect) and parameter.name == "frequency":
             values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
@@ -642,7 +743,7 @@ class ScoreTest:
         return [dict(zip((p.name for p in effect.shapes), values, strict=True)) for values in product(*grids)]
 
     def _causes(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> list[Cause]:
-        """Return what units of an effect's amplitudes do, (n, n_runs, k) signals and the ways they enter."""
+        """Return the signals of an effect's unit amplitudes, with their entrances."""
         if isinstance(effect, PickUp):
             other = before(group.u[..., place.other]) if place.tag == "command" else group.y[..., place.other]
             recorded = group.y[..., place.index]
@@ -670,7 +771,10 @@ class ScoreTest:
     def _series(
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
     ) -> Array:
-        """Return an effect's force along the motion at a place; laws with memory are marched at all places at once."""
+        """Return an effect's force along the motion at a location.
+
+        Hysteretic laws are integrated for all locations at once.
+        """
         if effect.memory((1,)) is None:
             return port_series(effect, z, v, values, group.h, command, group.starts)
         ports = [p for p in self.problem.places if p.kind == "port" and admissible(effect, p)]
@@ -682,7 +786,7 @@ class ScoreTest:
             return port_series(effect, z, v, values, group.h, command, group.starts)
         which = shapes[at].index(shape)
         key = (id(group), effect.name, unit)
-        if key not in self._integrated:  # of all ports and shapes side by side: samples are what takes time
+        if key not in self._integrated:  # all ports and shapes in one batch: the loop over samples dominates
             motion = [self.motion(group, p) for p in ports]
             both = [np.stack([m[i] for m in motion], axis=-1)[..., None] for i in range(2)]
             own = {p.name: np.array([[s[p.name] for s in of_port] for of_port in shapes]) for p in effect.shapes}
@@ -705,7 +809,7 @@ class ScoreTest:
 
 
 def _moved(y: Array, channels: Sequence[int], samples: float) -> Array:
-    """Return by how much channels (n, n_runs, p) differ where they show what is so many samples later; 0 for the others."""
+    """Return the change of channels (n, n_runs, p) under a time skew."""
     out = np.zeros_like(y)
     for run in range(y.shape[1]):
         for channel in channels:

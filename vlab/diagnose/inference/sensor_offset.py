@@ -1,4 +1,4 @@
-"""Zeros of channels: every fit has them free, and those that are off by more than any laboratory's are physics left out."""
+"""Sensor offsets, free in every fit and reported where large."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -13,12 +13,14 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class SensorOffset:
-    """A channel whose zero is off.
+    """Large offset of a channel.
 
     Parameters
     ----------
+    channel : str
+        Channel.
     offset, sd : float
-        In the channel's unit; the spread is that of the zeros of single recordings.
+        Offset and its standard deviation [SI unit of the channel].
     """
 
     channel: str
@@ -27,12 +29,21 @@ class SensorOffset:
 
 
 def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> tuple[SensorOffset, ...]:
-    """Return the channels whose zeros a fit puts far off, where no effect of the fit says so already.
+    """Return large sensor offsets of a fit without an effect of their own.
 
     Parameters
     ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit.
     unknown : collection of str
-        Channels of whose zeros nothing was known, see `vlab.diagnose.parameters.static_offset`.
+        Channels with a subtracted static offset.
+
+    Returns
+    -------
+    tuple of SensorOffset
+        Offsets.
     """
     said = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
     benign, error = _benign(problem, fit)
@@ -46,14 +57,29 @@ def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = (
 
 
 def explained_sensor_offsets(problem: Problem, fit: Fit) -> tuple[str, ...]:
-    """Return the channels whose zeros an effect of a fit puts as far off: a refit without it must not have them among its own."""
+    """Return channels whose large offset is an effect of a fit.
+
+    A refit without that effect must not absorb the offset.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit.
+
+    Returns
+    -------
+    tuple of str
+        Channels.
+    """
     benign, _ = _benign(problem, fit)
     offsets = {t.place.index: t.values["offset"] for t in fit.terms if t.effect.name == "sensor-offset"}
     return tuple(problem.names[i] for i, offset in offsets.items() if abs(offset) > benign[i])
 
 
 def _benign(problem: Problem, fit: Fit) -> tuple[Array, Array]:
-    """Return how far off every channel's zero may be, and what a fit leaves of it, (n_channels,) each."""
+    """Return the benign offset and residual of every channel, (n_channels,)."""
     scale = np.max([run.scale for run in problem.signals], axis=0)
     error = np.sqrt(np.mean(fit.error**2, axis=0)) * scale
     return np.maximum(SENSOR_OFFSET.benign_offset * scale, SENSOR_OFFSET.over_error * error), error

@@ -1,4 +1,4 @@
-"""The last fit: whole runs in MuJoCo itself, with the derivatives of the system along the motion."""
+"""Final fit to whole runs in MuJoCo, with derivatives of the trajectory-linearised system."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,10 +19,15 @@ from vlab.signals import Array
 
 
 class SimulatorLeastSquares(TrajectoryLeastSquares):
-    """Fits hypotheses to whole runs, so that MuJoCo's own run of the amended plant comes nearest.
+    """Fits to whole runs by defect correction with MuJoCo's simulation.
 
-    The system along the motion is fitted to the recordings minus the difference between MuJoCo's run and itself (a
-    defect correction): its derivatives are good where its values are off by a little.
+    The linear system along the motion is fitted to the recordings minus its difference from MuJoCo's run. Its
+    derivatives are accurate where its values err slightly.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
     """
 
     def __init__(self, screen: TrajectoryScoreTest) -> None:
@@ -60,7 +65,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         self.runs = [replace(run, y=y) for run, y in zip(self.runs, recorded, strict=True)]
 
     def _missed(self, fit: Fit) -> tuple[float, list[Array] | None]:
-        """Return by how much MuJoCo's run of a fit misses the recordings, over their noise, and its difference to the system's."""
+        """Return MuJoCo's normalised residual of a fit, and the system's defect."""
         system, states = self._along(fit)
         plant = self.problem.adjusted(fit.theta)
         effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
@@ -80,9 +85,9 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         return left, bias if worst < SIMULATOR_FIT.follows else None
 
     def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
-        """Return what MuJoCo's run of a plant gives at a course's samples."""
+        """Return MuJoCo's simulation at a run's samples."""
         trajectory, whole = self.moving.moving.trajectories[run], self.problem.runs[run]
-        first = whole.measured.time[0] + trajectory.time[0] - 1e-9  # the search may have looked at a later part alone
+        first = whole.measured.time[0] + trajectory.time[0] - 1e-9  # the search may use a later part alone
         part = whole.measured.between(first, np.inf)
         recording = simulate(plant, replace(whole, measured=part), initial=start).recording
         rest = self.reduced_model.rows.rest
@@ -100,7 +105,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         return 1.0
 
     def _along(self, fit: Fit) -> tuple[list[Array], list[InitialState]]:
-        """Return what the system along the motion makes of a fit, from its best starts, and those starts."""
+        """Return the linear system's channels of a fit, and the initial states."""
         y = self.move_starts(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
         out, states, nv = [], [], self.reduced_model.m
         for i, run in enumerate(self.runs):

@@ -1,7 +1,7 @@
-"""Fits far from rest: the linear system along the motion with nonlinear effects inside the loop, for many parameter sets.
+"""Maximum a posteriori fits on the linear time-varying system along the motion.
 
-The motion that the system is linear about is the recorded one, smoothed; what a hypothesis does is a deviation from it,
-and small where the hypothesis is right. So the fit is that of `vlab.diagnose.inference.least_squares`, with matrices of every sample.
+The system is linearised about the smoothed recorded motion, so a correct hypothesis deviates little. The method is that
+of `vlab.diagnose.inference.least_squares`, with matrices of every sample.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,15 @@ from vlab.signals import Array
 
 @dataclass(frozen=True)
 class Part:
-    """Which samples of which run a window is."""
+    """Samples of a run in a window.
+
+    Parameters
+    ----------
+    run : int
+        Index of the run.
+    first, end : int
+        First sample, and end of the window.
+    """
 
     run: int
     first: int
@@ -40,14 +48,16 @@ class Part:
 
 
 class TrajectoryLeastSquares(LeastSquares):
-    """Fits hypotheses to runs along their motion.
+    """Fits of hypotheses to runs along their motion.
 
     Parameters
     ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
     whole : bool
-        Whole runs instead of windows.
+        Whether to fit whole runs instead of windows.
     without : sequence of Term
-        What the sensor effects among these do to the recordings is taken off before the windows' starts are smoothed.
+        Sensor effects to remove from the recordings before smoothing of the starts.
     """
 
     def __init__(
@@ -76,7 +86,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.screen, self.problem, self.reduced_model, self.runs = screen, screen.problem, screen.reduced_model, runs
         self._gather()
         self._weigh()
-        self.noise_share = 1.0  # what its own error may be counts as noise: a smaller difference is worth nothing
+        self.noise_share = 1.0  # allowed model error counts as noise, so a smaller residual gains nothing
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]
@@ -85,13 +95,13 @@ class TrajectoryLeastSquares(LeastSquares):
         self.free_starts = self._initial_condition_nuisance()
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
-        """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
-        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+        """See `LeastSquares`."""
+        if not any(t.effect.kind == "sensor" for t in terms):
             return self
         return TrajectoryLeastSquares(self.moving, without=terms)
 
     def _gather(self) -> None:
-        """Cut the system into windows, (n, n_windows, ...)."""
+        """Divide the system into windows, (n, n_windows, ...)."""
         s, screen = self.moving.stack, self.moving
         self.A, self.G, self.C, self.D = (self._cut(x) for x in (s.A, s.G, s.C, s.D))
         self.fine_A, self.fine_G = self._cut(s.fine_A), self._cut(s.fine_G)
@@ -113,7 +123,7 @@ class TrajectoryLeastSquares(LeastSquares):
         return out
 
     def _spreads(self) -> list[Array]:
-        """Return what turns unit numbers into likely deviations of every window's start, (2 nv, 2 nv) each."""
+        """Return the square-root covariances (2 nv, 2 nv) of the windows' starts."""
         out = []
         for part in self.parts:
             at_rest = part.first == 0 and self.moving.moving.trajectories[part.run].at_rest
@@ -123,13 +133,13 @@ class TrajectoryLeastSquares(LeastSquares):
         return out
 
     def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
-        """See `LeastSquares`; the spread of starts is that of the filter's predictions."""
+        """See `LeastSquares`; the spread is that of the filter's predictions."""
         return self._free_starts((), self.moving.theta, [])[1]
 
     def _free_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]]
     ) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
-        """Return what a hypothesis gives, (n, n_windows, p), and for every window what its start can explain, see `LeastSquares`."""
+        """Return a hypothesis' channels, and the free responses of the starts."""
         m2 = 2 * self.reduced_model.m
         middle = np.array([run.start for run in self.runs])
         starts = np.repeat(middle[None], m2 + 1, axis=0)
@@ -158,9 +168,25 @@ class TrajectoryLeastSquares(LeastSquares):
     def move_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array
     ) -> Array:
-        """Move the starts of whole runs to where a hypothesis fits best, and return what it then gives, (n, n_windows, p).
+        """Move the initial states of whole runs to a hypothesis' optimum.
 
-        Windows are so short that what their starts explain is as good as linear in them.
+        Windows are short enough for linear free responses.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Effects.
+        theta : (n_changes,) array
+            Log factors.
+        values : sequence of mapping
+            Parameter values of every term.
+        offsets : (n_channels,) array
+            Sensor offsets.
+
+        Returns
+        -------
+        (n, n_windows, p) array
+            Channels at the optimum.
         """
         self.runs = [replace(run, start=start) for run, start in zip(self.runs, self.first_starts, strict=True)]
         y, self.free_starts = self._free_starts(terms, theta, values)
@@ -188,17 +214,17 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> Array:
         """See `LeastSquares`; `starts` are deviations from the motion."""
         assert len(runs) == len(self.parts)
-        with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+        with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
             y = self._integrated(terms, theta, values, starts)
         return self._read(y, runs, terms, theta, values)
 
     def _integrated(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
     ) -> Array:
-        """Return what the channels are before sensor effects, (n, n_sets, n_windows, p)."""
+        """Return channels (n, n_sets, n_windows, p) before sensor effects."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = TRAJECTORY.fine if any(term.effect.family == "friction" for term, _ in acting) else 1
+        steps = TRAJECTORY.fine if any(term.effect.traits.is_dry_friction for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, own, G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
@@ -225,7 +251,7 @@ class TrajectoryLeastSquares(LeastSquares):
     def _as_written(
         self, laws: Sequence[Law], A: Array, drive: Array, starts: Array, forces: Array, steps: int, *, seen: bool
     ) -> Array:
-        """March with the laws evaluated as they are written: one of them does what no tape can hold. See `integrate_trajectory`."""
+        """Integrate with laws without an expression graph."""
         x = starts.copy()
         states = np.zeros((self.length, *x.shape))
         for k in range(self.length):
@@ -249,7 +275,7 @@ class TrajectoryLeastSquares(LeastSquares):
     def _drive(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
     ) -> tuple[Array, Array]:
-        """Return the generalised forces that drive the deviations, (n, n_sets, n_windows, nv), and those that sensors see."""
+        """Return generalised forces on deviations, and on sensors."""
         own = np.expm1(np.clip(theta - self.moving.theta, -3.0, 3.0))
         own[:, [c.sensor is not None for c in self.reduced_model.changes]] = 0.0
         forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
@@ -270,7 +296,7 @@ class TrajectoryLeastSquares(LeastSquares):
         return Law(term, own, path, self.t, command, memory)
 
     def _remembered(self, term: Term, own: Mapping[str, Array]) -> Any:
-        """Return a law's memory after the smoothed motion that stands before every window."""
+        """Return a law's memory at every window's start."""
         effect, s = term.effect, self.moving
         assert isinstance(effect, PortEffect)
         p = {name: np.asarray(value)[:, None] for name, value in own.items()}
@@ -314,7 +340,7 @@ class TrajectoryLeastSquares(LeastSquares):
         given: Mapping[str, Array],
         runs: Sequence[Signals],
     ) -> None:
-        """Let a sensor effect act on its channel; windows of a run are put together again for it, so that it remembers."""
+        """Apply a sensor effect to a run's joined windows, to preserve its memory."""
         h = self.moving.runs[0].h
         for r, trajectory in enumerate(self.moving.moving.trajectories):
             mine = [(w, part) for w, part in enumerate(self.parts) if part.run == r]
@@ -333,11 +359,26 @@ class TrajectoryLeastSquares(LeastSquares):
                     y[: part.end - part.first, s, w, index] = changed[part.first - first : part.end - first]
 
     def read_of(self, run: int, channel: int) -> Array:
-        """Return what a channel reads along a run's motion."""
+        """Return a channel along a run's motion."""
         return self.moving.systems[run].read[:, channel]
 
     def lines(self, place: Place) -> tuple[Array, Array, Array, Array]:
-        """Return rows (k, n, n_windows, nv), coordinates and rates along the motion (k, n, n_windows), and weights (k,)."""
+        """Return a location's rows, coordinates, rates and gravity.
+
+        Parameters
+        ----------
+        place : Place
+            Location.
+
+        Returns
+        -------
+        rows : (k, n, n_windows, nv) array
+            Jacobian rows.
+        z, v : (k, n, n_windows) array
+            Coordinates and rates along the motion.
+        weight : (k,) array
+            Gravity along the coordinates [m/s^2].
+        """
         if place.name not in self._lines:
             whole: Lines = self.moving.lines_of(place)
             rows = np.stack([self._cut(r) for r in whole.rows])
@@ -347,7 +388,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:
-    """Return what a sensor makes of a record; of an uneven one the change is found on even samples."""
+    """Return a record after a sensor effect; uneven records on an even grid."""
     grid = t if is_even else np.linspace(t[0], t[-1], len(t))
     step = h if is_even else float(grid[1] - grid[0])
     even = x if is_even else CubicSpline(t, x)(grid)

@@ -1,4 +1,7 @@
-"""Which physics, where, far from rest: the regression of `vlab.diagnose.inference.score_test` on a system that varies along the motion."""
+"""Score test on the linear time-varying system along the motion.
+
+The method is that of `vlab.diagnose.inference.score_test` (Rao 1948).
+"""
 
 import copy
 from collections.abc import Sequence
@@ -42,16 +45,16 @@ from vlab.signals import Array
 
 
 class Lines:
-    """The rows of a place along the motions of all runs.
+    """Jacobian rows of a location along the motions of all runs.
 
     Parameters
     ----------
     rows : (k, n, n_runs, nv) array
-        Jacobian rows of the place's coordinates at the samples.
+        Rows of the location's coordinates at the samples.
     z : (k, n, n_runs) array
-        The coordinates, from rest.
+        Coordinates from rest.
     weight : (k,) array
-        Gravity along the coordinates where what is added there has weight; 0 elsewhere.
+        Gravity along the coordinates [m/s^2], where added mass has weight; otherwise 0.
     """
 
     def __init__(self, rows: Array, z: Array, weight: Array) -> None:
@@ -59,17 +62,19 @@ class Lines:
 
 
 class TrajectoryScoreTest(ScoreTest):
-    """The screening of a problem's fit runs along their motion.
+    """Screening of a problem's fit runs along their motion.
 
     Parameters
     ----------
-    moving : Moving
-        The runs at their samples.
+    problem : Problem
+        Problem.
+    moving : Trajectories
+        Runs at their own sample times.
 
     Notes
     -----
-    What is uncertain stays at the nominal plant's values, and enters linearly: refitted to recordings that hold something
-    else it would go to its bounds, and hide it. `at` linearises elsewhere once there is a hypothesis.
+    Uncertain parameters stay nominal and enter linearly. A refit to recordings with missing physics would reach their
+    bounds and hide that physics. `at` linearises elsewhere for a hypothesis.
     """
 
     keeps_plans: ClassVar[bool] = True
@@ -80,13 +85,13 @@ class TrajectoryScoreTest(ScoreTest):
     gains: FilterGains
     near: float | None
     changes: Array
-    """Generalised forces that a unit of every uncertain log-factor adds, (n, n_runs, nv, n_changes)."""
+    """Generalised forces (n, n_runs, nv, n_changes) per unit uncertain log factor."""
     now_known: Array
-    """Deviations from the samples up to and including their own, (n, n_runs, 2 nv)."""
+    """Deviations (n, n_runs, 2 nv) given the samples up to their own."""
     next_known: Array
-    """Deviations at the next sample that they let expect."""
+    """Deviations (n, n_runs, 2 nv) at the next sample, predicted from `now_known`."""
     smooth: Array
-    """Smoothed deviations."""
+    """Smoothed deviations (n, n_runs, 2 nv)."""
     L: Array
     B: Array
 
@@ -100,7 +105,18 @@ class TrajectoryScoreTest(ScoreTest):
         self._along(1)
 
     def trusting(self, trust: float) -> "TrajectoryScoreTest":
-        """Return the same screening with an observer that trusts the model more by a factor in the unknown forces."""
+        """Return the screening with a slower observer.
+
+        Parameters
+        ----------
+        trust : float
+            Factor on the unknown-force intensity.
+
+        Returns
+        -------
+        TrajectoryScoreTest
+            Screening.
+        """
         other = copy.copy(self)
         other.trust, other._cache, other._integrated = trust, {}, {}
         other._spectra, other._tones = None, {}
@@ -108,7 +124,18 @@ class TrajectoryScoreTest(ScoreTest):
         return other
 
     def at(self, theta: Array) -> "TrajectoryScoreTest":
-        """Return the screening linearised with other values of the uncertain parameters, about the same motion."""
+        """Return the screening linearised at other uncertain parameters.
+
+        Parameters
+        ----------
+        theta : (n_changes,) array
+            Log factors.
+
+        Returns
+        -------
+        TrajectoryScoreTest
+            Screening about the same motion.
+        """
         other = copy.copy(self)
         other.theta, other.trust = np.array(theta, dtype=float), 1.0
         other.theta[[c.sensor is not None for c in self.reduced_model.changes]] = 0.0
@@ -116,7 +143,7 @@ class TrajectoryScoreTest(ScoreTest):
         return other
 
     def _along(self, passes: int) -> None:
-        """Linearise the refitted plant along the smoothed motion, and regress the innovations on what is uncertain."""
+        """Linearise the plant along the smoothed motion, and regress the innovations."""
         self.plant = self.problem.adjusted(self.theta)
         self.stepper = self.moving.stepper(self.plant, self.problem.channels)
         self.systems, self.stack, _, self.near = smoothed_motions(
@@ -151,7 +178,7 @@ class TrajectoryScoreTest(ScoreTest):
         return group
 
     def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
-        """See `ScoreTest`: generalised forces take the place of modal ones."""
+        """See `ScoreTest`; generalised forces replace modal ones."""
         s, K = self.stack, self.gains.K
         part = modal if modal is not None else reading
         assert part is not None
@@ -173,13 +200,13 @@ class TrajectoryScoreTest(ScoreTest):
         return np.asarray(out + s.C @ states)
 
     def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
-        """See `ScoreTest`: the system varies, so every frequency and channel counts alike."""
+        """See `ScoreTest`; a time-varying system weights all frequencies equally."""
         return np.ones((len(frequency), self.stack.e.shape[2]))
 
-    # ---- what is uncertain ------------------------------------------------------------------------------------------
+    # ---- uncertain parameters ---------------------------------------------------------------------------------------
 
     def _changes(self) -> Array:
-        """Return the generalised forces that uncertain parameters add along the motion, (n, n_runs, nv, n_changes)."""
+        """Return the generalised forces of uncertain parameters along the motion."""
         plant = self.plant
         middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.systems, self.moving.trajectories, strict=True)]
 
@@ -196,12 +223,25 @@ class TrajectoryScoreTest(ScoreTest):
         return out
 
     def _stride(self) -> int:
-        """Return at which n-th samples forces that vary smoothly are found; splines go between."""
+        """Return the sample stride for smooth forces, which splines interpolate."""
         h = float(np.median(self.stack.h[self.stack.h > 0]))
         return int(np.clip(1.0 / (TRAJECTORY_SCORE_TEST.often * self.problem.highest_hz * h), 1, 4))
 
     def commands(self, actuator: int) -> Array:
-        """Return what reaches an actuator's gain along the runs, (n, n_runs): its command, or its state where it has one."""
+        """Return the input of an actuator's gain along the runs.
+
+        The input is the command, or the actuator state where there is one.
+
+        Parameters
+        ----------
+        actuator : int
+            Index of the actuator.
+
+        Returns
+        -------
+        (n, n_runs) array
+            Input.
+        """
         lag, trajectories = self.stepper.lags.get(actuator), self.moving.trajectories
         if lag is None:
             return pad_and_stack([c.u[:, actuator] for c in trajectories])
@@ -209,12 +249,12 @@ class TrajectoryScoreTest(ScoreTest):
         return pad_and_stack([c.act[:, lag.address] / unit for c in trajectories if c.act is not None])
 
     def acted(self, actuator: int, change: Array) -> Array:
-        """Return what a change of an actuator's command (n, n_runs, k) is where its gain is reached."""
+        """Return a command change (n, n_runs, k) behind the actuator's dynamics."""
         lag = self.stepper.lags.get(actuator)
         return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
 
     def driven_force(self, actuator: int) -> Array:
-        """Return the generalised force of a unit command along the motion, (n, n_runs, nv)."""
+        """Return the generalised force (n, n_runs, nv) of a unit command."""
         column = list(self.moving.driven).index(actuator)
         return pad_and_stack([a.drives[:, :, column] for a in self.systems])
 
@@ -237,7 +277,7 @@ class TrajectoryScoreTest(ScoreTest):
     # ---- places along the motion ------------------------------------------------------------------------------------
 
     def lines_of(self, place: Place) -> Lines:
-        """Return a port's or body's rows and coordinates along the motion."""
+        """Return the rows and coordinates of a location along the motion."""
         if place.name not in self.lines:
             self.lines[place.name] = self._lines(port_at(self.plant, place.name), place.kind == "body")
         return self.lines[place.name]
@@ -267,9 +307,19 @@ class TrajectoryScoreTest(ScoreTest):
         return Lines(np.moveaxis(pad_and_stack(rows), 2, 0), np.moveaxis(pad_and_stack(values), 2, 0), weight)
 
     def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:
-        """Return middle rows (k, n, n_runs, nv), and displacement, velocity, acceleration (k, n, n_runs) over every interval.
+        """Return a location's motion over every interval, from earlier samples.
 
-        They come from what is known at its start, see `vlab.diagnose.inference.score_test`.
+        Parameters
+        ----------
+        place : Place
+            Location.
+
+        Returns
+        -------
+        rows : (k, n, n_runs, nv) array
+            Rows at mid-interval.
+        z, v, a : (k, n, n_runs) array
+            Displacement, velocity and acceleration.
         """
         lines, nv = self.lines_of(place), self.reduced_model.m
         later = np.minimum(np.arange(1, len(self.stack.e) + 1), len(self.stack.e) - 1)
@@ -298,14 +348,14 @@ class TrajectoryScoreTest(ScoreTest):
     def _left_by(
         self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
     ) -> tuple[Array, list[int]]:
-        """See `ScoreTest`; sensors are read as there, forces act along directions that turn with the motion."""
+        """See `ScoreTest`; forces act along directions that turn with the motion."""
         if place.kind in ("sensor", "pick-up"):
             return super()._left_by(group, place, plans)
         modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
         return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
 
     def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
-        """See `ScoreTest`: a system that varies has no impulse response."""
+        """See `ScoreTest`; a time-varying system has no impulse response."""
         widths = [own[0].series.shape[-1] for own in causes]
         reading = np.zeros((*group.y.shape, sum(widths)))
         for start, (cause,) in zip(np.cumsum([0, *widths]), causes, strict=False):
@@ -313,7 +363,7 @@ class TrajectoryScoreTest(ScoreTest):
         return self.through(group, None, reading), widths
 
     def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
-        """Return the generalised forces of an effect's amplitudes along the motion, (n, n_runs, nv, k)."""
+        """Return generalised forces (n, n_runs, nv, k) of an effect's unit amplitudes."""
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
@@ -328,7 +378,7 @@ class TrajectoryScoreTest(ScoreTest):
             return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
         assert isinstance(effect, PortEffect)
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
-        with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
+        with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
@@ -340,7 +390,18 @@ class TrajectoryScoreTest(ScoreTest):
         return forces_on_trajectory(effect, z, v, values, self.stack.h, t, command)
 
     def states_without(self, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]) -> Array:
-        """Return smoothed deviations (n, n_runs, 2 nv) from recordings that sensor effects are taken off."""
+        """Return smoothed deviations from recordings without sensor effects.
+
+        Parameters
+        ----------
+        effects : sequence of (SensorEffect, Place, dict)
+            Sensor effects to remove.
+
+        Returns
+        -------
+        (n, n_runs, 2 nv) array
+            Deviations.
+        """
         trajectories = []
         for trajectory in self.moving.trajectories:
             y, t = trajectory.y.copy(), trajectory.time
@@ -355,7 +416,26 @@ class TrajectoryScoreTest(ScoreTest):
 def forces_on_trajectory(
     effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
 ) -> Array:
-    """Return an effect's force along given motion (n, n_runs) with intervals of its own."""
+    """Return an effect's force along a motion with individual intervals.
+
+    Parameters
+    ----------
+    effect : PortEffect
+        Effect.
+    z, v : (n, n_runs) array
+        Displacement and velocity [SI].
+    values : dict
+        Parameter values.
+    h, t : (n, n_runs) array
+        Intervals and times [s].
+    command : float or array
+        Command at the port.
+
+    Returns
+    -------
+    (n, n_runs) array
+        Force [SI].
+    """
     memory = effect.memory(z.shape[1:])
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
@@ -375,7 +455,7 @@ def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
 
 
 def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
-    """Return configurations, velocities and accelerations of a motion in the middle of its steps."""
+    """Return configurations, velocities and accelerations at mid-step."""
     q, v = system.motion.q, system.motion.v
     later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
     if stepper.is_flat:
@@ -387,7 +467,7 @@ def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Arra
 
 
 def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int) -> Array:
-    """Return by how much the forces that a motion takes fall between two models, per log-factor, (n, nv)."""
+    """Return the decrease (n, nv) of inverse dynamics per log factor."""
     n = len(middle[0])
     at = np.unique(np.append(np.arange(0, n, stride), n - 1))
     part = [x[at] for x in middle]
@@ -396,7 +476,7 @@ def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int)
 
 
 def _inverse(model: Any, q: Array, v: Array, a: Array) -> Array:
-    """Return the generalised forces that a motion takes, (n, nv)."""
+    """Return the generalised forces (n, nv) of a motion by inverse dynamics."""
     data, out = mujoco.MjData(model), np.zeros(a.shape)
     for k in range(len(out)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]

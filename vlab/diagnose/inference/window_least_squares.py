@@ -1,4 +1,7 @@
-"""Fits in windows that start from smoothed states: what a law does within a few cycles, whatever a long run adds up to."""
+"""Maximum a posteriori fits in windows that start from smoothed states.
+
+Windows test a law within a few cycles, without long-term phase.
+"""
 
 from collections.abc import Sequence
 
@@ -12,20 +15,22 @@ from vlab.diagnose.settings import WINDOW_FIT
 from vlab.physics.effect import SensorEffect
 
 GOLDEN = 0.6180339887
-"""Multiples of it are spread evenly and without a period."""
+"""GOLDEN [1]: golden ratio conjugate; its multiples are equidistributed without a period."""
 
 
 class WindowLeastSquares(LeastSquares):
-    """Fits hypotheses to a screening's runs in windows.
+    """Fits of hypotheses in windows.
 
     Parameters
     ----------
+    screen : ScoreTest
+        Screening with smoothed states.
     every : int
-        Only one window in n, spread irregularly, for motion may repeat itself; first fits then, with coarser steps.
+        Use one window in n, at irregular spacing since motion may repeat; above 1 with coarser steps.
     model_error : float or None
-        See `LeastSquares`.
+        Allowed simulation error over a channel's rms.
     without : sequence of Term
-        What the sensor effects among these do to the recordings is taken off before smoothing.
+        Sensor effects to remove from the recordings before smoothing.
     """
 
     def __init__(
@@ -35,8 +40,8 @@ class WindowLeastSquares(LeastSquares):
         super().__init__(screen, _cut(screen, every, without), model_error, is_rough=every > 1)
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
-        """See `LeastSquares`: windows of its own where a hypothesis says that a sensor is wrong."""
-        if not any(isinstance(t.effect, SensorEffect) for t in terms):
+        """See `LeastSquares`."""
+        if not any(t.effect.kind == "sensor" for t in terms):
             return self
         return WindowLeastSquares(self.screen, every=self.every, model_error=self.model_error, without=terms)
 

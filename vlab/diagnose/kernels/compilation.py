@@ -1,4 +1,4 @@
-"""Loops compiled by numba, with what was compiled kept between runs where there is a place to keep it."""
+"""Loops compiled by numba, with a persistent cache."""
 
 import contextlib
 import os
@@ -13,12 +13,12 @@ from numba import config, njit
 from numba.core.caching import FunctionCache
 
 SHARED = ("/dev/shm",)
-"""Writable even in containers in which nothing else is."""
+"""SHARED [-]: folders that are writable even in read-only containers."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _Kept(FunctionCache):
-    """A cache of compiled code that a run does without where it can be read or written no more."""
+    """Cache of compiled code that tolerates read and write errors."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -34,10 +34,20 @@ class _Kept(FunctionCache):
 
 
 def compiled(**options: Any) -> Callable[[F], F]:
-    """Return a decorator that compiles a function, see `numba.njit`, and keeps what it compiled.
+    """Return a decorator that compiles and caches a function.
 
-    It is kept where numba keeps such code: in the installation, or else in the user's home. Where neither can be written it is a
-    folder for temporary files, for every process that a diagnosis forks would compile it again; without one it is not kept.
+    The cache is numba's usual folder: the installation or the user's home. The fallback is a private temporary folder,
+    since every forked process would compile again otherwise. Without any folder nothing is cached.
+
+    Parameters
+    ----------
+    **options : Any
+        Options of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        Decorator of a function.
     """
 
     def decorate(function: F) -> F:
@@ -51,7 +61,7 @@ def compiled(**options: Any) -> Callable[[F], F]:
 
 
 def _cache(function: Callable[..., Any]) -> _Kept | None:
-    settings: Any = config  # numba fills them in when it is loaded
+    settings: Any = config  # numba sets the attributes at import
     usual = settings.CACHE_DIR
     try:
         for folder in chain([usual], _temporary()):
@@ -66,7 +76,10 @@ def _cache(function: Callable[..., Any]) -> _Kept | None:
 
 
 def _temporary() -> Iterator[str]:
-    """Yield folders for temporary files that are the user's own: what is kept there is run, so nobody else may write there."""
+    """Yield temporary folders that only the user can write.
+
+    Cached code is executed, so a folder writable by others is unsafe.
+    """
     if not hasattr(os, "getuid"):
         return
     parents = []
@@ -74,7 +87,7 @@ def _temporary() -> Iterator[str]:
         parents.append(tempfile.gettempdir())
     for parent in (*parents, *SHARED):
         folder = Path(parent) / f"vlab-compiled-{os.getuid()}"
-        if Path(parent) == Path.cwd():  # what `tempfile` falls back to
+        if Path(parent) == Path.cwd():  # fallback of `tempfile`
             continue
         try:
             folder.mkdir(mode=0o700, exist_ok=True)

@@ -1,4 +1,8 @@
-"""The loops over samples in which laws act, compiled: laws as tapes of operations, many parameter sets and recordings side by side."""
+"""Compiled time integration with nonlinear laws as expression graphs.
+
+Parameter sets and recordings are integrated as one batch. Forces act explicitly: a law receives the midpoint of the
+free step, with the last force as estimate of its own.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,9 +15,11 @@ from vlab.physics.expression import CODE, SIGNALS, ExpressionGraph
 from vlab.signals import Array
 
 CHECKED = KERNELS.checked
+"""CHECKED [samples]: interval of the divergence check, a constant of the compiled loops."""
 MOST = KERNELS.most
+"""MOST [1]: magnitude in SI units to which a diverged state is clipped, a constant of the compiled loops."""
 RUNAWAY = KERNELS.runaway
-"""Settings that compiled loops read."""
+"""RUNAWAY [1]: magnitude in SI units from which a state has diverged, a constant of the compiled loops."""
 
 
 _COPY, _ADD, _SUBTRACT, _MULTIPLY = (CODE[f] for f in (np.positive, np.add, np.subtract, np.multiply))
@@ -25,12 +31,22 @@ _LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.le
 _EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
 _NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
 AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS))
-"""Registers of what a law sees of its step."""
+"""Registers of a law's signals: displacement, velocity, time, free and first velocity, command, mobility."""
 
 
 @compiled(error_model="numpy")
 def evaluate(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
-    """Do a tape's operations on registers (n_registers, n)."""
+    """Evaluate an expression graph on registers, in place.
+
+    Parameters
+    ----------
+    operations : (n_operations, 4) array of int
+        Code and three operand registers of every operation.
+    first : int
+        Register of the first result.
+    registers : (n_registers, n) array
+        Values of n parallel evaluations.
+    """
     n = registers.shape[1]
     for line in range(operations.shape[0]):
         code = operations[line, 0]
@@ -102,7 +118,7 @@ def evaluate(operations: Array, first: int, registers: Array) -> None:  # pragma
 
 @compiled(error_model="numpy")
 def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
-    """Do an operation that takes longer than it takes to choose it."""
+    """Evaluate a transcendental operation, element by element."""
     for e in range(out.size):
         x = a[e]
         if code == _EXP:
@@ -129,7 +145,7 @@ def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # prag
 
 
 in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
-"""Compiles loops whose sums may be taken in any order, several terms at a time."""
+"""Decorator for loops whose sums may be reordered and vectorised."""
 
 
 @in_any_order
@@ -144,7 +160,33 @@ def integrate_free(
     substeps: int,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """March states under inputs alone and fill in the channels y (n_sets, n_runs, n, p); see `vlab.diagnose.predictors.modal_integration`."""
+    """Integrate linear states under inputs, in place.
+
+    Parameters
+    ----------
+    turn : (2, n_sets, m) array
+        Real and imaginary parts of the step's eigenvalues.
+    dense : (n_sets, m, m) array
+        Step matrices, acting on rows from the right; empty in modal form.
+    into : (n_sets, n_inputs, 2m) array
+        Effect of a unit input on the state.
+    rows : (n_sets, p, 2m) array
+        Output rows.
+    direct : (n_sets, n_inputs, p) array
+        Feedthrough.
+    inputs : (n, 1 or substeps, 1 or n_sets, n_runs, n_inputs) array
+        Inputs [SI].
+    state : (n_sets, n_runs, 2m) array
+        Initial states, overwritten by the final ones.
+    substeps : int
+        Integration steps per sample.
+    y : (n_sets, n_runs, n, p) array
+        Channels [SI], overwritten.
+
+    See Also
+    --------
+    vlab.diagnose.predictors.modal_integration : the modal form of the step.
+    """
     n_sets, n_runs, n, channels = y.shape
     n_inputs, size = inputs.shape[4], state.shape[2]
     m = size // 2
@@ -200,10 +242,32 @@ def integrate_with_laws(
     registers: Array,
     y: Array,
 ) -> None:  # pragma: no cover - compiled
-    """As `integrate_free`, with laws in the loop of all sets and runs side by side."""
+    """Integrate linear states under inputs and laws, in place.
+
+    Parameters
+    ----------
+    turn, dense, into, rows, direct, inputs, state, substeps : array or int
+        Linear system, inputs and initial states of `integrate_free`.
+    observed_rows : (n_sets, 2 n_ports, 2m) array
+        Rows of port displacements and velocities.
+    seen : (n_sets, n_runs, 2 n_ports) array
+        Port motion at the start of the step, overwritten.
+    last : (n_laws, n_sets, n_runs, 2 n_ports) array
+        Port motion from the last force of every law, overwritten.
+    clock : tuple of float and (n_runs,) array
+        Step [s] and time of every run's first sample [s].
+    laws : tuple of array
+        Port, command, state, port-motion and feedthrough maps of every law, and the register of its force.
+    graphs : tuple of array
+        Expression graphs of the laws.
+    registers : (n_registers, n_sets * n_runs) array
+        Registers of all laws, overwritten.
+    y : (n_sets, n_runs, n, p) array
+        Channels [SI], overwritten.
+    """
     h, late = clock
     ports, coils, push, felt, direct_law, results = laws
-    operations, bounds, firsts, is_hysteretic, recalled = graphs
+    operations, bounds, firsts, stored, recalled = graphs
     n_sets, n_runs, n, channels = y.shape
     n_inputs, size = inputs.shape[4], state.shape[2]
     m, sees, n_laws = size // 2, seen.shape[2], len(ports)
@@ -246,7 +310,7 @@ def integrate_with_laws(
                         for j in range(size):
                             total += state[s, r, j] * observed_rows[s, i, j]
                         after[s, r, i] = total
-                        # forces change by little in a step: the last ones stand for those not known yet
+                        # a force changes little in a step, so the last value estimates the unknown one
                         known[s, r, i] = 0.0
                         for law in range(n_laws):
                             known[s, r, i] += last[law, s, r, i]
@@ -264,7 +328,7 @@ def integrate_with_laws(
                         own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
                 evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
-                    own[recalled[i]] = own[is_hysteretic[i]]
+                    own[recalled[i]] = own[stored[i]]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
@@ -289,9 +353,9 @@ def integrate_with_laws(
 
 @compiled(error_model="numpy")
 def _series(
-    operations: Array, first: int, registers: Array, signals: Array, is_hysteretic: Array, recalled: Array, result: int
+    operations: Array, first: int, registers: Array, signals: Array, stored: Array, recalled: Array, result: int
 ) -> Array:  # pragma: no cover - compiled
-    """Return a law's force (n, m) along given signals (n, n_signals, m) for the registers from the first on."""
+    """Return a law's force (n, m) along given signals (n, n_signals, m)."""
     n, count, m = signals.shape
     out = np.empty((n, m))
     for k in range(n):
@@ -299,14 +363,14 @@ def _series(
             registers[i] = signals[k, i]
         evaluate(operations, first, registers)
         for i in range(len(recalled)):
-            registers[recalled[i]] = registers[is_hysteretic[i]]
+            registers[recalled[i]] = registers[stored[i]]
         out[k] = registers[result]
     return out
 
 
 ExpressionGraphs = tuple[Array, Array, Array, Array, Array]
-"""Operations of several tapes one behind the other; where each one's registers, operations and memory begin, (n + 1, 3); the registers
-of their first results; those of what they remember after a step, and before it."""
+"""Operations of all laws; bounds (n + 1, 3) of each law's registers, operations and memory; first result registers;
+registers of the memory after a step; registers of the memory before a step."""
 
 
 def loaded(
@@ -315,16 +379,25 @@ def loaded(
     memories: Sequence[Sequence[Any]],
     shape: tuple[int, ...],
 ) -> tuple[ExpressionGraphs, Array]:
-    """Return laws' tapes one behind the other, and their registers with all that does not change from step to step.
+    """Concatenate expression graphs and fill their constant registers.
 
     Parameters
     ----------
+    graphs : sequence of ExpressionGraph
+        Graph of every law.
     values : sequence of sequence of array
-        Of every law its parameters in the order of its class, each of the shape or what broadcasts to it.
+        Parameters of every law in the order of its class, broadcastable to `shape`.
     memories : sequence of sequence of array
-        What every law remembers at first.
+        Initial memory of every law.
     shape : tuple of int
-        Of what is marched side by side: sets and runs.
+        Batch of parameter sets and runs.
+
+    Returns
+    -------
+    graphs : ExpressionGraphs
+        Concatenated graphs.
+    registers : (n_registers, prod(shape)) array
+        Registers with constants, parameters and initial memory.
     """
     registers = np.zeros((sum(graph.registers for graph in graphs), int(np.prod(shape))))
     bounds = np.zeros((len(graphs) + 1, 3), dtype=np.int64)
@@ -344,8 +417,25 @@ def loaded(
 
 
 def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
-    """Return a law's force along given motion, all (n, ...), from what it remembers at first."""
-    (operations, _, (first,), is_hysteretic, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
+    """Return a law's force along a given motion.
+
+    Parameters
+    ----------
+    graph : ExpressionGraph
+        Graph of the law.
+    z, v, t : (n, ...) array
+        Displacement, velocity [SI] and time [s].
+    values : sequence of array
+        Parameters of the law.
+    memory : sequence of array
+        Initial memory.
+
+    Returns
+    -------
+    (n, ...) array
+        Force [SI].
+    """
+    (operations, _, (first,), stored, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
     signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
-    out = _series(operations, first, registers, signals, is_hysteretic, recalled, graph.force)
+    out = _series(operations, first, registers, signals, stored, recalled, graph.force)
     return np.asarray(out.reshape(z.shape))

@@ -1,4 +1,4 @@
-"""Independent pieces of work on all cores."""
+"""Independent pieces of work on all cores, by forked processes."""
 
 import multiprocessing
 import os
@@ -20,20 +20,20 @@ def _one(index: int) -> Any:
 
 
 def _quiet() -> None:
-    """Leave it to the parent to say that it was interrupted, and end without a word when it says so."""
+    """Leave interrupts to the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
 def _ends_by_itself() -> Iterator[None]:
-    """Let processes that are forked here end when they are told to.
+    """Restore default termination for processes forked here.
 
-    Short work may be done before the last fork has come to its own first line. The handler that it inherits takes the call to end
-    for an interrupt and goes on, and whoever waits for its end waits for ever.
+    Short work may end before the last fork reaches its own initializer. An inherited handler would treat termination as
+    an interrupt, and the pool would wait without end.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may; the others' forks take their chance
+        yield  # only the main thread may set handlers
         return
     usual = signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
@@ -43,10 +43,22 @@ def _ends_by_itself() -> Iterator[None]:
 
 
 def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
-    """Return ``[work(item) for item in items]``, the items on as many processes as there are cores.
+    """Return ``[work(item) for item in items]``, computed on all cores.
 
-    The processes are forks, so neither the work nor the items need be pickled, the results must; where forks are not to be had (or in a
-    process that is itself a worker) everything runs here. The results do not depend on the number of processes.
+    Forked processes inherit work and items, so only the results are pickled. Without forks, or in a worker process, the
+    items run in sequence. The results are independent of the number of processes.
+
+    Parameters
+    ----------
+    work : callable
+        Function of one item.
+    items : sequence
+        Items.
+
+    Returns
+    -------
+    list
+        Results in the order of the items.
     """
     global _work
     count = min(len(items), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
@@ -54,7 +66,7 @@ def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
         return [work(item) for item in items]
     if multiprocessing.current_process().daemon:
         return [work(item) for item in items]
-    _work = lambda index: work(items[index])  # noqa: E731 - forks know the items: only results are sent
+    _work = lambda index: work(items[index])  # noqa: E731 - forks inherit the items, so only results are sent
     try:
         with _ends_by_itself():
             pool = multiprocessing.get_context("fork").Pool(count, _quiet)

@@ -1,4 +1,7 @@
-"""Linear recursions of many short states over many samples, in blocks: a loop of two roots of their number, not of all."""
+"""Blocked linear recursions of many short states over many samples.
+
+A loop of 2 sqrt(n) steps replaces one of n steps.
+"""
 
 import numpy as np
 
@@ -6,22 +9,24 @@ from vlab.signals import Array
 
 
 def states_of(step: Array, drive: Array, start: Array) -> Array:
-    """Return the states x(0) = start, x(k+1) = x(k) step + drive(k), before every sample.
+    """Return the states x(0) = start, x(k+1) = x(k) step + drive(k).
 
-    The samples are cut into about as many blocks as a block has samples. All blocks are marched side by side from zero, then
-    what every block hands to the next is carried on with the block's own power of the step, and its free response added.
+    About sqrt(n) blocks of sqrt(n) samples are integrated side by side from zero. The final state of every block passes
+    to the next by the power of the step, and its free response is added.
 
     Parameters
     ----------
     step : (g, s, s) array
-        Of g groups, acting on rows from the right.
+        Step matrix of every group, acting on rows from the right.
     drive : (n, g, r, s) array
-        Of r states in every group.
+        Input of r states in every group.
     start : (g, r, s) array
+        Initial states.
 
     Returns
     -------
     (n, g, r, s) array
+        States before every sample.
     """
     n, g, r, s = drive.shape
     size = max(1, round(np.sqrt(n)))

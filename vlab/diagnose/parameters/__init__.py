@@ -1,1 +1,1 @@
-"""The parametrised model: uncertain parameters, locations, observed channels."""
+"""Parametrised model: uncertain parameters, locations, observed channels."""

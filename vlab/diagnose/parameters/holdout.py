@@ -1,4 +1,4 @@
-"""The data of a case that the search never sees: recordings held out for the verdict, and what is not used at all."""
+"""Hold-out recordings of a case."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from vlab.errors import BadCase
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HoldOut:
-    """Recordings held out.
+    """Hold-out recordings of a case.
 
     Parameters
     ----------
     runs : tuple of Run
-        Those that say something.
+        Recordings that can verify a finding.
     notes : tuple of str
-        What is missing from them, or not used.
+        Missing channels and unused data.
     """
 
     runs: tuple[Run, ...] = ()
@@ -29,21 +29,28 @@ class HoldOut:
 
 
 def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HoldOut:
-    """Read the recordings that a case holds out.
+    """Read the hold-out recordings of a case.
 
     Parameters
     ----------
+    case : Case
+        Case.
     names : sequence of str
         Channels of the recordings to fit.
     fitted : sequence of Run
-        The recordings to fit.
+        Recordings to fit.
+
+    Returns
+    -------
+    HoldOut
+        Usable recordings and notes.
 
     Raises
     ------
     BadRecording
-        A file is damaged or not what the case says.
+        A file is damaged or contradicts the case.
     BadCase
-        A recording that the model cannot be driven with, that takes too many steps, or that is one to fit.
+        A recording cannot drive the model, takes too many steps, or is also fitted.
     """
     runs, notes = [], []
     for run in case.runs(("holdout",)):

@@ -1,4 +1,4 @@
-"""Where physics can be missing: the places of a plant, in the twin's modal coordinates."""
+"""Locations of possible missing physics, in modal coordinates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,43 +14,39 @@ from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-SHARED = ("timing", "resolution", "gain", "clearance", "saturation")
-"""Families of effects that all actuators can have together: they share delay, filter and converters, and drives of one make have one
-limit and one dead zone."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """One place.
+    """Location of an effect.
 
     Parameters
     ----------
     name : str
-        As a diagnosis reports it.
+        Name in the report.
     kind : str
         ``"port"``, ``"body"``, ``"actuator"``, ``"sensor"``, or ``"pick-up"``: a sensor and a second signal.
     rows : (k, m) array
-        Of a port its row per modal coordinate; of a body the three rows of its centre, or of a site.
+        Port displacement per modal coordinate; of a body or site the three rows of its centre.
     angular : bool
-        The port is a rotation.
+        Whether the port is a rotation.
     stiffness : float
-        Of the elastic element at the port; 0 without one.
+        Stiffness of the elastic element at the port [N/m or N m/rad]; 0 without one.
     stiffened_by : tuple of int
-        Uncertain parameters that multiply it.
+        Uncertain parameters that multiply the stiffness.
     index : int
-        Of an actuator or a channel.
+        Index of the actuator or channel.
     also : tuple of int
-        More actuators, where the place is the chain that all share.
+        Further actuators of a location that several share.
     other : int
-        Of a pick-up the actuator or channel whose signal is picked up; `tag` is ``"command"`` or ``"sensor"``.
+        Actuator or channel whose signal a pick-up receives, according to `tag`.
     coil : int or None
-        The actuator that acts along the port.
+        Actuator that acts along the port.
     aliases : tuple of str
-        Other names of the same port.
+        Other names of the port.
     tag : str
-        As `vlab.plants.base.Port` has it.
+        Tag of `vlab.plants.base.Port`; of a pick-up ``"command"`` or ``"sensor"``.
     is_held : bool
-        Something in the model brings the port back; a port that is free to move has no rest position.
+        Whether the model restores the port; a free port has no rest position.
     """
 
     name: str
@@ -68,21 +64,34 @@ class Place:
     is_held: bool = True
 
     def stiffness_at(self, theta: Array) -> Array:
-        """Return the element's stiffness at log-factors of what is uncertain (n_sets, n_changes), (n_sets,)."""
+        """Return the element's stiffness (n_sets,) at log factors (n_sets, n_changes)."""
         return np.asarray(self.stiffness * np.exp(theta[:, list(self.stiffened_by)].sum(axis=1)))
 
     @property
     def indices(self) -> tuple[int, ...]:
-        """All actuators or channels of the place."""
+        """All actuators or channels of the location."""
         return (self.index, *self.also)
 
 
 def admissible(effect: Effect, place: Place) -> bool:
-    """Say whether an effect can act at a place."""
+    """Return whether an effect can act at a location.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    place : Place
+        Location.
+
+    Returns
+    -------
+    bool
+        Whether kind, family and needs of the effect match the location.
+    """
     if isinstance(effect, PickUp):
         return place.kind == "pick-up" and place.tag in effect.needs
     if effect.kind in ("actuator", "sensor"):
-        return place.kind == effect.kind and (not place.also or effect.family in SHARED)
+        return place.kind == effect.kind and (not place.also or effect.traits.is_shared)
     if place.kind == "body":
         return effect.name == "added-mass"
     if place.kind != "port":
@@ -94,27 +103,35 @@ def admissible(effect: Effect, place: Place) -> bool:
         "rotation": place.angular,
         "stiffness": place.stiffness > 0,
         "coil": place.coil is not None,
-        "magnet": place.coil is not None or not place.stiffness > 0,  # elsewhere an element is softer
+        "magnet": place.coil is not None or not place.stiffness > 0,  # elsewhere a magnet is a softer element
     }
     return all(has.get(need, True) for need in effect.needs)
 
 
 def reported_name(name: str, effect: Effect, driven: int) -> str:
-    """Return what a place of a structure's hardware is called in a diagnosis: coil, amplifier or the chain of all channels.
+    """Return the reported name of a structure's hardware.
 
     Parameters
     ----------
     name : str
-        As `Place` has it.
+        Name of the location.
+    effect : Effect
+        Effect, whose family selects the coil, the amplifier or the chain.
     driven : int
-        How many actuators are driven: what one coil alone shows of delay, filter and converters is the chain's.
+        Number of driven actuators. With a single coil, delay, filter and converters belong to the chain.
+
+    Returns
+    -------
+    str
+        Name in the report.
     """
     if not name.startswith("actuator:"):
         return name
     bare = name.removeprefix("actuator:")
-    if effect.family in ("timing", "resolution"):
+    part = effect.traits.hardware
+    if part == "chain":
         return "chain" if driven == 1 else f"coil:{bare}"
-    return f"coil:{bare}" if effect.family == "gain" else f"amplifier:{bare}"
+    return f"{part}:{bare}"
 
 
 def places_of(
@@ -126,18 +143,27 @@ def places_of(
     *,
     is_near_rest: bool = True,
 ) -> list[Place]:
-    """Return the places of a plant.
+    """Return the locations of a plant.
 
     Parameters
     ----------
-    channels : list of str
+    plant : Plant
+        Plant.
+    reduced_model : ReducedModel
+        Modes of the plant.
+    channels : sequence of str
         Names of the compared channels.
-    driven : list of int
-        The actuators that recordings or laws drive.
+    driven : sequence of int
+        Actuators driven by recordings or laws.
     free : (m, k) array or None
-        Directions in which nothing brings the plant back to rest; the twin's modes without a frequency by default.
+        Directions without restoring force; the rigid-body modes by default.
     is_near_rest : bool
-        The plant stays where a point that moves along one port at rest is no place of its own.
+        Whether the plant stays near rest, where a point that moves along one port is no further location.
+
+    Returns
+    -------
+    list of Place
+        Ports, bodies and sites, actuators, sensors and pick-ups.
     """
     ports: list[Place] = []
     names, data = list(plant.ports), plant.new_data()
@@ -183,7 +209,7 @@ def places_of(
 
 
 def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:
-    """Return sensors with what they may pick up: the command of a coil, or what another sensor sees."""
+    """Return sensors paired with possible crosstalk signals."""
     own = [i for i, name in enumerate(channels) if tap_index(plant.sensors, name) is not None]
     out = [
         Place(name=f"{sensors[i]}/{plant.actuators[k].name}", kind="pick-up", index=i, other=k, tag="command")
@@ -201,7 +227,7 @@ def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], dri
 
 
 def _coil(reduced_model: ReducedModel, row: Array, driven: Sequence[int]) -> int | None:
-    """Return the actuator whose force acts along a port's row."""
+    """Return the actuator along a port's row, or None."""
     for i in driven:
         force = reduced_model.forces[:, i]
         size = np.linalg.norm(force) * np.linalg.norm(row)
@@ -211,7 +237,10 @@ def _coil(reduced_model: ReducedModel, row: Array, driven: Sequence[int]) -> int
 
 
 def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> list[Place]:
-    """Return the bodies and sites that move with no single port: added mass there has three rows."""
+    """Return bodies and sites without a port of the same motion.
+
+    Added mass there needs three rows.
+    """
     if not isinstance(plant, MjcfPlant):
         return []
     model, data = plant.model, plant.new_data()
@@ -227,11 +256,11 @@ def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> li
         if len(moving) == 1 and any(_is_parallel(p.rows[0], moving[0]) for p in ports if not p.angular):
             continue
         if any(p.rows.shape == moving.shape and _is_parallel(p.rows, moving) for p in out):
-            continue  # a site at a body's centre
+            continue  # a site at a body's centre is no second location
         out.append(Place(name=name, kind="body", rows=moving))
     return out[: LOCATIONS.most_ports]
 
 
 def _is_parallel(a: Array, b: Array) -> bool:
-    """Return whether rows are the same but for their sense."""
+    """Return whether rows are equal up to sign."""
     return bool(np.abs(np.abs(a) - np.abs(b)).max() <= LOCATIONS.same * np.abs(b).max())

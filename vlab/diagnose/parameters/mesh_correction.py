@@ -1,5 +1,4 @@
-"""A structure's physical plant made as good as the FE model where recordings are, and as linear as they are, before anything is
-sought."""
+"""Correction of a composite plant by the FE model."""
 
 from dataclasses import replace
 
@@ -14,15 +13,25 @@ from vlab.plants.build import build_plant
 from vlab.structure.model import Structure, Tuning
 
 PHYSICAL = "composite"
-"""The plant whose mesh is coarse."""
+"""Name of the plant with the coarse mesh."""
 
 
 def with_modes_of_fe(case: Case) -> Case:
-    """Return a case whose physical plant has the FE model's modes in and above the band that was recorded; others as they are.
+    """Tune a composite plant to the FE model's frequencies.
 
-    Two links a bar of the grid turn modes that lie close together into each other, which leaves a tenth of the recordings
-    whatever is refitted, and steps raise frequencies by as much as resonances are wide; that is no physics that the model lacks,
-    and the FE model knows better.
+    Modes in and above the recorded band are tuned; other cases are unchanged. Two links per bar rotate close modes into
+    each other, which leaves a tenth of the recordings after any refit. Time steps shift frequencies by the width of a
+    resonance. Both are numerical errors and no missing physics.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    Case
+        Case with a tuned plant.
     """
     structure, table = case.structure, case.table.model
     if structure is None or table.plant != PHYSICAL or not case.recordings(("fit",)):
@@ -40,10 +49,20 @@ def with_modes_of_fe(case: Case) -> Case:
 
 
 def with_soft_cables(case: Case) -> Case | None:
-    """Return a case whose cables do not stiffen its structure as it swings; None where it has none, or another plant.
+    """Return a case without stretch stiffening of the cables.
 
-    A cable that holds a swinging bar is stretched by the square of the swing, which tightens it. The modes know the tension at
-    rest only, so a cable that is soft along its length and pulls as much has the same ones.
+    A cable that holds a swinging bar stretches with the square of the swing, and the tension rises. The modes depend on
+    the static tension alone, so an axially soft cable of equal tension keeps the modes.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    Case or None
+        Case with soft cables; None without cables or with another plant.
     """
     structure = case.structure
     if structure is None or case.table.model.plant != PHYSICAL or not structure.cable:

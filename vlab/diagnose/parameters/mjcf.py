@@ -1,4 +1,4 @@
-"""What may be off in a model although no physics is missing: stiffness, mass, damping, friction, gains; and models with them changed."""
+"""Uncertain parameters of an MJCF model, as log factors."""
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
@@ -17,29 +17,31 @@ from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
 ELEMENTS = ("stiffness", "damping", "friction", "mass", "armature")
-"""Kinds that elements of a model have."""
+"""Kinds of parameters that elements of a model have."""
 IMPEDANCE = (*ELEMENTS, "inertia")
-"""Kinds of what a force is needed for."""
+"""Kinds of parameters that resist motion."""
 
 
 Number = tuple[str, int | tuple[int, int]]
-"""A number of a model: the name of its array, and its index there."""
+"""Value of a model: name of its array, and index in the array."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertain:
-    """One uncertain parameter: a log-factor on some numbers of the model.
+    """Uncertain parameter: a log factor on values of the model.
 
     Parameters
     ----------
     name : str
-        ``"stiffness"`` for all of a kind, ``"joint:hinge:stiffness"`` for one element, ``"gain:motor"``, ``"sensor:enc"``.
+        ``"stiffness"`` for a kind, ``"joint:hinge:stiffness"`` for an element, ``"gain:motor"``, ``"sensor:enc"``.
+    kind : str
+        Kind of the parameter.
     sd : float
-        Prior standard deviation of the log-factor.
+        Prior standard deviation of the log factor.
     fields : tuple
-        (name of the model's array, index) of the numbers that are multiplied.
+        Multiplied values of the model.
     actuator, sensor : int or None
-        The actuator's or channel's gain that is multiplied, too.
+        Actuator or channel whose gain is multiplied.
     """
 
     name: str
@@ -53,16 +55,23 @@ class Uncertain:
 def uncertain_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
 ) -> list[Uncertain]:
-    """Return what is uncertain of an MJCF plant.
+    """Return the uncertain parameters of an MJCF plant.
 
     Parameters
     ----------
+    plant : Plant
+        Plant.
     given : mapping
         ``[model.uncertain]`` of the case.
     channels : sequence of str
         Names of the compared channels.
     actuators : sequence of int
-        The actuators that are driven.
+        Driven actuators.
+
+    Returns
+    -------
+    list of Uncertain
+        Parameters of elements, actuator gains and sensor gains.
     """
     given = _of_bodies(plant.model, given)
     out: list[Uncertain] = []
@@ -83,13 +92,12 @@ def uncertain_parameters(
 
 
 def gain_sd(given: Mapping[str, float], actuator: str) -> float:
-    """Return the relative standard deviation of an actuator's gain, by ``[model.uncertain]`` or the default."""
+    """Return the prior standard deviation of an actuator's gain."""
     return given.get(f"actuator:{actuator}:gain", given.get("gain", MJCF_PRIORS.default_sd["gain"]))
 
 
 def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
-    """Return what an actuator's gain multiplies besides its command: a servo's reading of the position or the velocity that it
-    holds against the command."""
+    """Return the feedback values that a servo's gain multiplies."""
     model, out = plant.model, []
     for control in plant.actuators[actuator].controls:
         if model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_AFFINE:
@@ -99,15 +107,23 @@ def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
 
 
 def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool) -> Array | None:
-    """Return the likeliest log-factors that make all impedances and all gains larger by the same factor, (n_parameters,); None
-    where something else in the model stays.
+    """Return log factors that scale all impedances and gains.
 
-    No recording of motions says anything of that factor: only what is known of the model does.
+    Recorded motions cannot identify that common factor; only the priors do.
 
     Parameters
     ----------
+    plant : Plant
+        Plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
     loaded : bool
-        Whether forces act that were measured, and not commanded.
+        Whether measured forces act, beside commanded ones.
+
+    Returns
+    -------
+    (n_parameters,) array or None
+        Log factors; None where a part of the model has no uncertain factor.
     """
     model = plant.model
     if loaded or model.opt.density or model.opt.viscosity:
@@ -125,10 +141,22 @@ def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool)
 
 
 def redundant(parameters: Sequence[Uncertain]) -> Array:
-    """Return the directions of the uncertain parameters, in standard deviations, along which no number of a model changes, (k, n):
-    what all elements have in common against what each has of its own. Only the priors say where along them they are."""
+    """Return parameter directions without effect on the model.
+
+    A common factor compensates the elements' own factors. Only the priors identify the position along these directions.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    (k, n_parameters) array
+        Directions in standard deviations.
+    """
     if any(p.actuator is None and p.sensor is None and not p.fields for p in parameters):
-        return np.zeros((0, len(parameters)))  # of a structure: what they multiply overlaps nowhere
+        return np.zeros((0, len(parameters)))  # parameters of a structure multiply disjoint values
     numbers = sorted({number for p in parameters for number in p.fields}, key=str)
     actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
     spread = _spread(parameters, numbers, actuators)
@@ -137,8 +165,10 @@ def redundant(parameters: Sequence[Uncertain]) -> Array:
 
 
 def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuators: Sequence[int]) -> Array:
-    """Return by how much the logarithms of numbers of a model, and of gains of actuators, change where every parameter changes by its
-    standard deviation, (n_numbers + n_actuators, n_parameters)."""
+    """Return the changes of log values and log gains per standard deviation.
+
+    The shape is (n_numbers + n_actuators, n_parameters).
+    """
     fields = [set(p.fields) for p in parameters]
     rows = [[float(number in own) for own in fields] for number in numbers]
     rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
@@ -148,7 +178,7 @@ def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuator
 def _all_known(
     plant: Plant, numbers: Sequence[Number], actuators: Sequence[int], parameters: Sequence[Uncertain]
 ) -> bool:
-    """Return whether every spring, damper, mass and servo of a model has an uncertain factor."""
+    """Return whether every element and servo has an uncertain factor."""
     model, have = plant.model, set(numbers)
     for kind in ELEMENTS:
         if any(not set(fields) <= have for fields in _elements(model, kind).values()):
@@ -162,24 +192,31 @@ def _all_known(
 def of_kind(
     kind: str, elements: Mapping[str, tuple[Number, ...]], sd: float, given: Mapping[str, float], also: str
 ) -> list[Uncertain]:
-    """Return what is uncertain of one kind: a factor that all elements have in common, and one of every element's own.
+    """Return the common and individual parameters of one kind.
 
     Parameters
     ----------
+    kind : str
+        Kind.
     elements : mapping
-        Their names to the numbers of the model that are multiplied.
+        Multiplied values of the model by element.
     sd : float
-        Of the kind.
+        Prior standard deviation of the kind.
     given : mapping
-        ``[model.uncertain]``, where elements may be named.
+        ``[model.uncertain]``, which may name elements.
     also : str
-        Another word for the kind that elements may be named with.
+        Alternative name of the kind after an element's name.
+
+    Returns
+    -------
+    list of Uncertain
+        Parameters.
     """
     every = tuple(field for fields in elements.values() for field in fields)
     if not every:
         return []
     is_split = 1 < len(elements) <= MJCF_PRIORS.most_elements
-    is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's is what they have in common
+    is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's factor is the common one
     out = [
         Uncertain(name=kind, kind=kind, sd=MJCF_PRIORS.common * sd if is_split and not is_named else sd, fields=every)
     ]
@@ -199,9 +236,22 @@ def of_kind(
 
 
 def unused(given: Mapping[str, float], parameters: Sequence[Uncertain]) -> list[str]:
-    """Return what is stated in ``[model.uncertain]`` and moves nothing, in a sentence."""
+    """Return a note on unused entries of ``[model.uncertain]``.
+
+    Parameters
+    ----------
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
     kinds, names = {p.kind for p in parameters}, {p.name for p in parameters}
-    stated = [name for name in given if not name.startswith("geom:")]  # the mass of its body
+    stated = [name for name in given if not name.startswith("geom:")]  # geom masses belong to bodies
     idle = [name for name in stated if not (_meant(name) & names if ":" in name else name in kinds)]
     if not idle:
         return []
@@ -209,7 +259,7 @@ def unused(given: Mapping[str, float], parameters: Sequence[Uncertain]) -> list[
 
 
 def _meant(name: str) -> set[str]:
-    """Return the names of parameters that a stated name may set."""
+    """Return the names of parameters that a stated name can refer to."""
     kind, _, rest = name.partition(":")
     element, _, quantity = rest.rpartition(":")
     return {
@@ -220,7 +270,10 @@ def _meant(name: str) -> set[str]:
 
 
 def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
-    """Return what is stated with masses of geoms as those of their bodies; of several geoms of a body the largest."""
+    """Return stated uncertainties with geom masses assigned to their bodies.
+
+    Of several geoms of a body the largest value holds.
+    """
     out = dict(given)
     for name, sd in given.items():
         kind, _, rest = name.partition(":")
@@ -232,7 +285,7 @@ def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
 
 
 def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
-    """Return the elements of a model that have a stiffness, damping, friction, mass or armature, with their fields."""
+    """Return the elements with a parameter of one kind, with the parameter's values."""
     out: dict[str, tuple[Number, ...]] = {}
     if kind == "mass":
         for i in range(1, model.nbody):
@@ -270,15 +323,29 @@ def _dofs(model: Any, joint: int) -> range:
 
 
 def stiffness_of(model: Any, names: Sequence[str]) -> list[Number]:
-    """Return the numbers of a model that are the stiffness of the first of some joints and tendons that has one."""
+    """Return the stiffness values of the first elastic element."""
     elements = _elements(model, "stiffness")
     return next((list(elements[name]) for name in names if name in elements), [])
 
 
 def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
-    """Return the plant with its uncertain parameters at given log-factors; channel gains are not the plant's.
+    """Return a plant at given log factors, in equilibrium.
 
-    The equilibrium is found again. The gain of a servo multiplies what it makes of the motion that it holds against its command, too.
+    A servo's gain multiplies its feedback and its command. Channel gains are no part of the plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors.
+
+    Returns
+    -------
+    Plant
+        Adjusted plant.
     """
     model = copy.copy(plant.model)
     for parameter, value in zip(parameters, theta, strict=True):
@@ -292,7 +359,20 @@ def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Pla
 
 
 def with_model(plant: Plant, model: Any) -> Plant:
-    """Return the plant with another compiled model of the same layout, at its own equilibrium."""
+    """Return a plant with another compiled model, in equilibrium.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    model : Any
+        Compiled model, overwritten in its derived constants.
+
+    Returns
+    -------
+    Plant
+        Plant at the equilibrium of the model.
+    """
     mujoco.mj_setConst(model, mujoco.MjData(model))
     if isinstance(plant, MjcfPlant):
         rest, notes = settle(model)
@@ -301,21 +381,35 @@ def with_model(plant: Plant, model: Any) -> Plant:
 
 
 def derivative(make: Callable[[float], tuple[Array, Array, Array]], step: float = 1e-3) -> tuple[Array, Array, Array]:
-    """Return the derivatives of M, C and K by a log-factor at zero, by central differences."""
+    """Return central differences of M, C and K by a log factor."""
     high, low = make(step), make(-step)
     return tuple((a - b) / (2 * step) for a, b in zip(high, low, strict=True))  # type: ignore[return-value]
 
 
 def changes_of(parameters: Sequence[Uncertain]) -> tuple[Change, ...]:
-    """Return uncertain parameters as the twin has them."""
+    """Return uncertain parameters as the reduced model's changes."""
     return tuple(Change(name=p.name, sd=p.sd, actuator=p.actuator, sensor=p.sensor) for p in parameters)
 
 
 def parts_of(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
-    """Return what the uncertain parameters of an MJCF plant multiply, in modal coordinates.
+    """Return the modal matrix parts under uncertain parameters.
 
-    A spring's stiffness is one part, although a factor of its own and one of all springs multiply it: were both derivatives
-    simply added, two factors of 7 % would leave the frequency of a light structure off by a tenth of its width.
+    A spring is one part under two factors: the common one and its own. A sum of both derivatives at factors of 7 %
+    would shift a lightly damped frequency by a tenth of its bandwidth.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    basis : (nv, m) array
+        Mode shapes.
+
+    Returns
+    -------
+    tuple of Part
+        Parts of M, C and K.
     """
     by: dict[Number, tuple[int, ...]] = {}
     for i, parameter in enumerate(parameters):
@@ -337,7 +431,7 @@ def _part(plant: Plant, fields: tuple[Number, ...], by: tuple[int, ...], basis: 
     M, C, K = (basis.T @ part @ basis for part in derivative(matrices))
     return Part(
         by=by,
-        M=M if np.abs(M).max() > 1e-9 else None,  # of modes with unit mass
+        M=M if np.abs(M).max() > 1e-9 else None,  # unit modal mass
         C=C if np.any(C) else None,
         K=K if np.any(K) else None,
     )

@@ -1,4 +1,8 @@
-"""Which modes of a model the search follows, and what MuJoCo's step makes of them."""
+"""Dynamic modes, and modal matrices of MuJoCo's discrete step.
+
+Modes above the band respond quasi-statically by their compliance. The logarithm of the semi-implicit step gives the
+modes' apparent mass, damping and stiffness.
+"""
 
 import warnings
 from dataclasses import dataclass
@@ -18,19 +22,20 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptModes:
-    """A model near rest, and the modes of it that the search follows.
+    """Linear model near rest with its selected modes.
 
     Parameters
     ----------
     linear : SecondOrderModel
+        Linear model.
     rows : ChannelRows
-        What channels read of its coordinates.
+        Channels per generalised coordinate.
     omega, shapes : (nv,), (nv, nv) array
-        All its modes: frequencies [rad/s], mass-normalised shapes.
+        Natural frequencies [rad/s] and mass-normalised shapes of all modes.
     kept : (nv,) array of bool
-        Those that are followed.
+        Mask of the dynamic modes.
     band : float
-        Modes beyond it follow statically [rad/s].
+        Frequency above which modes are quasi-static [rad/s].
     """
 
     linear: SecondOrderModel
@@ -42,11 +47,11 @@ class KeptModes:
 
     @property
     def basis(self) -> Array:
-        """Shapes of the modes that are followed, (nv, m)."""
+        """Shapes (nv, m) of the dynamic modes."""
         return np.asarray(self.shapes[:, self.kept])
 
     def compliance(self, pushes: Array) -> tuple[Array, Array]:
-        """Return what channels read of the modes beyond the band, which follow forces (nv, n) statically: per force, and per its rate."""
+        """Return the channels' quasi-static response to forces (nv, n), and to their rates."""
         stiff = ~self.kept & (np.abs(self.omega) >= self.band)
         shapes = self.shapes[:, stiff]
         yields = shapes @ (shapes.T @ pushes / self.omega[stiff, None] ** 2)
@@ -54,14 +59,23 @@ class KeptModes:
 
 
 def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, rate_hz: float) -> KeptModes:
-    """Choose the modes that the search follows.
+    """Select the dynamic modes of the search.
 
     Parameters
     ----------
+    linear : SecondOrderModel
+        Linear model.
+    rows : ChannelRows
+        Channels per generalised coordinate.
     highest_hz : float
-        Frequency below which nearly all power of the recorded velocities lies.
+        Frequency below which nearly all recorded velocity power lies [Hz].
     rate_hz : float
-        Slowest sample rate of the recordings.
+        Lowest sample rate of the recordings [Hz].
+
+    Returns
+    -------
+    KeptModes
+        Observable modes in the band, and overdamped modes with a slow pole.
     """
     omega, shapes = linear.eigen
     kept = observable(rows.onto(np.eye(len(omega))), shapes, omega)
@@ -71,18 +85,25 @@ def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, r
         band = widest
     kept &= np.abs(omega) < band
     damping = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes)
-    kept |= lags(omega, damping, band)  # damping couples them to what is seen
+    kept |= lags(omega, damping, band)  # damping couples overdamped modes to observable ones
     kept &= np.cumsum(kept) <= MODE_SELECTION.most_modes
     return KeptModes(linear=linear, rows=rows, omega=omega, shapes=shapes, kept=kept, band=float(band))
 
 
 def lags(omega: Array, damping: Array, band: float) -> Array:
-    """Return which modes are damped beyond their critical damping, as a servo's are, with a slow pole that a band feels [rad/s].
+    """Return the mask of overdamped modes with a slow pole.
 
     Parameters
     ----------
     omega, damping : (n,) array
-        Frequencies [rad/s] and modal damping [1/s], of unit modal mass.
+        Natural frequencies [rad/s] and modal damping [1/s] at unit modal mass.
+    band : float
+        Upper frequency of the band [rad/s].
+
+    Returns
+    -------
+    (n,) array of bool
+        True for overdamped modes whose slow pole acts in the band.
     """
     half = 0.5 * damping
     slow = omega**2 / np.maximum(half + np.sqrt(np.maximum(half**2 - omega**2, 0.0)), 1e-300)
@@ -98,16 +119,27 @@ def _lowest(omega: Array, kept: Array) -> float:
 
 
 def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -> tuple[Array, Array, Array]:
-    """Return what MuJoCo's step adds to the modes' mass, damping and stiffness.
+    """Return the modal matrices that MuJoCo's step adds.
 
-    A semi-implicit step of length h raises frequencies by (omega h)^2/24, and dampers of joints, which it takes at its
-    end, act as masses, too. Over a long lightly damped record that is no small thing, and it is no missing physics, so
-    the twin has it as well: the modes get the damping and stiffness of the logarithm of their step, together, for dampers couple
-    them, and the mass with which forces that are held over steps move them as far: a servo goes where it is told to.
+    A semi-implicit step of length h raises frequencies by (omega h)^2/24, and implicit joint dampers add apparent mass.
+    Both matter over long lightly damped records and are no missing physics. Damping and stiffness follow from the
+    logarithm of the step, coupled by the dampers. The mass gives held forces their displacement, as a servo requires.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with the integrator.
+    linear : SecondOrderModel
+        Linear model.
+    basis : (nv, m) array
+        Mode shapes.
+    h : float
+        Time step [s].
 
     Returns
     -------
     mass, damping, stiffness : (m, m) array
+        Additional modal matrices.
     """
     model = plant.model
     C, K = (basis.T @ part @ basis for part in (linear.C, linear.K))
@@ -119,7 +151,7 @@ def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -
         at_end[np.diag_indices(model.nv)] = model.dof_damping
     if model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER:
         at_end = linear.C if plant.dissipation is None else linear.C - plant.dissipation
-        is_same_tree = model.dof_treeid[:, None] == model.dof_treeid  # MuJoCo couples no other bodies there
+        is_same_tree = model.dof_treeid[:, None] == model.dof_treeid  # implicit damping is per tree
         at_end = np.where(is_same_tree, at_end, 0.0)
     return tuple(
         there - here
@@ -128,17 +160,20 @@ def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -
 
 
 def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array, Array]:
-    """Return the mass, the damping and the stiffness that a semi-implicit step of modes of unit mass shows under forces that are held
-    over steps, (m, m) each.
+    """Return mass, damping and stiffness (m, m) of a semi-implicit step under held forces.
 
     Parameters
     ----------
+    C, K : (m, m) array
+        Damping and stiffness at unit modal mass.
     at_end : (m, m) array
-        Of the damping, what is taken at the end of a step.
+        Implicit part of the damping.
+    h : float
+        Time step [s].
     """
     m = len(C)
     yields = h * np.linalg.inv(np.eye(m) + h * at_end)
-    step = np.eye(3 * m)  # of displacement, velocity, and the force
+    step = np.eye(3 * m)  # displacement, velocity, force
     step[m : 2 * m] += yields @ np.hstack([-K, -C, np.eye(m)])
     step[:m] += h * step[m : 2 * m]
     poles = np.linalg.eigvals(step)
@@ -146,9 +181,9 @@ def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array,
         own = _one_by_one(np.diag(C), np.diag(K), np.diag(at_end), h)
         return own[0], own[1] + C - np.diag(np.diag(C)), own[2]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # it warns of errors of 1e-12
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy warns of errors of 1e-12
         rate = np.real(logm(step)) / h
-    # velocities stand half a step behind: what counts is the rate of the displacements, not what the step calls velocity
+    # velocities lag half a step, so the rate of the displacements replaces the step's velocity
     first, second = rate[:m], rate[:m] @ rate
     damping = -np.linalg.solve(first[:, m : 2 * m].T, second[:, m : 2 * m].T).T
     stiffness = -second[:, :m] - damping @ first[:, :m]
@@ -157,10 +192,13 @@ def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array,
 
 
 def _one_by_one(c: Array, k: Array, at_end: Array, h: float) -> tuple[Array, Array, Array]:
-    """Return what `_of_step` does of modes whose damping (m,) does not couple them, where a step turns a servo's motion round: such a
-    mode has its own stiffness, and a mass that goes with what its step shows."""
+    """Return the result of `_of_step` for modes with uncoupled damping (m,).
+
+    The case is a step that reverses a servo's motion. Such a mode keeps its stiffness, with a mass that matches the
+    step.
+    """
     grown = 1.0 + h * at_end
-    step = np.zeros((len(c), 2, 2))  # of velocity and displacement
+    step = np.zeros((len(c), 2, 2))  # velocity, displacement
     step[:, 0, 0], step[:, 0, 1] = 1.0 - h * c / grown, -h * k / grown
     step[:, 1, 0], step[:, 1, 1] = h * step[:, 0, 0], 1.0 + h * step[:, 0, 1]
     s = np.log(np.linalg.eigvals(step).astype(complex)) / h

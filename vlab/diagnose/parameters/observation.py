@@ -1,4 +1,7 @@
-"""A plant as its channels and ports see it near rest: the map from modes to every channel that a recording has."""
+"""Linear observation model of the channels near rest.
+
+The channels are y = at_q q + at_v v + at_a a + rest.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +18,14 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChannelRows:
-    """What channels read per generalised position, velocity and acceleration: y = at_q q + at_v v + at_a a.
+    """Channels per generalised position, velocity and acceleration.
 
     Parameters
     ----------
     at_q, at_v, at_a : (n_channels, nv) array
-        About the rest configuration.
+        Output rows about rest.
     rest : (n_channels,) array
-        Their values at rest.
+        Channel values at rest.
     """
 
     at_q: Array
@@ -31,15 +34,27 @@ class ChannelRows:
     rest: Array
 
     def onto(self, shapes: Array) -> "ChannelRows":
-        """Return the same per coordinate of q = shapes p."""
+        """Return the rows per coordinate p with q = shapes p."""
         return ChannelRows(at_q=self.at_q @ shapes, at_v=self.at_v @ shapes, at_a=self.at_a @ shapes, rest=self.rest)
 
 
 def channel_rows(plant: Plant, compared: Sequence[Compared]) -> ChannelRows:
-    """Measure what channels read, by central differences of the plant's own sensors and ports.
+    """Compute the channels' rows by central differences.
 
-    Accelerations are found first, from generalised forces at rest; what a channel reads of them is then taken off what
-    it reads of positions and velocities, so that the three maps do not depend on the plant's stiffness and damping.
+    Acceleration rows come first, from generalised forces at rest. The accelerations' part is subtracted from the
+    position and velocity differences, so the maps are independent of stiffness and damping.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    compared : sequence of Compared
+        Channels.
+
+    Returns
+    -------
+    ChannelRows
+        Rows (n_channels, nv).
     """
     bench = Bench(plant)
     model, channels = plant.model, tuple(compared)
@@ -69,7 +84,7 @@ def channel_rows(plant: Plant, compared: Sequence[Compared]) -> ChannelRows:
 
 
 def _clean(rows: Array) -> Array:
-    """Set to zero what is rounding beside a channel's largest entry."""
+    """Set values at rounding level to zero, relative to a channel's largest."""
     largest = np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
     return np.where(np.abs(rows) > 1e-9 * np.maximum(largest, 1e-6), rows, 0.0)
 
@@ -91,7 +106,18 @@ def _evaluate(
 
 
 def actuator_forces(plant: Plant) -> Array:
-    """Return the generalised force of a unit command of every actuator at rest and within its limits, (nv, n_actuators)."""
+    """Return the generalised forces of unit commands, without limits.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+
+    Returns
+    -------
+    (nv, n_actuators) array
+        Generalised forces [N or N m per unit command].
+    """
     plant = without_limits(plant)
     data = plant.new_data()
     base = data.qfrc_actuator.copy()
@@ -109,9 +135,23 @@ def actuator_forces(plant: Plant) -> Array:
 
 
 def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
-    """Return commands (n,) as the plant's own limits let them through: of its controls, and of the forces of plain motors.
+    """Clip commands at the plant's own limits.
 
-    Limits of servos' forces and of joints depend on the motion: the search does not know them, MuJoCo's verdict does.
+    Servo force limits and joint limits depend on the motion: only MuJoCo's simulation includes them.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    actuator : int
+        Index of the actuator.
+    commands : (n,) array
+        Commands.
+
+    Returns
+    -------
+    (n,) array
+        Clipped commands.
     """
     model, out = plant.model, commands
     for control in plant.actuators[actuator].controls:
@@ -135,7 +175,20 @@ def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
 
 
 def command_feedthrough(plant: Plant, compared: Sequence[Compared]) -> Array:
-    """Return what channels read of a unit command while nothing accelerates, (n_channels, n_actuators): measured forces."""
+    """Return the channels' response to commands without acceleration.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    compared : sequence of Compared
+        Channels.
+
+    Returns
+    -------
+    (n_channels, n_actuators) array
+        Feedthrough [SI per unit command].
+    """
     plant = without_limits(plant)
     bench, channels = Bench(plant), tuple(compared)
     forces, still = actuator_forces(plant), np.zeros(plant.model.nv)

@@ -1,4 +1,4 @@
-"""The runs of a case wired to its model: they compare the same channels, and it is known what drives them."""
+"""Recorded runs of a case with common channels."""
 
 import copy
 from collections.abc import Sequence
@@ -20,16 +20,18 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRuns:
-    """The runs of a case that compare the same channels, and what drives them.
+    """Runs of a case with common channels.
 
     Parameters
     ----------
+    runs : tuple of Run
+        Recordings.
     channels : tuple of Compared
-        Commands aside.
+        Compared channels, without commands.
     load_ports : tuple of str
-        Ports that recordings drive directly.
+        Directly driven ports.
     driven : tuple of int
-        Actuators that recordings or laws drive.
+        Actuators driven by recordings or laws.
     """
 
     runs: tuple[Run, ...]
@@ -44,28 +46,40 @@ class RecordedRuns:
 
     @property
     def orders(self) -> tuple[int, ...]:
-        """How often every channel is the derivative of a position."""
+        """Time derivatives of position in every channel: 0, 1 or 2."""
         measured = self.runs[0].measured
         return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
 
     @property
     def highest_hz(self) -> float:
-        """The frequency below which nearly all power of the recorded velocities lies."""
+        """Frequency below which nearly all recorded velocity power lies [Hz]."""
         data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
         return max(fastest(y, uniform(time), self.orders) for y, time in data)
 
     def step(self, plant: Plant) -> float:
-        """Return the shortest integration step that a plant takes along them [s]."""
+        """Return the shortest integration step over the runs [s]."""
         return min(plan_clock(plant.timestep, run).timestep for run in self.runs)
 
 
 def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
-    """Return a case's runs in some roles.
+    """Return the runs of a case in some roles.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    roles : sequence of str
+        Roles to read.
+
+    Returns
+    -------
+    RecordedRuns
+        Runs with common channels.
 
     Raises
     ------
     BadCase
-        No recording, one that is too short, or runs that compare different channels.
+        No recording, too short a recording, or different channels.
     """
     runs = tuple(case.runs(roles))
     if not runs:
@@ -92,7 +106,20 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
 
 
 def recorded_commands(plant: Plant, run: Run) -> Array | None:
-    """Return what the law in the loop commanded, (n_samples, n_actuators): recorded, or replayed on the recorded sensors."""
+    """Return the recorded or replayed commands of the law.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    run : Run
+        Recording.
+
+    Returns
+    -------
+    (n_samples, n_actuators) array or None
+        Commands within the plant's limits; None without a law.
+    """
     if run.law is None:
         return None
     law: Law = replace(run.law, controller=copy.deepcopy(run.law.controller))
@@ -106,7 +133,22 @@ def recorded_commands(plant: Plant, run: Run) -> Array | None:
 
 
 def limited(plant: Plant, run: Run) -> Run:
-    """Return a run whose driving channels are what the plant's own limits let through: the search is linear in them."""
+    """Return a run with drives within the plant's limits.
+
+    The search is linear in the driving channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    run : Run
+        Recording.
+
+    Returns
+    -------
+    Run
+        Recording with clipped drives.
+    """
     measured = run.measured
     data = measured.data.copy()
     for drive in run.drives:

@@ -1,4 +1,8 @@
-"""The linear twin: a plant about rest in its own modes, with everything uncertain as parameters, for many sets at once."""
+"""Reduced modal model of a plant about rest.
+
+The modes of the nominal plant are fixed coordinates (modal truncation). M, C and K are sums of parts, each times the
+exponential of a sum of uncertain log factors.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,16 +19,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """One uncertain parameter, the logarithm of a factor.
+    """Uncertain parameter: a log factor.
 
     Parameters
     ----------
     name : str
-        For reports: ``"stiffness"``, ``"joint:hinge:damping"``, ``"gain:motor"``.
+        Name in the report: ``"stiffness"``, ``"joint:hinge:damping"``, ``"gain:motor"``.
     sd : float
-        Its prior standard deviation about zero.
+        Prior standard deviation about zero.
     actuator, sensor : int or None
-        The actuator or channel whose gain it multiplies; what it multiplies of the matrices is in the twin's parts.
+        Actuator or channel whose gain is multiplied; matrix parts are in `ReducedModel.parts`.
     """
 
     name: str
@@ -35,16 +39,16 @@ class Change:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shift:
-    """A sensor that stands beside its place by as much as an uncertain parameter says.
+    """Uncertain position of a sensor.
 
     Parameters
     ----------
     by : int
-        Index of the parameter.
+        Index of the parameter [m].
     sensor : int
-        Index of the channel, which reads displacements or velocities.
+        Index of the channel, a displacement or velocity.
     at_q, at_v : (m,) array
-        What it reads more per unit.
+        Additional rows per metre.
     """
 
     by: int
@@ -54,19 +58,21 @@ class Shift:
 
 
 Matrices = tuple[Array | None, Array | None, Array | None]
-"""M, C and K of something, None where it has none."""
+"""M, C and K of a part, None where zero."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """The share of the matrices that the same uncertain parameters multiply: one spring, under a factor of its own and of all.
+    """Part of the matrices under the same uncertain parameters.
+
+    An example is one spring under its own factor and the common one.
 
     Parameters
     ----------
     by : tuple of int
-        Indices of the parameters; it grows with the product of their factors.
+        Indices of the parameters; the part is multiplied by the product of their factors.
     M, C, K : (m, m) array or None
-        In modal coordinates.
+        Modal matrices.
     """
 
     by: tuple[int, ...]
@@ -82,30 +88,30 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalDamping:
-    """Damping that is stated in ratios of the modes in order of their frequencies, whichever modes these are.
+    """Damping stated as ratios of the modes in order of frequency.
 
-    Of two modes that lie close together, a stiffness that is off by a hundredth turns one into the other, and each takes the damping
-    that belongs to its place in the order: a damping matrix that follows in proportion is off by as much as the two ratios differ.
+    A stiffness error of a hundredth can swap two close modes, and each mode takes the ratio of its place in the order.
+    A proportional damping matrix errs there by the difference of both ratios.
 
     Parameters
     ----------
     M, K : (m, m) array
-        Of the twin.
+        Nominal modal matrices.
     at_coils : (n_coils, m) array
-        Motion at the coils per modal coordinate: modes that no coil drives have the ratio of the higher ones.
+        Coil motion per modal coordinate; modes without coil motion have the ratio `higher`.
     places : (k,) array
-        Which of all driven modes those of the twin are.
+        Numbers of the reduced model's modes among all driven modes.
     ratios : (n,) array
-        Of the first driven modes.
+        Damping ratios of the first driven modes [1].
     higher : float
-        Of all other modes.
+        Damping ratio of all other modes [1].
     common : tuple of int
-        Indices of the uncertain parameters that multiply all ratios.
+        Uncertain parameters that multiply all ratios.
     own : mapping of int to int
-        Of driven modes, by their number from zero, the parameter that multiplies theirs.
+        Uncertain parameter of a driven mode's own ratio, by the mode's number from zero.
     follows_shapes : bool
-        Every mode takes the ratios of the nominal modes in the shares in which it is made of their shapes, whatever its place in the
-        order: smooth, and what measured modes suggest. A structure that is built anew follows the order.
+        Whether a mode's ratio is the mean of the nominal ratios, weighted by its shares in the nominal shapes. The mean
+        is smooth, as measured modes suggest. A rebuilt structure follows the order instead.
     """
 
     M: Array
@@ -119,12 +125,19 @@ class ModalDamping:
     follows_shapes: bool = False
 
     def change(self, M: Array, K: Array, theta: Array) -> Array:
-        """Return what uncertain parameters (n_sets, n_changes) add to the damping, (n_sets, m, m).
+        """Return the change of damping for parameter sets.
 
         Parameters
         ----------
         M, K : (n_sets, m, m) array
-            What they add to mass and stiffness.
+            Changes of mass and stiffness.
+        theta : (n_sets, n_changes) array
+            Log factors.
+
+        Returns
+        -------
+        (n_sets, m, m) array
+            Change of the damping matrix.
         """
         return self._matrix(self.M + M, self.K + K, theta) - self._nominal
 
@@ -151,7 +164,7 @@ class ModalDamping:
         return np.asarray((momenta * size[:, None, :]) @ momenta.swapaxes(1, 2))
 
     def _ratios(self, shapes: Array, theta: Array) -> Array:
-        """Return the ratio of every mode, (n_sets, m)."""
+        """Return the damping ratio of every mode, (n_sets, m)."""
         by_place = np.full((len(theta), max(len(self.ratios), int(self.places.max(initial=-1)) + 1) + 1), self.higher)
         by_place[:, : len(self.ratios)] = self.ratios
         for place, i in self.own.items():
@@ -166,7 +179,7 @@ class ModalDamping:
 
 
 def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Return squared frequencies (n, m), mass-normalised shapes, and M times the shapes, (n, m, m), of many systems."""
+    """Return squared frequencies (n, m), mass-normalised shapes and momenta M phi (n, m, m)."""
     root = np.linalg.cholesky(M)
     half = np.linalg.solve(root, K)
     squares, turned = np.linalg.eigh(np.linalg.solve(root, half.swapaxes(1, 2)))
@@ -175,30 +188,30 @@ def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReducedModel:
-    """The plant near rest.
+    """Reduced modal model of a plant near rest.
 
     Parameters
     ----------
     omega : (m,) array
-        Circular frequencies of the modes that are kept [rad/s].
+        Natural frequencies [rad/s].
     shapes : (nv, m) array
         Mass-normalised mode shapes.
     M, C, K : (m, m) array
-        In modal coordinates.
+        Modal matrices.
     forces : (m, n_actuators) array
         Modal force of a unit command.
     loads : (m, n_loads) array
-        Modal force of a unit force at the ports that recordings drive directly.
+        Modal force of a unit force at directly driven ports.
     rows : ChannelRows
-        The channels per modal coordinate.
+        Channels per modal coordinate.
     changes : tuple of Change
-        What is uncertain.
+        Uncertain parameters.
     parts : tuple of Part
-        What that multiplies of the matrices.
+        Matrix parts under uncertain parameters.
     shifts : tuple of Shift
-        What it moves of the sensors.
+        Uncertain sensor positions.
     damping : ModalDamping or None
-        Of a structure whose damping is stated in ratios of its modes.
+        Damping stated as modal ratios.
     """
 
     omega: Array
@@ -221,16 +234,25 @@ class ReducedModel:
 
     @property
     def prior(self) -> Array:
-        """Prior standard deviations of the uncertain parameters."""
+        """Prior standard deviations (n_changes,) of the uncertain parameters."""
         return np.array([c.sd for c in self.changes])
 
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return M, C, K (n_sets, m, m), actuator gains and channel gains (n_sets, ...) for parameter sets.
+        """Return modal matrices and gains for parameter sets.
 
         Parameters
         ----------
         theta : (n_sets, n_changes) array
-            Log-factors.
+            Log factors.
+
+        Returns
+        -------
+        M, C, K : (n_sets, m, m) array
+            Modal matrices.
+        actuators : (n_sets, n_actuators) array
+            Actuator gains.
+        channels : (n_sets, n_channels) array
+            Channel gains.
         """
         out = [np.repeat(x[None], len(theta), axis=0) for x in (self.M, self.C, self.K)]
         for part in self.parts:
@@ -246,7 +268,20 @@ class ReducedModel:
         return M, C, K, *self.gains(theta)
 
     def gains(self, theta: Array) -> tuple[Array, Array]:
-        """Return actuator gains and channel gains (n_sets, ...) for parameter sets (n_sets, n_changes)."""
+        """Return actuator and channel gains for parameter sets.
+
+        Parameters
+        ----------
+        theta : (n_sets, n_changes) array
+            Log factors.
+
+        Returns
+        -------
+        actuators : (n_sets, n_actuators) array
+            Actuator gains.
+        channels : (n_sets, n_channels) array
+            Channel gains.
+        """
         actuators, channels = (np.ones((len(theta), k)) for k in (self.forces.shape[1], len(self.rows.at_q)))
         for change, factor in zip(
             self.changes, np.exp(np.clip(theta, -REDUCED_MODEL.most, REDUCED_MODEL.most)).T, strict=True
@@ -258,21 +293,32 @@ class ReducedModel:
         return actuators, channels
 
     def rows_at(self, theta: Array) -> ChannelRows:
-        """Return the channels per modal coordinate with sensors where (n_changes,) parameters have them."""
+        """Return the channels' rows at parameters (n_changes,), with shifted sensors."""
         if not self.shifts:
             return self.rows
         more = self.shifted(theta[None])[0]
         return replace(self.rows, at_q=self.rows.at_q + more[:, : self.m], at_v=self.rows.at_v + more[:, self.m :])
 
     def shifted(self, theta: Array) -> Array:
-        """Return what channels read more of [p, p'] because sensors stand beside their places, (n_sets, n_channels, 2m)."""
+        """Return additional rows (n_sets, n_channels, 2m) of shifted sensors per [p, p']."""
         out = np.zeros((len(theta), len(self.rows.at_q), 2 * self.m))
         for shift in self.shifts:
             out[:, shift.sensor] += theta[:, shift.by, None] * np.concatenate([shift.at_q, shift.at_v])
         return out
 
     def slopes(self, theta: Array) -> list[Matrices]:
-        """Return the derivatives of M, C and K by every uncertain parameter at (n_changes,) log-factors."""
+        """Return the derivatives of M, C and K by parameter.
+
+        Parameters
+        ----------
+        theta : (n_changes,) array
+            Log factors.
+
+        Returns
+        -------
+        list of Matrices
+            Derivatives, None where zero.
+        """
         out: list[list[Array | None]] = [[None, None, None] for _ in self.changes]
         for part in self.parts:
             factor = float(np.exp(np.clip(theta[list(part.by)].sum(), -REDUCED_MODEL.most, REDUCED_MODEL.most)))
@@ -293,15 +339,22 @@ class ReducedModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Discrete:
-    """Parameter sets of a twin, sampled: x+ = A x + B f with x = [p, p'], y = C x + D f, f held over the step.
+    """Discrete-time parameter sets of a reduced model.
+
+    With x = [p, p'] and f held over the step
+
+        x+ = A x + B f,  y = C x + D f.
 
     Parameters
     ----------
     A : (n_sets, 2m, 2m) array
+        State matrices.
     B : (n_sets, 2m, k) array
-        Of the modal forces' columns asked for.
+        Input matrices.
     C : (n_sets, n_channels, 2m) array
+        Output matrices.
     D : (n_sets, n_channels, k) array
+        Feedthrough matrices.
     """
 
     A: Array
@@ -311,13 +364,23 @@ class Discrete:
 
 
 def discretise(M: Array, C: Array, K: Array, inputs: Array, rows: ChannelRows, h: float) -> Discrete:
-    """Sample parameter sets exactly for inputs that are constant from sample to sample.
+    """Discretise parameter sets exactly for a zero-order hold.
 
     Parameters
     ----------
     M, C, K : (n_sets, m, m) array
+        Modal matrices.
     inputs : (n_sets, m, k) or (m, k) array
         Modal force of each input.
+    rows : ChannelRows
+        Channels per modal coordinate.
+    h : float
+        Sample period [s].
+
+    Returns
+    -------
+    Discrete
+        Discrete-time systems.
     """
     n_sets, m = M.shape[0], M.shape[1]
     inputs = np.broadcast_to(inputs, (n_sets, m, inputs.shape[-1]))
@@ -341,8 +404,24 @@ def discretise(M: Array, C: Array, K: Array, inputs: Array, rows: ChannelRows, h
 
 
 def observable(rows: ChannelRows, shapes: Array, omega: Array) -> Array:
-    """Return which modes some channel sees: above three parts in ten thousand of what it sees of its largest mode, where all move as
-    fast. A mode that is free to move is no measure of how far the others do."""
+    """Return the mask of modes that some channel observes.
+
+    At equal speed a mode must move a channel by `REDUCED_MODEL.least_seen` of the largest mode's motion.
+
+    Parameters
+    ----------
+    rows : ChannelRows
+        Channels per generalised coordinate.
+    shapes : (nv, n) array
+        Mode shapes.
+    omega : (n,) array
+        Natural frequencies [rad/s].
+
+    Returns
+    -------
+    (n,) array of bool
+        Observable modes.
+    """
     size = np.abs(rows.at_q @ shapes) + np.abs(rows.at_v @ shapes) * np.maximum(np.abs(omega), 1.0)
     size = size + np.abs(rows.at_a @ shapes) * np.maximum(omega**2, 1.0)
     moved = size / np.maximum(np.abs(omega), 1.0)

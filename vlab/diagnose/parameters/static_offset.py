@@ -1,7 +1,7 @@
-"""Sensors that read far from nothing at rest: a laser's standoff, an accelerometer's gravity. It is taken off before all else.
+"""Static offsets of sensors, such as distance or gravity.
 
-A filter that starts displaced by many times the motion, and windows that do, are lost; a zero that is off by less is a parameter of
-every fit, see `vlab.diagnose.inference.sensor_offset`.
+Offsets of many times the motion are subtracted first, since filters and windows would start far off. Smaller offsets
+are parameters of every fit (`vlab.diagnose.inference.sensor_offset`).
 """
 
 from dataclasses import dataclass, replace
@@ -16,17 +16,21 @@ from vlab.errors import BadStructure
 from vlab.signals import Array
 
 ANGLES = ("angle",)
-"""Kinds that are believed: a pendulum may stand on its head."""
+"""Kinds without correction: a pendulum may be inverted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StaticOffset:
-    """What a channel reads at rest beyond the model.
+    """Static offset of a channel from the model at rest.
 
     Parameters
     ----------
+    channel : str
+        Channel.
     value : float
-        In SI.
+        Offset [SI].
+    unit : str
+        SI unit of the channel.
     """
 
     channel: str
@@ -35,17 +39,29 @@ class StaticOffset:
 
     @property
     def line(self) -> str:
-        """It in words."""
+        """Note for the report."""
         return f"{self.channel}: reads {self.value:.4g} {self.unit} more at rest than the model, in all recordings; taken off"
 
 
 def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
-    """Return a case whose channels read nothing at rest, and what was taken off them.
+    """Subtract the static offsets of a case's channels.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    case : Case
+        Case with corrected channel offsets.
+    offsets : tuple of StaticOffset
+        Subtracted offsets.
 
     Raises
     ------
     BadCase, BadRecording
-        Recordings that do not fit the model, or cannot be read.
+        A recording contradicts the model or cannot be read.
     """
     if not case.recordings(("fit",)):
         return case, ()
@@ -53,7 +69,7 @@ def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
     try:
         linear = case.plant.linearise()
     except BadStructure:
-        return case, ()  # no rest to stand off from
+        return case, ()  # without equilibrium there is no offset
     rows = channel_rows(case.plant, recorded.channels)
     omega, shapes = linear.eigen
     moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < LOCATIONS.free]) > 0, axis=1)
@@ -81,7 +97,7 @@ def _static_offset(columns: list[Array]) -> float:
 
 
 def _corrected(case: Case, found: list[StaticOffset]) -> Case:
-    """Return a case with the standoffs in the offsets of its channels, which are in the unit of the file."""
+    """Return a case with offsets in its channel tables."""
     by_name = {s.channel: s.value for s in found}
     tables = []
     for table in case.table.recording:

@@ -1,4 +1,8 @@
-"""What may be off in a structure: its sections, fittings, tension and damping; and plants of it with them changed."""
+"""Uncertain parameters of a structure, and adjusted plants.
+
+Parameters concern sections, fittings, tension, damping and gains. Sensitivities of M and K are those of the FE model,
+by central differences.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,32 +25,32 @@ from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure, Tuning
 
 Edit = Callable[[Structure, float], Structure]
-"""A structure and a factor to the structure with something multiplied by it; or a distance, and the structure with a sensor so far
-beside its point."""
+"""Function of a structure and a factor, or of a structure and a sensor shift [m]."""
 SCALED = ("stiffness", "mass", "tension", "gain")
-"""Kinds of what is larger in a structure that moves just as much under forces as much larger."""
+"""Kinds that scale with the forces at equal motion."""
 FREQUENCY, PLACE = "frequency:mode", "place:"
+"""Prefixes of parameters for a mode's frequency and for a sensor's position."""
 ALL_DAMPING = "damping"
-"""The factor of all modes' damping; one of its own has ``:mode`` and its number behind."""
+"""Name of the factor on all damping ratios; a mode's own factor appends ``:mode`` and its number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StructureUncertain(Uncertain):
-    """An uncertain parameter of a structure.
+    """Uncertain parameter of a structure.
 
     Parameters
     ----------
     edit : callable
-        Multiplies it; None for gains.
+        Function that applies the parameter; None for gains.
     beside : int or None
-        The channel whose sensor it moves; it is no log-factor then but a distance [m].
+        Channel of a shifted sensor; the parameter is then a distance [m] instead of a log factor.
     """
 
     edit: Edit | None = None
     beside: int | None = None
 
     def applied(self, structure: Structure, value: float) -> Structure:
-        """Return a structure with it at a log-factor or distance."""
+        """Return a structure at a log factor or distance of the parameter."""
         if self.edit is None or value == 0.0:
             return structure
         return self.edit(structure, value if self.beside is not None else float(np.exp(value)))
@@ -60,25 +64,32 @@ def structure_parameters(
     tuned: int = 0,
     sensors: Sequence[int | None] = (),
 ) -> list[StructureUncertain]:
-    """Return what is uncertain of a structure.
+    """Return the uncertain parameters of a structure.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     given : mapping
         ``[model.uncertain]`` of the case.
     channels : sequence of str
         Names of the compared channels.
     actuators : sequence of int
-        The coils that are driven.
+        Driven coils.
     tuned : int
-        How many of the first modes that the coils drive have an uncertain frequency of their own.
+        Number of first driven modes with an uncertain frequency each.
     sensors : sequence of int or None
-        Which of the structure's sensors and probes every channel is, where it is one.
+        Sensor or probe of the structure for every channel.
+
+    Returns
+    -------
+    list of StructureUncertain
+        Parameters.
 
     Raises
     ------
     UnknownName
-        Something is stated of a parameter that there is none of.
+        ``[model.uncertain]`` names a parameter that does not exist.
     """
     usual = {**MJCF_PRIORS.default_sd, **STRUCTURE_PRIORS.structure_sd}
     if structure.tuning is not None and structure.tuning.of_fe:
@@ -130,7 +141,7 @@ def structure_parameters(
 
 
 def _places(structure: Structure, sensors: Sequence[int | None], sd: float) -> list[StructureUncertain]:
-    """Return the places of the sensors that stand on a bar, along it."""
+    """Return position parameters of the sensors on bars."""
     named = named_sensors(structure)
     on_bars = {point for bar in structure.bar for point in bar.points}
     return [
@@ -191,7 +202,7 @@ def _cables(structure: Structure, factor: float) -> Structure:
 
 
 def _inertia(structure: Structure, factor: float) -> Structure:
-    # of its own: plates are no fittings, and a mode that is theirs alone would follow what fittings are off by
+    # a separate parameter: a mode of plates alone would follow the fittings' error
     return replace(
         structure,
         plate=tuple(
@@ -237,7 +248,7 @@ def _beside(sensor: int) -> Edit:
 
 
 def edited(structure: Structure, parameters: Sequence[Uncertain], theta: Array) -> Structure:
-    """Return a structure with its uncertain parameters at given log-factors; gains are not the structure's."""
+    """Return a structure at given log factors, without gains."""
     for parameter, value in zip(parameters, theta, strict=True):
         if isinstance(parameter, StructureUncertain):
             structure = parameter.applied(structure, float(value))
@@ -247,9 +258,27 @@ def edited(structure: Structure, parameters: Sequence[Uncertain], theta: Array) 
 def adjusted_structure(
     structure: Structure, plant: Plant, variant: str, parameters: Sequence[Uncertain], theta: Array
 ) -> Plant:
-    """Return a structure's plant with its uncertain parameters at given log-factors.
+    """Return a structure's plant at given log factors.
 
     Coil gains multiply the gear of the coils' controls.
+
+    Parameters
+    ----------
+    structure : Structure
+        Nominal structure.
+    plant : Plant
+        Nominal plant.
+    variant : str
+        Variant of the model.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors; of positions the distance [m].
+
+    Returns
+    -------
+    Plant
+        Rebuilt plant.
     """
     out = build_plant(edited(structure, parameters, theta), plant.name, variant).with_physics_of(plant)
     for parameter, value in zip(parameters, theta, strict=True):
@@ -262,10 +291,26 @@ def adjusted_structure(
 def common_scale_of_structure(
     structure: Structure, variant: str, parameters: Sequence[Uncertain], *, loaded: bool
 ) -> Array | None:
-    """Return the log-factors that make all impedances and all gains of a structure larger by the same factor, (n_parameters,);
-    None where forces act that were measured or something is certain. See `vlab.diagnose.parameters.mjcf.common_scale`.
+    """Return log factors that scale all impedances and gains.
 
-    Damping is stated in ratios, which stay.
+    Damping is stated as ratios, which are invariant. The counterpart for MJCF is
+    `vlab.diagnose.parameters.mjcf.common_scale`.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    variant : str
+        Variant of the model.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    loaded : bool
+        Whether measured forces act.
+
+    Returns
+    -------
+    (n_parameters,) array or None
+        Log factors; None with measured forces or a certain parameter.
     """
     if loaded or any(p.sd <= 0 for p in parameters if p.kind in SCALED):
         return None
@@ -279,12 +324,25 @@ def common_scale_of_structure(
 def frequencies_of_reduced_model(
     reduced_model: ReducedModel, plant: Plant, structure: Structure, parameters: Sequence[Uncertain], theta: Array
 ) -> Array:
-    """Return log-factors (n_changes,) with those of frequencies changed by what a plant, rebuilt with them, misses of the twin's.
+    """Return log factors that give a rebuilt plant the reduced model's frequencies.
 
     Parameters
     ----------
+    reduced_model : ReducedModel
+        Reduced model.
     plant : Plant
-        Rebuilt with `theta`.
+        Plant rebuilt at `theta`.
+    structure : Structure
+        Nominal structure.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_changes,) array
+        Log factors of the reduced model.
+
+    Returns
+    -------
+    (n_changes,) array
+        Log factors for the plant.
     """
     linear = plant.linearise()
     M, _, K, *_ = (part[0] for part in reduced_model.matrices(theta[None]))
@@ -310,19 +368,28 @@ def structure_parts(
     omega: Array,
     driven: Sequence[int] = (),
 ) -> tuple[Part, ...]:
-    """Return what the uncertain parameters of a structure multiply in a plant's modes, but for damping: see `damping_of_structure`.
+    """Return the matrix parts under a structure's parameters.
 
-    The derivatives are the FE model's; they are carried over to the plant's modes by the shapes at the points, which both
-    know and which agree (`vlab modes`).
+    The derivatives are those of the FE model. Matching shapes at the structure's points map the derivatives to the
+    plant's modes.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     carry : (n, m) array
-        The FE model's coordinates per modal coordinate of the plant; see `carried`.
+        FE coordinates per modal coordinate of the plant, from `carried`.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
     omega : (m,) array
-        Circular frequencies of the plant's modes.
+        Natural frequencies of the plant [rad/s].
     driven : sequence of int
-        Which of these modes the first, second, ... are that the coils drive; -1 for one that is not among them.
+        Indices of the driven modes in order; -1 for a missing one.
+
+    Returns
+    -------
+    tuple of Part
+        Parts of M and K.
     """
     structure, variant, out = fe.structure, fe.variant, []
     for i, parameter in enumerate(parameters):
@@ -333,7 +400,7 @@ def structure_parts(
             mode = driven[int(parameter.name.removeprefix(FREQUENCY)) - 1]
             own = np.zeros((len(omega), len(omega)))
             own[mode, mode] = 1.0 if mode >= 0 else 0.0
-            out.append(Part(by=(i, i), K=omega[mode] ** 2 * own))  # the square of a frequency
+            out.append(Part(by=(i, i), K=omega[mode] ** 2 * own))  # stiffness is the square of a frequency
             continue
         high, low = (
             build_fe_model(edit(structure, np.exp(s)), variant).linear
@@ -349,7 +416,26 @@ def structure_parts(
 def damping_of_structure(
     structure: Structure, parameters: Sequence[Uncertain], M: Array, K: Array, at_coils: Array, places: Sequence[int]
 ) -> ModalDamping:
-    """Return the damping of a structure's twin; see `vlab.diagnose.parameters.reduced_model.ModalDamping`."""
+    """Return the modal damping of a structure's reduced model.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with the damping ratios.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    M, K : (m, m) array
+        Nominal modal matrices.
+    at_coils : (n_coils, m) array
+        Coil motion per modal coordinate.
+    places : sequence of int
+        Numbers of the modes among all driven modes.
+
+    Returns
+    -------
+    ModalDamping
+        Damping.
+    """
     index = {p.name: i for i, p in enumerate(parameters)}
     count = len(structure.damping.ratios)
     own = {k: index[name] for k in range(count) if (name := f"{ALL_DAMPING}:mode{k + 1}") in index}
@@ -366,7 +452,22 @@ def damping_of_structure(
 
 
 def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain]) -> tuple[Shift, ...]:
-    """Return what sensors beside their places read more in a plant's modes; see `structure_parts`."""
+    """Return the additional rows of shifted sensors.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    carry : (n, m) array
+        FE coordinates per modal coordinate of the plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    tuple of Shift
+        Rows per metre of shift.
+    """
     sensors, out = dict(named_sensors(fe.structure)), []
     for i, parameter in enumerate(parameters):
         if not isinstance(parameter, StructureUncertain) or parameter.beside is None:
@@ -382,14 +483,23 @@ def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain])
 
 
 def carried(fe: FeModel, shapes_at_points: Array, omega: Array, points: Sequence[str]) -> Array:
-    """Return the FE coordinates per modal coordinate of a plant, (n, m).
+    """Return FE coordinates per modal coordinate of a plant.
 
     Parameters
     ----------
+    fe : FeModel
+        FE model.
     shapes_at_points : (n_points, m) array
-        The plant's mass-normalised modes at the structure's points.
+        Mass-normalised modes of the plant at the structure's points.
     omega : (m,) array
-        Their circular frequencies.
+        Natural frequencies of the plant [rad/s].
+    points : sequence of str
+        Points of the structure.
+
+    Returns
+    -------
+    (n, m) array
+        FE mode shapes in the order and sign of the plant's modes.
     """
     all_omega, all_shapes = fe.linear.eigen
     rows = fe.deflections(points) @ all_shapes

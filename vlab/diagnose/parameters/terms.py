@@ -1,17 +1,27 @@
-"""Candidates of a screening, terms of a hypothesis, and a fit of them: plain data that every search hands on."""
+"""Hypothesis terms, candidates and fits, as plain data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.settings import TERMS
-from vlab.physics.effect import Effect, Parameter, PortEffect
+from vlab.physics.effect import Effect, Parameter
 from vlab.signals import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Term:
-    """One effect at one place with starting values."""
+    """Effect at a location with starting values.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    place : Place
+        Location.
+    values : mapping of str to float
+        Parameter values [SI].
+    """
 
     effect: Effect
     place: Place
@@ -19,31 +29,29 @@ class Term:
 
     @property
     def label(self) -> str:
-        """Effect and place in one string."""
+        """Effect and location in one string."""
         return f"{self.effect.name}@{self.place.name}"
 
 
 def of_element(term: Term) -> Term:
-    """Return a term with its law's values as the elastic element at its place suggests them, where one does."""
-    if not isinstance(term.effect, PortEffect):
-        return term
+    """Return a term with values from the local elastic element."""
     values = term.effect.of_element(term.values, term.place.stiffness)
     return term if values is None else replace(term, values=values)
 
 
 def is_meant(terms: Sequence[Term]) -> bool:
-    """Return whether laws have values that their words fit."""
-    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms if isinstance(t.effect, PortEffect))
+    """Return whether all laws have values within their description."""
+    return all(t.effect.is_meant(t.values, t.place.stiffness) for t in terms)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate(Term):
-    """A term with the shape that the screening found best.
+    """Term with the best shape of the screening.
 
     Parameters
     ----------
     log_likelihood_gain : float
-        Log-likelihood gained by the regression, shape and amplitude chosen.
+        Log-likelihood gain of the regression at the best shape and amplitude [nat].
     """
 
     log_likelihood_gain: float
@@ -51,26 +59,26 @@ class Candidate(Term):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted hypothesis.
+    """Fitted hypothesis.
 
     Parameters
     ----------
     terms : tuple of Term
-        With fitted values.
+        Terms with fitted values.
     theta : (n_changes,) array
-        Log-factors of the uncertain parameters.
+        Log factors of the uncertain parameters.
     offsets : (n_channels,) array
-        Zeros of the channels.
+        Sensor offsets [SI].
     starts : mapping of str to (2m,) array
-        Modal state at the first sample of every run that does not start at rest.
+        Initial modal state of every run without rest at the start.
     error : (n_runs, n_channels) array
-        Rms of the remaining difference over the channel's rms, runs in the order of the fit.
+        Rms residual over the channel's rms, runs in the order of the fit.
     chi2 : float
-        Weighted sum of squares, priors included.
+        Weighted sum of squares with priors.
     cost : float
-        As `chi2`, without the priors.
+        Weighted sum of squares without priors.
     sd : mapping of str to float
-        Standard deviation of every fitted effect parameter (log where unsigned), by ``"label:name"``.
+        Standard deviation of every effect parameter (of the log where unsigned), by ``"label:name"``.
     """
 
     terms: tuple[Term, ...]
@@ -84,17 +92,27 @@ class Fit:
 
     @property
     def unidentified(self) -> tuple[str, ...]:
-        """Labels of terms that the recordings do not tell from nothing: every size of theirs may as well be none."""
+        """Labels of terms whose amplitudes are all indistinguishable from zero."""
         return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))
 
     def nested_model(self, effects: Sequence[Effect]) -> tuple[Term, ...]:
-        """Return the terms, those of which a part is nothing as the law of their family that lacks it, where there is one."""
+        """Return the terms with nested laws for vanishing amplitudes."""
         return tuple(self._nested_model(term, effects) for term in self.terms)
 
     def nested(self, effects: Sequence[Effect]) -> list[tuple[Term, ...]]:
-        """Return the terms with one of them as a law of its family that has some of its parameters alone, the plainest first.
+        """Return the hypotheses with one nested law, simplest first.
 
-        At some values of the others its own law is that one: dry friction whose excess at rest is nothing, or comes and goes at once.
+        A nested law has some of the parameters of its family member. An example is dry friction without stiction.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Available laws.
+
+        Returns
+        -------
+        list of tuple of Term
+            Nested hypotheses.
         """
         out = []
         for i, term in enumerate(self.terms):
@@ -136,5 +154,5 @@ class Fit:
 
 
 def _sizes(effect: Effect) -> Sequence[Parameter]:
-    """Return what is nothing where an effect is: its amplitudes, or what there is."""
+    """Return the amplitudes of an effect, or all parameters without amplitudes."""
     return effect.amplitudes or effect.parameters

@@ -1,1 +1,1 @@
-"""Predictors: modal, along a trajectory, in frequency, and the Kalman filter."""
+"""Predictors of recordings for every model class."""

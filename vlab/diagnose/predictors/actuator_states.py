@@ -1,4 +1,4 @@
-"""Actuators with a state of their own: what reaches their gain is not the command but what it has done to the state."""
+"""Actuator states along given commands."""
 
 import copy
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True)
 class Lag:
-    """The state of an actuator: a low-pass of first order, or an integral, of its command.
+    """Low-pass or integral state of an actuator.
 
     Parameters
     ----------
     address : int
-        Of the state in ``data.act``.
+        Index of the state in ``data.act``.
     control : int
-        Of the command in ``data.ctrl``.
+        Index of the command in ``data.ctrl``.
     time_constant : float
-        [s]; infinite for an integral.
+        Time constant [s]; infinite for an integral.
     """
 
     address: int
@@ -29,7 +29,20 @@ class Lag:
     time_constant: float
 
     def of_change(self, change: Array, h: Array) -> Array:
-        """Return by how much the state differs at samples where its commands differ by `change` (n, ...), held for h (n, ...)."""
+        """Return the state's change from a command change.
+
+        Parameters
+        ----------
+        change : (n, ...) array
+            Change of the commands.
+        h : (n, ...) array
+            Sample intervals [s].
+
+        Returns
+        -------
+        (n, ...) array
+            Change of the state.
+        """
         out = np.zeros_like(change)
         is_integral = np.isinf(self.time_constant)
         for k in range(len(change) - 1):
@@ -39,7 +52,18 @@ class Lag:
 
 
 def lags_of(plant: Plant) -> dict[int, Lag]:
-    """Return the actuators of a plant that have a state, by their index."""
+    """Return the low-pass and integral actuator states.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+
+    Returns
+    -------
+    dict of int to Lag
+        Dynamics by actuator.
+    """
     model, out = plant.model, {}
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
     for i, actuator in enumerate(plant.actuators):
@@ -52,9 +76,23 @@ def lags_of(plant: Plant) -> dict[int, Lag]:
 
 
 def actuator_states(plant: Plant, u: Array, h: Array) -> Array:
-    """Return the states of actuators along commands u (n, n_actuators) that are held for h (n,); (n, na).
+    """Return the actuator states along held commands.
 
-    Those of first order are exact: a step of Runge and Kutta's method would leave a filter late by half of it.
+    First-order states are exact: a Runge-Kutta step would delay the state by half a step.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    u : (n, n_actuators) array
+        Commands.
+    h : (n,) array
+        Sample intervals [s].
+
+    Returns
+    -------
+    (n, na) array
+        States.
     """
     lags, model, start = lags_of(plant), plant.model, plant.new_data()
     out = np.zeros((len(u), int(model.na))) + start.act
@@ -71,7 +109,7 @@ def actuator_states(plant: Plant, u: Array, h: Array) -> Array:
 
 
 def _integrated(plant: Plant, u: Array, h: Array) -> Array:
-    """Return the same by MuJoCo's own steps, the plant held at rest: for dynamics of other kinds."""
+    """Return actuator states of any dynamics, by MuJoCo."""
     model, start = copy.copy(plant.model), plant.new_data()
     data = mujoco.MjData(model)
     out = np.zeros((len(u), int(model.na)))

@@ -1,4 +1,7 @@
-"""What a plant with given matrices and physics answers on the lines of a response, with the derivatives."""
+"""Frequency response of a plant, with derivatives.
+
+The dynamic stiffness is Z = K + i omega C - omega^2 M plus port impedances; derivatives use dH = -H dZ H.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,15 +20,18 @@ from vlab.signals import Array, ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Matrices of a plant at one set of its uncertain parameters.
+    """Matrices of a plant at one set of uncertain parameters.
 
     Parameters
     ----------
     M, C, K : (m, m) array
+        Modal matrices.
     changes : tuple of (M, C, K)
-        Derivatives by each uncertain parameter; None where it changes nothing.
+        Derivatives by each uncertain parameter; None where zero.
     input_gain : (n_columns,) array
+        Gains of the inputs.
     output_gain : (n_outputs,) array
+        Gains of the outputs.
     """
 
     M: Array
@@ -37,14 +43,14 @@ class State:
 
 
 def at_port(term: Term, values: Values, fastest: float) -> SmallSignal:
-    """Return the linear force of a term at a port."""
+    """Return the linearised force of a term at a port."""
     assert isinstance(term.effect, (PortEffect, LinearPortEffect))
     return small_signal(term.effect, values, term.place.stiffness, fastest)
 
 
 def is_port(term: Term) -> bool:
-    """Whether a term is a force at a port."""
-    return isinstance(term.effect, (PortEffect, LinearPortEffect))
+    """Return whether a term is a force at a port."""
+    return term.effect.kind == "port"
 
 
 # ---- responses ------------------------------------------------------------------------------------------------------
@@ -52,15 +58,16 @@ def is_port(term: Term) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answer:
-    """A response of the model.
+    """Frequency response of the model.
 
     Parameters
     ----------
     H : (n, n_outputs) complex array
+        Response [SI].
     by_theta : (n_parameters, n, n_outputs) complex array
-        Derivatives by the uncertain parameters; empty unless asked for.
+        Derivatives by the uncertain parameters, where requested.
     by_term : (n_values, n, n_outputs) complex array
-        Derivatives by the logarithm of every parameter of every term (by the value times its size where it is signed).
+        Derivatives by the logarithm of every effect parameter; by the scaled value where signed.
     """
 
     H: ComplexArray
@@ -70,16 +77,16 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """The structure's part of a response, on its lines.
+    """Structural part of a response on its lines.
 
     Parameters
     ----------
     motion : (n, m) complex array
         Modal motion per unit input.
     reading : (n, m, n_all) complex array
-        Modal motion per unit load on every output of the wires, by reciprocity what an output reads of a modal force.
+        Modal motion per unit load on every output; by reciprocity the output per modal force.
     H : (n, n_all) complex array
-        Of every output of the wires in the form of the response, before gains and chains.
+        Response of every output, before gains and chains.
     """
 
     motion: ComplexArray
@@ -88,7 +95,24 @@ class Solved:
 
 
 def output_rows(rows: ChannelRows, orders: Sequence[int], order: int, omega: Array) -> ComplexArray:
-    """Return what outputs read of modal motion on lines, in the derivative that a response has, (n, n_outputs, m)."""
+    """Return the outputs per modal motion.
+
+    Parameters
+    ----------
+    rows : ChannelRows
+        Outputs per modal coordinate.
+    orders : sequence of int
+        Time derivatives of displacement in every output.
+    order : int
+        Time derivatives of displacement in the response.
+    omega : (n,) array
+        Circular frequencies [rad/s].
+
+    Returns
+    -------
+    (n, n_outputs, m) complex array
+        Rows.
+    """
     s = 1j * omega[:, None, None]
     read = rows.at_q[None] + s * rows.at_v[None] + s**2 * rows.at_a[None]
     power = order - np.array(orders, dtype=float)
@@ -96,7 +120,22 @@ def output_rows(rows: ChannelRows, orders: Sequence[int], order: int, omega: Arr
 
 
 def dynamic(state: State, omega: Array, terms: Sequence[Term]) -> ComplexArray:
-    """Return the dynamic stiffness with physics at ports, (n, m, m)."""
+    """Return the dynamic stiffness with port effects.
+
+    Parameters
+    ----------
+    state : State
+        Matrices.
+    omega : (n,) array
+        Circular frequencies [rad/s].
+    terms : sequence of Term
+        Effects.
+
+    Returns
+    -------
+    (n, m, m) complex array
+        Dynamic stiffness.
+    """
     w = omega[:, None, None]
     out = state.K - w**2 * state.M + 1j * w * state.C
     for term in terms:
@@ -107,18 +146,33 @@ def dynamic(state: State, omega: Array, terms: Sequence[Term]) -> ComplexArray:
 
 
 Shared = dict[tuple[int, int], tuple[ComplexArray, ComplexArray, ComplexArray]]
-"""Solutions of one state by lines and order, for responses to several inputs on the same lines."""
+"""Solutions of one state by lines and order, for several inputs on equal lines."""
 
 
 def solve(
     view: View, state: State, response: Response, column: int, terms: Sequence[Term], shared: Shared | None = None
 ) -> Solved:
-    """Solve the structure's part of a response.
+    """Solve the structural part of a response.
 
     Parameters
     ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices.
+    response : Response
+        Lines and outputs.
+    column : int
+        Input column.
+    terms : sequence of Term
+        Effects.
     shared : dict or None
-        Filled with what other responses on the same lines need as well, and looked up first.
+        Cache for responses on equal lines.
+
+    Returns
+    -------
+    Solved
+        Motion and response.
     """
     key = (id(response.freq), response.order)
     if shared is None or key not in shared:
@@ -142,18 +196,18 @@ def solve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """What stands between the structure and the response: H_recorded = gain (source mix H + beside).
+    """Measurement chain, H_recorded = gain (source mix H + beside).
 
     Parameters
     ----------
     mix : (n, n_outputs, n_outputs) complex array
-        What each channel records of the motion at each output.
+        Transfer from the motion at every output to every channel.
     beside : (n, n_outputs) complex array
-        What it picks up of the command.
+        Crosstalk of the command.
     source : (n,) complex array
-        From the command to the force.
+        Transfer from command to force.
     gain : (n_outputs,) array
-        Of the channels, behind all that.
+        Gains of the channels.
     """
 
     mix: ComplexArray
@@ -162,17 +216,36 @@ class Chain:
     gain: Array
 
     def apply(self, H: ComplexArray) -> ComplexArray:
-        """Return what is recorded of responses of all outputs (..., n, n_outputs), without what is picked up of the command."""
+        """Return recorded responses (..., n, n_outputs) without crosstalk of the command."""
         mixed = (self.mix @ H[..., None])[..., 0]
         return np.asarray(mixed * self.source[:, None] * self.gain)
 
     def recorded(self, H: ComplexArray) -> ComplexArray:
-        """Return what is recorded of responses of all outputs, (n, n_outputs)."""
+        """Return the recorded responses (n, n_outputs)."""
         return np.asarray(self.apply(H) + self.beside * self.gain)
 
 
 def chain_of(view: View, state: State, response: Response, wires: Wires, terms: Sequence[Term]) -> Chain:
-    """Return the chain of a response under actuator and sensor effects, one after the other as they run."""
+    """Return the measurement chain of a response.
+
+    Parameters
+    ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices and gains.
+    response : Response
+        Lines and outputs.
+    wires : Wires
+        Inputs and outputs.
+    terms : sequence of Term
+        Effects in their order.
+
+    Returns
+    -------
+    Chain
+        Chain.
+    """
     j = wires.inputs.index(response.input)
     n, n_out = len(response.freq), len(wires.outputs)
     mix = np.repeat(np.eye(n_out, dtype=complex)[None], n, axis=0)
@@ -209,14 +282,31 @@ def answer(
     with_derivatives: bool = False,
     shared: Shared | None = None,
 ) -> Answer:
-    """Return what the model answers where a response was measured.
+    """Return the model's frequency response on measured lines.
 
     Parameters
     ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices and gains.
+    response : Response
+        Measured lines and outputs.
+    wires : Wires
+        Inputs and outputs.
+    terms : sequence of Term
+        Effects.
     gains : sequence of (column, output)
-        Of every uncertain parameter the gain that it is, instead of a change of the matrices; (None, None) for the others.
+        Input or output whose gain each uncertain parameter is; (None, None) for matrix parameters.
+    with_derivatives : bool
+        Whether to compute derivatives.
     shared : dict or None
-        See `solve`.
+        Cache of `solve`.
+
+    Returns
+    -------
+    Answer
+        Response with derivatives.
     """
     every = [*view.fixed, *terms]
     j = wires.inputs.index(response.input)
@@ -258,7 +348,7 @@ def answer(
 def _force(
     M: Array | None, C: Array | None, K: Array | None, motion: ComplexArray, omega: Array
 ) -> ComplexArray | None:
-    """Return the modal force of a change of matrices under a motion, (n, m); None for no change."""
+    """Return the modal force (n, m) of changed matrices."""
     out: ComplexArray | None = None
     for part, power in ((K, 0), (C, 1), (M, 2)):
         if part is not None:
@@ -268,7 +358,24 @@ def _force(
 
 
 def stepped(term: Term, name: str, step: float) -> tuple[Term, float]:
-    """Return a term with one parameter moved, and by how much in the fitted coordinate: log, or value where it is signed."""
+    """Return a term with one stepped parameter.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+    name : str
+        Parameter.
+    step : float
+        Step of the logarithm, or relative step of a signed value.
+
+    Returns
+    -------
+    term : Term
+        Stepped term.
+    step : float
+        Step in the fitted coordinate.
+    """
     parameter, value = term.effect.parameter(name), float(term.values[name])
     if parameter.signed:
         size = max(abs(value), 1e-6 * max(abs(parameter.low), 1e-12))

@@ -1,4 +1,4 @@
-"""A plant near rest as responses and modes see it: modal matrices, inputs, outputs, and the physics that acts beside them."""
+"""Linearised plant of the search in frequency."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,20 +23,20 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Wires:
-    """What the measured data of a case are wired to.
+    """Inputs and outputs of a case's frequency data.
 
     Parameters
     ----------
     outputs : tuple of Compared
-        One a place of the responses.
+        One output per location of the responses.
     orders : tuple of int
-        How often each output's own motion is the derivative of a displacement.
+        Time derivatives of displacement in every output.
     inputs : tuple of str
         Names of the inputs.
     actuators : tuple of int or None
-        The actuator of each input; None where the force acts at a port.
+        Actuator of every input; None for a force at a port.
     at : tuple of str
-        Places of the tables' shapes.
+        Locations of the mode shapes.
     """
 
     outputs: tuple[Compared, ...] = ()
@@ -52,7 +52,22 @@ class Wires:
 
 
 def wires_of(case: Case, measured: Sequence[Measured]) -> Wires:
-    """Wire measured data to the plant of a case by name: actuators before ports as inputs, sensors before ports as outputs."""
+    """Map measured data to a plant by name.
+
+    Actuators precede ports as inputs, sensors precede ports as outputs.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    measured : sequence of Response or Modes
+        Data.
+
+    Returns
+    -------
+    Wires
+        Inputs and outputs.
+    """
     plant = case.plant
     responses = [d for d in measured if isinstance(d, Response)]
     inputs = list(dict.fromkeys(r.input for r in responses))
@@ -92,27 +107,30 @@ def _output(case: Case, plant: Plant, name: str) -> tuple[Compared, int]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A plant in its modes.
+    """Plant in modal coordinates.
 
     Parameters
     ----------
     omega : (m,) array
-        Circular frequencies of the modes that are kept [rad/s].
+        Natural frequencies [rad/s].
     shapes : (nv, m) array
-        Mass-normalised.
+        Mass-normalised mode shapes.
     M, C, K : (m, m) array
+        Modal matrices.
     forces : (m, n_actuators + n_inputs) array
-        Modal force of a unit command of every actuator, then of a unit force at every input's port.
+        Modal force of unit commands, then of unit forces at input ports.
     columns : tuple of int
-        Which column each input is.
+        Column of every input.
     rows : ChannelRows
-        Of the outputs.
+        Outputs per modal coordinate.
+    orders : tuple of int
+        Time derivatives of displacement in every output.
     at : mapping of str to (m,) array
-        Rows of the tables' places.
+        Rows of the mode shapes' locations.
     fixed : tuple of Term
-        Linear physics of the plant that its linearisation does not hold.
+        Linear effects of the plant outside its linearisation.
     left_out : tuple of str
-        Physics of the plant that is not linear and stays out.
+        Notes on nonlinear effects of the plant, which are omitted.
     """
 
     omega: Array
@@ -135,12 +153,26 @@ class View:
 
 
 def view_of(plant: Plant, wires: Wires) -> View:
-    """Linearise a plant and keep the modes that the outputs, the tables' places or, without either, the sensors see.
+    """Linearise a plant and select its observable modes.
+
+    Outputs, shape locations or otherwise sensors determine observability.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    wires : Wires
+        Inputs and outputs.
+
+    Returns
+    -------
+    View
+        Plant in modal coordinates.
 
     Raises
     ------
     BadCase
-        The model is unstable at rest, or nothing of it is seen.
+        The model is unstable at rest, or no mode is observable.
     """
     linear = plant.linearise()
     omega, shapes = linear.eigen
@@ -182,7 +214,10 @@ def view_of(plant: Plant, wires: Wires) -> View:
 
 
 def _output_rows(plant: Plant, wires: Wires) -> ChannelRows:
-    """Return the outputs per joint coordinate; of a displacement without the half step that a plant's sensors undo."""
+    """Return the outputs per joint coordinate.
+
+    Displacements omit the half step of velocity that a plant's sensors correct.
+    """
     if not wires.outputs:
         none = np.zeros((0, plant.model.nv))
         return ChannelRows(at_q=none, at_v=none, at_a=none, rest=np.zeros(0))
@@ -197,7 +232,7 @@ def _output_rows(plant: Plant, wires: Wires) -> ChannelRows:
 
 
 def _place_rows(plant: Plant, names: Sequence[str]) -> dict[str, Array]:
-    """Return the rows of the deflection at places of shapes, whatever their sensors measure."""
+    """Return the deflection rows at the locations of mode shapes."""
     out = {}
     for name in names:
         index = tap_index(plant.sensors, name)
@@ -218,7 +253,7 @@ def _place_rows(plant: Plant, names: Sequence[str]) -> dict[str, Array]:
 
 
 def _seeing(plant: Plant, wires: Wires, rows: ChannelRows) -> ChannelRows:
-    """Return the rows by which modes are kept."""
+    """Return the rows that determine observability."""
     at = list(_place_rows(plant, wires.at).values())
     if not at and not wires.outputs:
         places = [tap.at for tap in plant.sensors if tap.at in plant.ports] or list(plant.ports)
@@ -234,12 +269,12 @@ def _seeing(plant: Plant, wires: Wires, rows: ChannelRows) -> ChannelRows:
 
 
 def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...], tuple[str, ...]]:
-    """Return the physics that runs beside a plant as terms: forces with memory, and changes of commands and samples."""
+    """Return a plant's effects outside its linearisation."""
     fixed, left_out = [], []
     data = plant.new_data()
     for one in plant.physics:
         if isinstance(one, AtPort) and isinstance(one.effect, LinearPortEffect):
-            continue  # in the linearisation
+            continue  # part of the linearisation
         if not is_linear(one.effect):
             left_out.append(f"{one.effect.name} of the model is not linear: its small motion is taken without it")
             continue
@@ -256,7 +291,7 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
 
 
 def _at_sensor(plant: Plant, one: AtSensor, wires: Wires) -> list[Term]:
-    """Return the terms of a sensor's effect on the outputs that read it."""
+    """Return the terms of a sensor's effect on its outputs."""
     own = tap_index(plant.sensors, one.name)
     out = []
     for k, compared in enumerate(wires.outputs):

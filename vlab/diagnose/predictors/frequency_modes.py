@@ -1,4 +1,4 @@
-"""The modes of a plant with given matrices and physics, with their derivatives."""
+"""Complex modes of a plant with effects, with derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ from vlab.signals import Array, ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelModes:
-    """The oscillating modes of a model, by frequency.
+    """Oscillating modes of a model, by frequency.
 
     Parameters
     ----------
     s : (k,) complex array
         Poles in the upper half plane [rad/s].
     left, right : (n, n), (n, n) complex array
-        All eigenvectors of the state matrix; rows and columns.
+        Left and right eigenvectors of the state matrix.
     poles : (n,) complex array
-        All poles.
+        All poles [rad/s].
     index : (k,) int array
-        Where `s` stands among them.
+        Indices of `s` among all poles.
     m : int
-        Modes of the structure; the first 2 m states are their displacements and velocities.
+        Structural modes; the first 2 m states are their displacements and velocities.
     part : (k,) array
-        How much of each mode is the structure's own motion.
+        Participation of the structure in each mode [1].
     """
 
     s: ComplexArray
@@ -47,17 +47,32 @@ class ModelModes:
 
     @property
     def zeta(self) -> Array:
-        """Damping ratios."""
+        """Damping ratios [1]."""
         return -self.s.real / np.abs(self.s)
 
     @property
     def shapes(self) -> ComplexArray:
-        """Displacements in modal coordinates, (m, k)."""
+        """Mode shapes (m, k) in modal coordinates."""
         return self.right[: self.m, self.index]
 
 
 def state_matrix(state: State, terms: Sequence[Term], fastest: float) -> Array:
-    """Return A of x' = A x, x the modal displacements and velocities and the states of forces with memory."""
+    """Return the state matrix of modes and internal effect states.
+
+    Parameters
+    ----------
+    state : State
+        Matrices.
+    terms : sequence of Term
+        Effects.
+    fastest : float
+        Highest frequency [rad/s] for the linearised laws.
+
+    Returns
+    -------
+    (n, n) array
+        A of x' = A x: displacements, velocities, effect states.
+    """
     m = len(state.M)
     M, C, K = state.M, state.C, state.K
     own: list[tuple[Array, SmallSignal]] = []
@@ -85,10 +100,22 @@ def state_matrix(state: State, terms: Sequence[Term], fastest: float) -> Array:
 
 
 def model_modes(A: Array, m: int) -> ModelModes:
-    """Return the oscillating modes of a state matrix in which the structure itself takes part.
+    """Return the oscillating modes in which the structure participates.
 
-    How much it does is what the residues of its responses add up to: one for a mode of the structure alone, and next to
-    nothing for the resonance of something light that swings along, which no modal test would list.
+    Participation is the sum of a mode's response residues: one for a structural mode, near zero for a light attachment,
+    which no modal test lists.
+
+    Parameters
+    ----------
+    A : (n, n) array
+        State matrix.
+    m : int
+        Structural modes.
+
+    Returns
+    -------
+    ModelModes
+        Modes.
     """
     poles, right = np.linalg.eig(A)
     left = np.linalg.inv(right)
@@ -99,7 +126,22 @@ def model_modes(A: Array, m: int) -> ModelModes:
 
 
 def matrix_changes(state: State, A: Array, terms: Sequence[Term]) -> list[Array | None]:
-    """Return the derivatives of the state matrix by the uncertain parameters."""
+    """Return the derivatives of the state matrix.
+
+    Parameters
+    ----------
+    state : State
+        Matrices with derivatives.
+    A : (n, n) array
+        State matrix.
+    terms : sequence of Term
+        Effects.
+
+    Returns
+    -------
+    list of (n, n) array or None
+        Derivatives; None where zero.
+    """
     m = len(state.M)
     M = state.M
     for term in terms:
@@ -124,9 +166,25 @@ def matrix_changes(state: State, A: Array, terms: Sequence[Term]) -> list[Array 
 
 
 def by_parameter(modes: ModelModes, which: Array, change: Array) -> tuple[ComplexArray, ComplexArray]:
-    """Return the derivatives of some modes' poles (k,) and of their displacements (m, k) by a change of the state matrix.
+    """Return the derivatives of poles and shapes.
 
-    First-order perturbation of simple eigenvalues; a nearly equal neighbour's share in a shape is bounded.
+    The method is first-order perturbation of simple eigenvalues; contributions of nearly equal poles are omitted.
+
+    Parameters
+    ----------
+    modes : ModelModes
+        Modes.
+    which : (k,) int array
+        Modes to differentiate.
+    change : (n, n) array
+        Derivative of the state matrix.
+
+    Returns
+    -------
+    poles : (k,) complex array
+        Derivatives of the poles.
+    shapes : (m, k) complex array
+        Derivatives of the shapes.
     """
     at = modes.index[which]
     mixed = modes.left @ (change @ modes.right[:, at])  # (n, k)

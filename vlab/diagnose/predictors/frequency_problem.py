@@ -1,4 +1,4 @@
-"""From a case of frequency responses and modal tables to what the search works on."""
+"""Inverse problem of the search in frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,16 +28,26 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyProblem:
-    """A case as the search in frequency sees it.
+    """Inverse problem of a case of frequency data.
 
     Parameters
     ----------
-    measured : tuple of Response or Modes
-        To fit.
+    case : Case
+        Case.
+    plant : Plant
+        Nominal plant.
+    measured, read_holdout : tuple of Response or Modes
+        Data to fit and hold-out data.
     wires : Wires
-        Of all responses of the case, held-out ones too.
+        Inputs and outputs of all responses, hold-out data included.
+    view : View
+        Linearised plant.
+    reduced_model : ReducedModel
+        Reduced modal model.
     parameters : tuple of Uncertain
-        An `actuator` at or beyond the plant's actuators is a force measured at a port.
+        Uncertain parameters; an `actuator` beyond the plant's is a force measured at a port.
+    places : tuple of Place
+        Locations.
     """
 
     case: Case
@@ -57,17 +67,17 @@ class FrequencyProblem:
 
     @property
     def prior(self) -> Array:
-        """Prior standard deviations of the uncertain parameters."""
+        """Prior standard deviations (n_parameters,) of the uncertain parameters."""
         return np.array([p.sd for p in self.parameters])
 
     @property
     def gains(self) -> list[tuple[int | None, int | None]]:
-        """Input column or output whose gain each uncertain parameter is."""
+        """Input column or output whose gain each parameter is."""
         return [(p.actuator, p.sensor) for p in self.parameters]
 
     @property
     def unfitted(self) -> dict[str, float]:
-        """Inputs that only data held out have, with the relative standard deviations of their gains."""
+        """Prior standard deviations of unfitted input gains."""
         known = {d.input for d in self.measured if isinstance(d, Response)}
         given = self.case.table.model.uncertain
         return {
@@ -78,11 +88,22 @@ class FrequencyProblem:
 
     @property
     def measured_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency that was measured [Hz]."""
+        """Lowest and highest measured frequency [Hz]."""
         return band(self.measured)
 
     def adjusted(self, theta: Array) -> Plant:
-        """Return the plant with its uncertain parameters at given log-factors; gains of outputs and ports are not the plant's."""
+        """Return the plant at given log factors.
+
+        Parameters
+        ----------
+        theta : (n_parameters,) array
+            Log factors.
+
+        Returns
+        -------
+        Plant
+            Adjusted plant.
+        """
         own = [
             (p, v)
             for p, v in zip(self.parameters, theta, strict=True)
@@ -96,26 +117,36 @@ class FrequencyProblem:
         return replace(out, physics=self.plant.physics, impedance=self.plant.impedance)
 
     def state(self, theta: Array) -> State:
-        """Return the matrices at given log-factors, with their derivatives."""
+        """Return the matrices with derivatives at given log factors."""
         M, C, K, inputs, outputs = self.reduced_model.matrices(theta[None])
         changes = tuple(self.reduced_model.slopes(theta))
         return State(M=M[0], C=C[0], K=K[0], changes=changes, input_gain=inputs[0], output_gain=outputs[0])
 
 
 def band(measured: Sequence[Measured]) -> tuple[float, float]:
-    """Return the lowest and the highest frequency of some data [Hz]."""
+    """Return the lowest and highest frequency of data [Hz]."""
     return min(float(d.freq[0]) for d in measured), max(float(d.freq[-1]) for d in measured)
 
 
 def prepare_frequency(case: Case) -> FrequencyProblem:
     """Prepare a case's frequency responses and modal tables.
 
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    FrequencyProblem
+        Inverse problem.
+
     Raises
     ------
     BadCase
-        Nothing to fit, or data that do not fit the model.
+        Nothing to fit, or a contradiction between data and model.
     BadRecording
-        A file is damaged or not what the case says.
+        A file is damaged or contradicts the case.
     """
     measured = read_measured(case, ("fit",))
     if not measured:
@@ -179,7 +210,7 @@ def _uncertain(
         at_coils = plant.port_rows(structure.coil_places) @ view.shapes
         places = range(len(driven_modes(at_coils)))
         ordered = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
-        damping = replace(ordered, follows_shapes=True)  # a step that changes the order must not be a jump
+        damping = replace(ordered, follows_shapes=True)  # a change of the order must be smooth
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))

@@ -1,10 +1,9 @@
-"""The whitened difference between a model and what was measured in frequency, with its derivatives.
+"""Normalised residual of frequency data, with derivatives.
 
-A response's difference is divided by its noise and by a share of both magnitudes, the measured and the model's. Near a fit
-that is the relative error; far from it, where a sharp resonance stands beside a measured one, it is bounded, and it needs no
-logarithm at anti-resonances. A first, coarse view compares the logarithm of the power in bands, which brings resonances
-together that do not overlap. A table of modes is compared in the logarithm of frequency and damping ratio and in shapes up
-to their scale; modes are tracked by shape, or in their order where there are no shapes.
+A response's residual is divided by its noise and by a share of measured and modelled magnitude. That is the relative
+error near a fit, and bounded between distant sharp resonances. A first coarse residual compares log power in bands, for
+resonances without overlap. Modal tables are compared in log frequency, log damping and shapes up to scale. Modes are
+paired by shape, or in order without shapes.
 """
 
 from collections.abc import Sequence
@@ -25,18 +24,18 @@ from vlab.signals import Array, ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residual:
-    """A whitened difference.
+    """Normalised residual.
 
     Parameters
     ----------
     e : (n,) array
-        Its square sums to the data's cost; one is expected a number that counts.
+        Residual, whose squared sum is the cost; one is expected per effective value.
     by_theta, by_term : (n, n_parameters), (n, n_values) array
-        Derivatives; without columns unless asked for.
-    worth : float
-        How many numbers count.
+        Derivatives, where requested.
+    effective_samples : float
+        Effective sample size.
     penalty : float
-        Part of the sum of squares that is no difference of numbers: modes that a table would not have left out.
+        Part of the cost from modes missing in a table.
     """
 
     e: Array
@@ -58,14 +57,33 @@ def residual(
     with_derivatives: bool = False,
     shared: Shared | None = None,
 ) -> Residual:
-    """Return the difference between the model and one set of data.
+    """Return the normalised residual of one data set.
 
     Parameters
     ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices and gains.
+    data : Response or Modes
+        Data.
+    wires : Wires
+        Inputs and outputs.
+    terms : sequence of Term
+        Effects.
+    gains : sequence of (column, output)
+        Input or output whose gain each uncertain parameter is.
     bands : float
-        Width of the bands of the coarse view, as a share of their frequency; 0 for the lines themselves.
+        Relative bandwidth of the coarse residual; 0 for single lines.
+    with_derivatives : bool
+        Whether to compute derivatives.
     shared : dict or None
-        Solutions of the same state, see `vlab.diagnose.predictors.frequency.solve`.
+        Cache of `vlab.diagnose.predictors.frequency.solve`.
+
+    Returns
+    -------
+    Residual
+        Residual with derivatives.
     """
     if isinstance(data, Modes):
         return modal_residual(view, state, data, terms, with_derivatives=with_derivatives)
@@ -77,7 +95,22 @@ def residual(
 
 
 def response_residual(data: Response, found: Answer, bands: float = 0.0) -> Residual:
-    """Return the difference between an answer of the model and a measured response."""
+    """Return the normalised residual of a response.
+
+    Parameters
+    ----------
+    data : Response
+        Measured response.
+    found : Answer
+        Modelled response.
+    bands : float
+        Relative bandwidth of the coarse residual; 0 for single lines.
+
+    Returns
+    -------
+    Residual
+        Residual with derivatives.
+    """
     if bands:
         return _in_bands(data, found, bands)
     effective_samples = min(FREQUENCY_RESIDUAL.independent, len(data.freq)) * len(data.outputs)
@@ -108,13 +141,13 @@ def _count(data: Response) -> int:
 
 
 def _real(parts: ComplexArray, data: Response) -> Array:
-    """Return complex differences as real ones whose squares sum to theirs, (k, n_numbers)."""
+    """Return complex residuals as real ones."""
     flat = parts.reshape(len(parts), -1)
     return np.real(flat) if data.is_magnitude else np.concatenate([flat.real, flat.imag], axis=1)
 
 
 def _in_bands(data: Response, found: Answer, width: float) -> Residual:
-    """Return the difference of the logarithms of the power in bands that overlap."""
+    """Return the residual of log power in overlapping bands."""
     window = _windows(data.freq.tobytes(), width)
     power, own = window @ np.abs(data.H) ** 2, window @ np.abs(found.H) ** 2
     floor = window @ data.noise**2
@@ -139,7 +172,7 @@ def _in_bands(data: Response, found: Answer, width: float) -> Residual:
 
 @lru_cache(maxsize=64)
 def _windows(lines: bytes, width: float) -> Array:
-    """Return the weights of lines in bands that overlap by half, (n_bands, n)."""
+    """Return weights (n_bands, n) of lines in half-overlapping bands."""
     freq = np.frombuffer(lines)
     line = np.log(freq)
     middles = np.arange(line[0], line[-1] + 0.5 * width, 0.5 * width)
@@ -153,7 +186,26 @@ def _windows(lines: bytes, width: float) -> Array:
 def modal_residual(
     view: View, state: State, data: Modes, terms: Sequence[Term], *, with_derivatives: bool = False
 ) -> Residual:
-    """Return the difference between a model and a table of modes."""
+    """Return the normalised residual of a modal table.
+
+    Parameters
+    ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices.
+    data : Modes
+        Modal table.
+    terms : sequence of Term
+        Effects.
+    with_derivatives : bool
+        Whether to compute derivatives.
+
+    Returns
+    -------
+    Residual
+        Residual with derivatives.
+    """
     every = [*view.fixed, *terms]
     fastest = 2 * np.pi * 2 * float(data.freq[-1])
     A = state_matrix(state, every, fastest)
@@ -182,9 +234,26 @@ def modal_residual(
 
 
 def quick_modal_residual(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Array:
-    """Return the difference to a table where all physics is mass, damping and stiffness, for trials.
+    """Return an approximate modal residual for trials.
 
-    Undamped modes with the damping that each of them has by itself: off by the square of the damping ratios.
+    The method covers mass, damping and stiffness effects. Undamped modes with uncoupled damping err by the square of
+    the damping ratios.
+
+    Parameters
+    ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices.
+    data : Modes
+        Modal table.
+    terms : sequence of Term
+        Effects.
+
+    Returns
+    -------
+    (n,) array
+        Residual.
     """
     M, C, K = state.M, state.C, state.K
     for term in (*view.fixed, *terms):
@@ -214,12 +283,27 @@ def quick_modal_residual(view: View, state: State, data: Modes, terms: Sequence[
 
 
 def shape_rows(view: View, data: Modes) -> Array:
-    """Return the rows of a table's places, (n_places, m)."""
+    """Return the rows (n_places, m) of a table's locations."""
     return np.array([view.at[name] for name in data.at]).reshape(-1, view.m)
 
 
 def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
-    """Return which mode of the model each mode of a table is, -1 for none left."""
+    """Pair the modes of a table with modes of the model.
+
+    Parameters
+    ----------
+    modes : ModelModes
+        Modes of the model.
+    data : Modes
+        Modal table.
+    rows : (n_places, m) array
+        Rows of the table's locations.
+
+    Returns
+    -------
+    (n,) int array
+        Index of the model's mode; -1 without one.
+    """
     freq, zeta = modes.freq, np.maximum(modes.zeta, RESPONSES.smallest_zeta)
     if not len(freq):
         return np.full(data.n, -1)
@@ -232,7 +316,7 @@ def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
         alike = np.abs(data.shapes @ shapes) ** 2
         size = np.sum(data.shapes**2, axis=1)[:, None] * np.sum(np.abs(shapes) ** 2, axis=0)[None, :]
         mac = alike / np.maximum(size, 1e-300)
-        # a frequency may be far off; a shape says which mode it is
+        # shapes identify a mode even at a large frequency error
         cost = (
             np.minimum(cost, FREQUENCY_RESIDUAL.far**2)
             + np.sum(data.shapes**2, axis=1)[:, None] * (1 - mac) / data.shape_sd[:, None] ** 2
@@ -245,14 +329,14 @@ def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
 
 
 def _little(part: Array) -> Array:
-    """Return what modes cost in which the structure takes little part."""
+    """Return the cost [sd] of modes with little structural participation."""
     return np.asarray(
         FREQUENCY_RESIDUAL.part_cost * np.maximum(np.log(FREQUENCY_RESIDUAL.own_part / np.maximum(part, 1e-9)), 0.0)
     )
 
 
 def _in_order(cost: Array, freq: Array, data: Modes) -> Array:
-    """Return the cheapest assignment that keeps the order; every mode of the model that is passed over costs."""
+    """Return the cheapest order-preserving pairing of modes."""
     n, k = cost.shape
     if k < n:
         out = np.full(n, -1)
@@ -275,7 +359,7 @@ def _in_order(cost: Array, freq: Array, data: Modes) -> Array:
 
 
 def _modal_difference(modes: ModelModes, data: Modes, rows: Array, pairs: Array) -> Array:
-    """Return differences of frequencies, damping ratios and shapes, one after the other; those of no partner are large."""
+    """Return the residuals of frequencies, damping and shapes."""
     found = pairs >= 0
     at = np.where(found, pairs, 0)
     has = len(modes.freq) > 0
@@ -297,7 +381,7 @@ def _modal_difference(modes: ModelModes, data: Modes, rows: Array, pairs: Array)
 
 
 def _odd(modes: ModelModes, pairs: Array) -> float:
-    """Return what modes cost that a table would not have passed over, and those listed that are hardly the structure's."""
+    """Return the squared cost of skipped modes and attachment resonances."""
     found = pairs[pairs >= 0]
     if not len(found):
         return 0.0
@@ -311,7 +395,7 @@ def _odd(modes: ModelModes, pairs: Array) -> float:
 
 
 def _apart(measured: Array, own: ComplexArray) -> Array:
-    """Return what is left of measured shapes (n, places) beside the model's at their best scale."""
+    """Return measured minus modelled shapes (n, places) at their best scale."""
     scale = np.sum(np.conj(own) * measured, axis=1) / np.maximum(np.sum(np.abs(own) ** 2, axis=1), 1e-300)
     return np.asarray(np.real(measured - scale[:, None] * own))
 
@@ -322,7 +406,7 @@ def _modal_rate(modes: ModelModes, data: Modes, rows: Array, pairs: Array, chang
     rate, moved = by_parameter(modes, at, change)
     s = modes.s[at]
     size = np.abs(s)
-    grown = np.real(np.conj(s) * rate) / size**2  # of log |s|
+    grown = np.real(np.conj(s) * rate) / size**2  # derivative of log |s|
     damped = -rate.real / size - modes.zeta[at] * grown
     parts = [np.where(found, -grown / data.freq_sd, 0.0)]
     known = np.isfinite(data.zeta)

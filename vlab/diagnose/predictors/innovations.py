@@ -1,4 +1,4 @@
-"""Runs of one sample period, filtered side by side, and what a signal that enters them leaves in their innovations."""
+"""Batches of filtered runs, and their innovations."""
 
 from dataclasses import dataclass, field
 
@@ -15,16 +15,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cause:
-    """Signals that all enter a problem in one way.
+    """Signals that enter a problem in one way.
 
     Parameters
     ----------
     series : (n, n_runs, k) array
-        The signals.
+        Signals.
     force : (m,) array or None
-        The modal forces of a unit; None where the signals are added to readings.
+        Modal force per unit signal; None for a signal added to a channel.
     channel : int
-        The channel whose readings they are added to.
+        Channel of an added signal.
     """
 
     series: Array
@@ -33,22 +33,42 @@ class Cause:
 
     @property
     def way(self) -> bytes | int:
-        """What causes that enter in the same way have in common."""
+        """Key of the signals' entrance into the problem."""
         return self.channel if self.force is None else self.force.tobytes()
 
 
 @dataclass(eq=False)
 class Group:
-    """Runs of one sample period, filtered side by side.
+    """Runs of one sample period, filtered as a batch.
 
     Parameters
     ----------
+    runs : list of Signals
+        Runs.
+    system : Discrete
+        Discrete-time reduced model.
+    gains : FilterGains
+        Gains of the Kalman filter.
+    smoothed : Smoothed
+        Filtered and smoothed states.
+    u, forces, y : (n, n_runs, ...) array
+        Commands, modal forces and channels.
+    lengths : (n_runs,) array
+        Samples of every run.
+    usable : (n, n_runs, p) array or None
+        Zero for uninformative samples.
+    motion : tuple of array
+        Modal displacement, velocity and acceleration in the middle of the steps.
     e : (n, n_runs, p) array
         Innovations.
     white : (p, p) or (n, n_runs, p, p) array
-        What makes their variance one.
+        Whitening matrices of the innovations.
     impulses : (n, p, m + p) array
-        What unit impulses of the modal forces and of additions to the readings leave in them.
+        Response of the innovations to unit impulses of modal forces and channels.
+    first : int
+        First sample that counts.
+    at_places : dict
+        Cached motion by location.
     """
 
     runs: list[Signals]
@@ -74,39 +94,67 @@ class Group:
 
     @property
     def starts(self) -> Array:
-        """Times of the runs' first samples from the starts of their recordings [s], (n_runs,)."""
+        """Times (n_runs,) of the runs' first samples in their recordings [s]."""
         return np.array([run.t0 for run in self.runs])
 
     @property
     def times(self) -> Array:
-        """Times of all samples from the starts of the recordings [s], (n, n_runs)."""
+        """Times (n, n_runs) of all samples in their recordings [s]."""
         return np.arange(len(self.y))[:, None] * self.h + self.starts
 
     @property
     def counts(self) -> Array:
-        """Which samples count from the first that does, (n - first, n_runs) array of bool."""
+        """Mask (n - first, n_runs) of the samples that count."""
         keep = np.arange(self.first, len(self.e))[:, None] < self.lengths[None, :]
         if self.usable is not None:
             keep &= self.usable[self.first :].all(axis=2)
         return np.asarray(keep)
 
     def rows(self, columns: Array) -> Array:
-        """Return (rows, k): whitened columns (n, n_runs, p, k) of all samples that count."""
+        """Return whitened columns (rows, k) of all samples that count."""
         white = self.white if self.white.ndim == 2 else self.white[self.first :]
         return np.asarray((white @ columns[self.first :])[self.counts].reshape(-1, columns.shape[-1]))
 
 
 def impulses_of(system: Discrete, gain: Array, n: int) -> Array:
-    """Return what unit impulses of the modal forces and the readings leave in the innovations of a steady filter, (n, p, m + p)."""
+    """Return the innovations' response to unit impulses.
+
+    Parameters
+    ----------
+    system : Discrete
+        Discrete-time system.
+    gain : (2m, p) array
+        Stationary gain.
+    n : int
+        Samples.
+
+    Returns
+    -------
+    (n, p, m + p) array
+        Response to modal forces and channels.
+    """
     A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
     p = len(C)
-    after = np.hstack([B - gain @ D, -gain]).T  # the states that follow, one a row
+    after = np.hstack([B - gain @ D, -gain]).T  # the following states, one per row
     states = states_of((A - gain @ C).T[None], np.zeros((n - 1, 1, *after.shape)), after[None])
     return np.concatenate([np.hstack([D, np.eye(p)])[None], np.swapaxes(states[:, 0] @ C.T, 1, 2)])
 
 
 def convolved(impulses: Array, series: Array) -> Array:
-    """Return what signals (n, n_runs, q, k) become by impulse responses (n, p, q), (n, n_runs, p, k)."""
+    """Return the convolution of signals with truncated impulse responses.
+
+    Parameters
+    ----------
+    impulses : (n, p, q) array
+        Impulse responses.
+    series : (n, n_runs, q, k) array
+        Signals.
+
+    Returns
+    -------
+    (n, n_runs, p, k) array
+        Filtered signals.
+    """
     n, size = len(series), np.abs(impulses).max(axis=(1, 2))
     find_permanent_changes = (
         1 + int(np.flatnonzero(size > INNOVATIONS.forgotten * size.max())[-1]) if np.any(size) else 1
@@ -119,10 +167,22 @@ def convolved(impulses: Array, series: Array) -> Array:
 
 
 def middles(reduced_model: ReducedModel, group: Group) -> tuple[Array, Array, Array]:
-    """Return modal displacement, velocity and acceleration in the middle of every step, from the samples before it.
+    """Return the modal motion in the middle of steps.
 
-    Only what was known at a sample goes into the laws that act after it: the smoothed motion knows the later samples, and
-    a force made of it would explain their noise. The acceleration is the nominal model's own for the same reason.
+    The smoothed motion depends on later samples, so forces along it would explain their noise. The acceleration is
+    nominal for the same reason.
+
+    Parameters
+    ----------
+    reduced_model : ReducedModel
+        Reduced model.
+    group : Group
+        Filtered runs.
+
+    Returns
+    -------
+    displacement, velocity, acceleration : (n, n_runs, m) array
+        Modal motion.
     """
     m, h = reduced_model.m, group.h
     p, v = group.smoothed.filtered[..., :m], group.smoothed.filtered[..., m:]

@@ -1,9 +1,8 @@
-"""Parameter sets of the twin marched through recordings side by side, with the laws at its ports in the loop.
+"""Time integration of reduced models with port laws.
 
-The twin is linear and sampled exactly; a law's force is found from its port's motion at the middle of a step and held over it.
-Laws that are linear in the motion and in what they remember are folded into the twin: their memory becomes states of it, found
-by letting one step of the march act on unit vectors. What depends on time alone drives it. Only what is left, the nonlinear
-laws, takes a loop over the samples.
+The linear model is discretised exactly. A law's force follows from the port motion in the middle of a step and is held
+over the step. Laws linear in motion and memory become additional states, by one step on unit vectors. Laws of time
+alone are inputs. Only nonlinear laws need a loop over the samples.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,21 +22,31 @@ from vlab.signals import Array
 
 
 def acting_order(terms: Sequence[Term]) -> list[int]:
-    """Return the terms that are laws at ports in the order in which they act within a step.
+    """Return the port laws in their order of evaluation.
 
-    What does not depend on the motion comes first, then linear laws; dry friction is last, for sticking answers all other forces.
+    Laws of time come first, then linear laws; dry friction is last, since sticking balances all other forces.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        Effects.
+
+    Returns
+    -------
+    list of int
+        Indices of the port laws.
     """
     ports = [i for i, term in enumerate(terms) if isinstance(term.effect, PortEffect)]
     return sorted(ports, key=lambda i: _rank(terms[i].effect))
 
 
 def _rank(effect: Any) -> int:
-    return 3 if effect.family == "friction" else ("none", "linear", "any").index(effect.response)
+    return 3 if effect.traits.is_dry_friction else ("none", "linear", "any").index(effect.response)
 
 
 @dataclass(eq=False)
 class _Law:
-    """A port's law in the march: what its force does to the states (n_sets, 1, 2m), to what all ports see and, at once, to the channels."""
+    """Port law with the response to its force."""
 
     effect: PortEffect
     values: Mapping[str, Array]
@@ -60,16 +69,28 @@ def integrate(
     runs: Sequence[Signals],
     substeps: int,
 ) -> Array:
-    """March parameter sets through all samples.
+    """Integrate parameter sets through all samples.
 
     Parameters
     ----------
     system : Discrete
-        Sampled at the substeps; its inputs are `known` ones, then the ports'.
+        System discretised at the substeps; inputs are `known` ones, then the ports.
     forces : (n, n_sets or 1, n_runs, known) array
+        Known inputs.
+    known : int
+        Number of known inputs.
+    terms : sequence of Term
+        Effects.
+    values : sequence of mapping
+        Parameter values (n_sets,) of every term.
     ports : sequence of int
-        Which terms act at ports, see `acting_order`.
+        Port laws in the order of `acting_order`.
     starts : (n_sets, n_runs, 2m) array
+        Initial states.
+    runs : sequence of Signals
+        Runs.
+    substeps : int
+        Integration steps per sample.
 
     Returns
     -------
@@ -83,9 +104,9 @@ def integrate(
 
 
 class _Marcher:
-    """The twin with what can be folded into it, and the laws that are left.
+    """Linear system with folded linear laws, and the remaining laws.
 
-    States are those of the twin, then what the linear laws remember. Everything acts on rows from the right.
+    States are those of the reduced model, then the memory of linear laws. Matrices act on rows from the right.
     """
 
     def __init__(
@@ -105,7 +126,7 @@ class _Marcher:
             self._fold()
 
     def _fold(self) -> None:
-        """Let a step with the linear laws act on unit vectors of states, memories and drives."""
+        """Fold the linear laws into the linear system."""
         laws = [self.laws[j] for j in self.linear]
         counts = [len(law.memory) for law in laws]
         n_sets, m2, size = len(self.AT), self.width, self.width + sum(counts)
@@ -133,7 +154,7 @@ class _Marcher:
             law.push = np.concatenate([law.push, np.zeros((*law.push.shape[:2], size - m2))], axis=-1)
 
     def through(self, forces: Array, starts: Array) -> Array:
-        """Return the channels through all samples; see `integrate`."""
+        """Return the channels through all samples."""
         memories = [m[..., None] for j in self.linear for m in self.laws[j].memory]
         x = np.concatenate([starts, *memories], axis=-1)
         h = self.h / self.substeps
@@ -157,7 +178,7 @@ class _Marcher:
         return integrate_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)
 
     def _given(self, first: int, count: int) -> Array:
-        """Return the forces that depend on time alone, (count, substeps, n_sets, n_runs, n_given)."""
+        """Return the forces of time alone, (count, substeps, n_sets, n_runs, n_given)."""
         out = np.empty((count, self.substeps, len(self.AT), len(self.late), len(self.given)))
         middles = np.arange(count)[:, None] + (np.arange(self.substeps) + 0.5) / self.substeps
         t, zero = (first + middles)[..., None, None] * self.h + self.late, np.zeros(())
@@ -167,16 +188,16 @@ class _Marcher:
         return out
 
     def _force(self, law: _Law, j: int, at: Array, after: Array, now: Step, memory: Any) -> tuple[Array, Any]:
-        """Return a law's force in a step from what its ports see before and after it, and its memory.
+        """Return a law's force in a step, and its memory.
 
-        What they see after the step is to hold the force itself, as well as it is known: a force of the velocity is otherwise
-        late by half a step, which in a structure with damping ratios of a hundredth is no small damping.
+        The motion after the step includes the force itself as far as known. Otherwise a velocity force would lag half a
+        step, which changes damping at ratios of a hundredth.
         """
         middle, count = 0.5 * (at + after), len(self.laws)
         return law.effect.force(middle[..., j], middle[..., count + j], law.values, now, memory)
 
     def _as_written(self, forces: Array, x: Array) -> Array:
-        """March with the laws evaluated as they are written: one of them does what no tape can hold."""
+        """Integrate with laws without an expression graph."""
         n, step, laws = len(forces), self.h / self.substeps, [(j, self.laws[j]) for j in self.left]
         count, width = len(self.laws), x.shape[-1]
         into = np.concatenate([self.into, self.into @ self.seen], axis=-1)
@@ -223,7 +244,7 @@ class _Marcher:
 
 
 def _seen_by(rows: Sequence[Array], m: int) -> Array:
-    """Return what makes displacements, then velocities, of ports of states, (2m, 2 n_ports)."""
+    """Return the map from states to port motion."""
     out = np.zeros((2 * m, 2 * len(rows)))
     for j, row in enumerate(rows):
         out[:m, j], out[m:, len(rows) + j] = row, row
@@ -257,7 +278,7 @@ def _law(
 
 
 def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:
-    """Return a law's memory after the smoothed motion that stands before every window."""
+    """Return a law's memory at every window's start."""
     memory = effect.memory((n_sets, len(runs)))
     is_linear = effect.response == "linear"
     most = RUNS.long_preroll if is_linear else RUNS.preroll
@@ -265,7 +286,7 @@ def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequ
     if memory is None or longest == 0:
         return memory
     m = len(row)
-    motion = np.zeros((longest, 2, len(runs)))  # displacement and velocity, in the middle of each step
+    motion = np.zeros((longest, 2, len(runs)))  # displacement and velocity in the middle of each step
     for i, run in enumerate(runs):
         if run.before is None or not len(run.before):
             continue
@@ -281,7 +302,7 @@ def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequ
 
 
 def _remembered(effect: PortEffect, p: Mapping[str, Array], motion: Array, now: Step, n_sets: int) -> list[Array]:
-    """Return what a linear law remembers of motion (n, 2, n_runs), each entry (n_sets, n_runs): a sum over decaying modes."""
+    """Return a linear law's memory after a given motion."""
     still, count = np.zeros((n_sets, 1)), len(effect.memory((n_sets, 1)) or ())
 
     def after(z: Array, v: Array, memory: list[Array]) -> Array:

@@ -1,9 +1,17 @@
-"""A Kalman filter on the linear twin: innovations that are white where the model is right, and smoothed motion.
+"""Kalman filter and smoother on the reduced model.
 
-The predictor form is used throughout, x(k+1|k) = A x(k|k-1) + B f(k) + K e(k), e(k) = y(k) - C x(k|k-1) - D f(k), with
-the forces that the model lacks as white noise of one intensity on every mode, correlated with acceleration channels
-through D. Smoothing is Bryson and Frazier's (Ten years of progress in the sequential estimation of..., 1963): an adjoint
-recursion over the innovations. The intensity is the one of largest likelihood.
+The predictor form (Kalman 1960) is
+
+    x(k+1|k) = A x(k|k-1) + B f(k) + K e(k),  e(k) = y(k) - C x(k|k-1) - D f(k).
+
+Unknown forces are white noise of equal intensity on every mode, correlated with accelerations through D. Smoothing is
+the adjoint recursion of Bryson and Frazier (1963). The intensity maximises the likelihood of the innovations.
+
+References
+----------
+R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82 (1960) 35-45.
+A. E. Bryson, M. Frazier, Smoothing for linear and nonlinear dynamic systems, Proc. Optimum System Synthesis Conf.,
+1963.
 """
 
 from collections.abc import Sequence
@@ -19,22 +27,25 @@ from vlab.diagnose.settings import KALMAN
 from vlab.signals import Array
 
 FEW = KALMAN.few
+"""FEW [samples]: initially allocated covariances, a constant of the compiled loops."""
 MOST_RICCATI = KALMAN.most_riccati
+"""MOST_RICCATI [samples]: longest Riccati recursion, a constant of the compiled loops."""
 SETTLED = KALMAN.settled
-"""Settings that compiled loops read."""
+"""SETTLED [1]: relative tolerance of the stationary covariance, a constant of the compiled loops."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilterGains:
-    """A filter's gains: transient ones first, the last one from then on.
+    """Transient and stationary gains of the Kalman filter.
 
     Parameters
     ----------
     K : (n_gains, n, p) array
+        Gains.
     S : (n_gains, p, p) array
-        Covariance of the innovations.
+        Covariances of the innovations.
     P : (n_gains, n, n) array
-        Covariance of the predicted state.
+        Covariances of the predicted state.
     """
 
     K: Array
@@ -47,16 +58,25 @@ class FilterGains:
 
 
 def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array) -> FilterGains:
-    """Return the gains of the first parameter set of a system whose inputs are all modal forces.
+    """Return the Kalman gains of a system.
+
+    The inputs of the system are all modal forces, and the first parameter set is used.
 
     Parameters
     ----------
+    system : Discrete
+        Discrete-time system.
     noise : (p,) array
         Standard deviation of the channels' noise.
     intensity : float
         Variance of the unknown force on every mode [N^2/kg].
     start : (n, n) array
-        Covariance of the state at the first sample.
+        Covariance of the initial state.
+
+    Returns
+    -------
+    FilterGains
+        Gains.
     """
     A, B, C, D = (np.ascontiguousarray(part[0]) for part in (system.A, system.B, system.C, system.D))
     Q, N = intensity * B @ B.T, intensity * B @ D.T
@@ -69,7 +89,7 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
 def _riccati(
     A: Array, C: Array, Q: Array, N: Array, R: Array, start: Array
 ) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
-    """Return gains, innovations' and states' covariances from a first one on until they settle."""
+    """Return gains and covariances up to the stationary ones."""
     n, p = A.shape[0], C.shape[0]
     Ks, Ss, Ps = np.empty((FEW, n, p)), np.empty((FEW, p, p)), np.empty((FEW, n, n))
     AT, CT = np.ascontiguousarray(A.T), np.ascontiguousarray(C.T)
@@ -94,7 +114,7 @@ def _riccati(
 
 @compiled()
 def _with_room(kept: Array) -> Array:  # pragma: no cover - compiled
-    """Return matrices with room for as many more."""
+    """Return an array of matrices with doubled capacity."""
     out = np.empty((2 * len(kept), kept.shape[1], kept.shape[2]))
     out[: len(kept)] = kept
     return out
@@ -102,22 +122,22 @@ def _with_room(kept: Array) -> Array:  # pragma: no cover - compiled
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Smoothed:
-    """What a filter makes of some runs of one sample period.
+    """Filtered and smoothed runs of one sample period.
 
     Parameters
     ----------
     e : (n, n_runs, p) array
         Innovations, zero beyond a run's end.
     x : (n, n_runs, 2m) array
-        Smoothed states; beyond a run's end they mean nothing.
+        Smoothed states, undefined beyond a run's end.
     filtered : (n, n_runs, 2m) array
-        States from the samples up to and including their own.
+        States given the samples up to their own.
     predicted : (n, n_runs, p) array
-        Channels from the samples before their own.
+        Channels given earlier samples.
     lengths : (n_runs,) array
         Samples of every run.
     loglik : float
-        Of the innovations.
+        Log-likelihood of the innovations [nat].
     """
 
     e: Array
@@ -138,16 +158,29 @@ def run_filter(
     usable: Array | None = None,
     smooth: bool = True,
 ) -> Smoothed:
-    """Filter runs side by side, and smooth them.
+    """Filter and smooth a batch of runs.
 
     Parameters
     ----------
+    system : Discrete
+        Discrete-time system.
+    gains : FilterGains
+        Gains.
     forces : (n, n_runs, m) array
         Known modal forces.
     y : (n, n_runs, p) array
         Measured channels.
+    lengths : (n_runs,) array
+        Samples of every run.
     usable : (n, n_runs, p) array or None
-        Zero where a sample says nothing: the filter then goes on without it.
+        Zero for uninformative samples, which the filter skips.
+    smooth : bool
+        Whether to smooth.
+
+    Returns
+    -------
+    Smoothed
+        States, innovations and log-likelihood.
     """
     A, B, C, D = system.A[0], system.B[0], system.C[0], system.D[0]
     n, n_runs, p = y.shape
@@ -158,7 +191,7 @@ def run_filter(
     predicted, e = np.zeros((n, n_runs, A.shape[0])), np.zeros((n, n_runs, p))
     AT, CT = A.T.copy(), C.T.copy()
     KT = np.transpose(gains.K, (0, 2, 1)).copy()
-    converged = min(len(gains.K) - 1, n) if usable is None else n  # from then on one gain
+    converged = min(len(gains.K) - 1, n) if usable is None else n  # the gain is stationary from here
     for k in range(converged):
         predicted[k] = x
         innovation = direct[k] - x @ CT
@@ -177,7 +210,7 @@ def run_filter(
     loglik = -0.5 * float(np.sum((squared + logdet[which][:, None]) * alive))
     if not smooth:
         return Smoothed(e=e, x=predicted, filtered=predicted, predicted=y, lengths=lengths, loglik=loglik)
-    own = np.linalg.solve(gains.S, C @ gains.P).transpose(0, 2, 1)  # P C^T S^-1, of the measurement alone
+    own = np.linalg.solve(gains.S, C @ gains.P).transpose(0, 2, 1)  # P C^T S^-1, the measurement update
     filtered = predicted + np.einsum("kap,krp->kra", own[which], e)
     guess = predicted @ C.T + forces @ D.T
     weighted = np.einsum("krp,kpq->krq", e, inverse[which])
@@ -197,7 +230,22 @@ def run_filter(
 
 
 def stack_runs(runs: Sequence[Signals], parts: Sequence[Array]) -> tuple[Array, Array]:
-    """Return series of runs side by side, padded with zeros, and their lengths."""
+    """Return series of runs as a zero-padded batch.
+
+    Parameters
+    ----------
+    runs : sequence of Signals
+        Runs.
+    parts : sequence of (n_i, k) array
+        Series of every run.
+
+    Returns
+    -------
+    series : (n, n_runs, k) array
+        Batch.
+    lengths : (n_runs,) array
+        Samples of every run.
+    """
     lengths = np.array([len(run) for run in runs])
     out = np.zeros((lengths.max(), len(runs), parts[0].shape[1]))
     for i, part in enumerate(parts):
@@ -206,7 +254,22 @@ def stack_runs(runs: Sequence[Signals], parts: Sequence[Array]) -> tuple[Array, 
 
 
 def start_covariance(system: Discrete, y: Array) -> Array:
-    """Return a wide covariance of the first state: any mode alone may make up all of the largest motion seen."""
+    """Return a wide covariance of the initial state.
+
+    Every mode alone can explain the largest recorded motion.
+
+    Parameters
+    ----------
+    system : Discrete
+        Discrete-time system.
+    y : (n, n_runs, p) array
+        Measured channels.
+
+    Returns
+    -------
+    (2m, 2m) array
+        Diagonal covariance.
+    """
     A, C = system.A[0], system.C[0]
     m = A.shape[0] // 2
     largest = np.abs(y).max(axis=(0, 1))
@@ -231,19 +294,38 @@ def tune(
     usable: Array | None = None,
     near: float = 0.0,
 ) -> tuple[float, FilterGains]:
-    """Return the intensity of the unknown forces that makes the runs most likely, and its gains.
+    """Return the most likely intensity, and its gains.
 
     Parameters
     ----------
+    system : Discrete
+        Discrete-time system.
+    noise : (p,) array
+        Standard deviation of the channels' noise.
+    forces : (n, n_runs, m) array
+        Known modal forces.
+    y : (n, n_runs, p) array
+        Measured channels.
+    lengths : (n_runs,) array
+        Samples of every run.
+    usable : (n, n_runs, p) array or None
+        Zero for uninformative samples.
     near : float
-        An intensity near which the best one is looked for; everywhere by default.
+        Intensity near which to search [N^2/kg]; 0 for a full search.
+
+    Returns
+    -------
+    intensity : float
+        Variance of the unknown force on every mode [N^2/kg].
+    gains : FilterGains
+        Gains.
     """
     n = min(len(y), KALMAN.tuning_samples)
     short = np.minimum(lengths, n)
     part = None if usable is None else usable[:n]
     start = start_covariance(system, y)
     B, C = system.B[0], system.C[0]
-    # one step's force that moves a channel by its noise: the scale of the search
+    # scale of the search: the force that moves a channel by its noise in one step
     response = np.abs(C @ system.A[0] @ B).max(axis=1) + np.abs(system.D[0]).max(axis=1)
     reference = float(np.median(noise / np.maximum(response, 1e-300)) ** 2)
 
@@ -268,7 +350,22 @@ def tune(
 
 
 def smoothed_states(reduced_model: ReducedModel, runs: Sequence[Signals]) -> tuple[list[Array], float]:
-    """Return the modal states (n, 2m) of runs of one sample period, smoothed on a twin as it is, and the tuned intensity."""
+    """Return smoothed modal states on the nominal model.
+
+    Parameters
+    ----------
+    reduced_model : ReducedModel
+        Reduced model.
+    runs : sequence of Signals
+        Runs of one sample period.
+
+    Returns
+    -------
+    states : list of (n_i, 2m) array
+        Smoothed states.
+    intensity : float
+        Tuned intensity [N^2/kg].
+    """
     system = discretise(
         reduced_model.M[None],
         reduced_model.C[None],

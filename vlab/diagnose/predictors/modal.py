@@ -1,4 +1,4 @@
-"""What hypotheses make of recordings: the twin with their effects inside, for many parameter sets side by side."""
+"""Channels of hypotheses on the reduced model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,9 +13,6 @@ from vlab.diagnose.settings import MODAL
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
-NONSMOOTH = ("friction", "hysteresis", "contact", "clearance")
-"""Families of such laws."""
-
 
 def channels(
     reduced_model: ReducedModel,
@@ -27,18 +24,31 @@ def channels(
     starts: Array,
     is_rough: bool = False,
 ) -> Array:
-    """Return the channels of runs of one sample period before sensors have their say, (n, n_sets, n_runs, p).
+    """Return the channels of runs before sensor effects.
 
     Parameters
     ----------
+    reduced_model : ReducedModel
+        Reduced model.
     highest_hz : float
-        Of the fastest motion.
+        Highest frequency of the motion [Hz].
+    runs : list of Signals
+        Runs of one sample period.
+    terms : sequence of Term
+        Effects.
     theta : (n_sets, n_changes) array
-    values : sequence of mappings
-        Of every term its parameter values, (n_sets,) arrays.
+        Log factors.
+    values : sequence of mapping
+        Parameter values (n_sets,) of every term.
     starts : (n_sets, n_runs, 2m) array
+        Initial states.
     is_rough : bool
-        Without finer steps for laws with edges.
+        Whether to omit finer steps for nonsmooth laws.
+
+    Returns
+    -------
+    (n, n_sets, n_runs, p) array
+        Channels.
     """
     h, n_sets = runs[0].h, len(theta)
     M, C, K, actuator_gain, _ = reduced_model.matrices(theta)
@@ -51,7 +61,7 @@ def channels(
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
     ports = acting_order(terms)
-    finer = MODAL.finer if not is_rough and any(terms[i].effect.family in NONSMOOTH for i in ports) else 1
+    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
     substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
     inputs = np.concatenate(
         [
@@ -65,12 +75,12 @@ def channels(
         system = replace(system, C=system.C + reduced_model.shifted(theta))
     known = inputs.shape[2] - len(ports)
     forces = _inputs(runs, terms, values, n_sets)
-    with np.errstate(all="ignore"):  # a trial that runs away is worth its large residual, and no more
+    with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
         return integrate(system, forces, known, terms, values, ports, starts, runs, substeps)
 
 
 def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
-    """Return commands, behind the actuators' effects, and direct loads, (n, n_sets or 1, n_runs, k)."""
+    """Return commands after actuator effects, and direct loads."""
     n = max(len(run) for run in runs)
     out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
     for i, run in enumerate(runs):
@@ -88,19 +98,25 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
 
 
 def _led(runs: list[Signals]) -> Array:
-    """Return the commands before every run's first sample, zero where there were none, (k, n_runs, n_actuators)."""
+    """Return the commands before every run, zero-padded, (k, n_runs, n_actuators)."""
     leads = [run.u[:0] if run.led is None else run.led for run in runs]
     most = max(len(lead) for lead in leads)
     return np.stack([np.vstack([np.zeros((most - len(lead), lead.shape[1])), lead]) for lead in leads], axis=1)
 
 
 def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
-    """Let a channel of y (n, n_sets, n_runs, p) pick up a command or another channel, in place.
+    """Add crosstalk to a channel, in place.
 
     Parameters
     ----------
+    y : (n, n_sets, n_runs, p) array
+        Channels, overwritten.
+    term : Term
+        Pick-up.
     own : mapping of str to (n_sets,) array
         Parameter values of the pick-up.
+    runs : sequence of Signals
+        Runs with commands.
     """
     assert isinstance(term.effect, PickUp)
     i, k = term.place.index, term.place.other
@@ -108,9 +124,9 @@ def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals])
         other = y[..., k]
     else:
         other = np.zeros((len(y), 1, len(runs)))
-        for j, run in enumerate(runs):  # a sample is read while the command before it still stands
+        for j, run in enumerate(runs):  # a sample is taken before its command takes effect
             other[1 : len(run), 0, j] = run.u[:-1, k]
             other[0, 0, j] = 0.0 if run.led is None or not len(run.led) else run.led[-1, k]
     p = {name: np.asarray(value)[:, None] for name, value in own.items()}
-    with np.errstate(all="ignore"):  # a trial that ran away
+    with np.errstate(all="ignore"):  # a diverged trial
         y[..., i] = term.effect.mix(y[..., i], other, p)

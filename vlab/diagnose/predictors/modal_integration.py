@@ -1,4 +1,7 @@
-"""Linear systems marched along the own directions of their steps, with laws in the loop: a hundred modes cost as much as their number."""
+"""Time integration of linear systems in modal form.
+
+Diagonal steps make the cost proportional to the number of modes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,16 +17,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes:
-    """A step's own directions, in which it turns and shrinks states: pairs of conjugate ones as one complex number.
+    """Modal form of a step, with conjugate pairs merged.
 
     Parameters
     ----------
     turn : (2, n_sets, m) array
-        Real and imaginary part of what a step multiplies each by.
+        Real and imaginary parts of the eigenvalues.
     dense : (n_sets, m, m) array
-        The step itself where its own directions are too nearly the same, as of a mass that nothing holds or brakes; else empty.
-    into, back : (n_sets, width, m) and (n_sets, m, width) array of complex
-        The directions' coordinates x @ into of states x, and states Re(z @ back) of coordinates.
+        Step matrices where the eigenvectors are ill-conditioned, as for a free undamped mass; otherwise empty.
+    into, back : (n_sets, width, m) and (n_sets, m, width) complex array
+        Maps from states x to modal coordinates x @ into, and back to Re(z @ back).
     """
 
     turn: Array
@@ -33,15 +36,26 @@ class Modes:
 
 
 def modes_of(step: Array) -> Modes:
-    """Return the own directions of steps (n_sets, width, width) that act on rows of states from the right."""
+    """Return the modal form of steps acting on rows.
+
+    Parameters
+    ----------
+    step : (n_sets, width, width) array
+        Step matrices.
+
+    Returns
+    -------
+    Modes
+        Modal form, or the dense steps.
+    """
     n_sets, width, _ = step.shape
-    can = bool(np.isfinite(step).all())  # a trial may be far beyond what a number holds
+    can = bool(np.isfinite(step).all())  # a diverged trial may overflow
     values, vectors = np.linalg.eig(step) if can else (step[:, 0], step)
     if not (can and np.linalg.cond(vectors).max() < MODAL_INTEGRATION.most_alike):
         one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
         return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
     inverse = np.linalg.inv(vectors)
-    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one of a pair stands for both
+    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one pole per pair
     order = np.argsort(weight == 0, axis=1, kind="stable")[:, : int(np.count_nonzero(weight, axis=1).max())]
     values, weight = (np.take_along_axis(x, order, axis=1) for x in (values, weight))
     return Modes(
@@ -54,24 +68,24 @@ def modes_of(step: Array) -> Modes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopLaw:
-    """A law in the loop.
+    """Law in the integration loop.
 
     Parameters
     ----------
-    tape : Tape
-        For the length of a substep.
+    graph : ExpressionGraph
+        Graph for the length of a substep.
     values : sequence of (n_sets, 1) array
-        Its parameters, in the order of its class.
+        Parameters in the order of the law's class.
     memory : sequence of array
-        What it remembers at first, each (n_sets, n_runs) or less.
+        Initial memory, broadcastable to (n_sets, n_runs).
     push : (n_sets, width) array
-        What a unit force over a substep adds to the states.
+        Effect of a unit force over a substep on the states.
     direct : (n_sets, p) array
-        What it adds to the channels at once.
+        Feedthrough of the force to the channels.
     port : int
-        Where it acts.
+        Index of the port.
     coil : int or None
-        Which of the known inputs is the command there.
+        Known input with the command at the port.
     """
 
     graph: ExpressionGraph
@@ -85,17 +99,18 @@ class LoopLaw:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Marched:
-    """A linear system of states on rows, stepped by `step`.
+    """Discrete-time linear system with states on rows.
 
     Parameters
     ----------
     step : (n_sets, width, width) array
-        A substep.
+        Step matrices of a substep.
     into : (n_sets, n_inputs, width) array
-        What unit inputs add to the states in a substep.
+        Effect of unit inputs over a substep on the states.
     channels : (n_sets, width, p) array
+        Output matrices.
     direct : (n_sets, n_inputs, p) array
-        What inputs add to the channels at once.
+        Feedthrough.
     seen : (width, 2 n_ports) array
         Displacements, then velocities, of the ports.
     """
@@ -116,17 +131,22 @@ def integrate_modes(
     late: Array,
     h: float,
 ) -> Array:
-    """March a linear system with laws in its loop.
+    """Integrate a linear system with laws in the loop.
 
     Parameters
     ----------
+    system : Marched
+        Linear system.
+    laws : sequence of LoopLaw
+        Laws.
     part : (n, n_sets or 1, n_runs, known) array
-        The first inputs, held over a sample.
+        Inputs held over a sample.
     given : (n, substeps, n_sets, n_runs, n_inputs - known) array
-        The other ones.
+        Inputs held over a substep.
     starts : (n_sets, n_runs, width) array
+        Initial states.
     late : (n_runs,) array
-        Times at which the runs begin [s].
+        Times of the runs' first samples [s].
     h : float
         Length of a substep [s].
 
@@ -152,7 +172,7 @@ def integrate_modes(
     y = np.empty((n_sets, n_runs, n, p))
     common = (
         np.ascontiguousarray(modes.turn),
-        modes.dense,  # all in C's order: loops over rows of others take three times as long
+        modes.dense,  # C order: loops over other orders take three times as long
         to_unbounded(system.into),
         from_unbounded(system.channels),
         np.ascontiguousarray(system.direct),

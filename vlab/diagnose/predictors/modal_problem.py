@@ -1,4 +1,4 @@
-"""From a case to what the search works on: the twin, the runs on one clock, the places."""
+"""Inverse problem of the linear time-invariant model class."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,12 +32,24 @@ from vlab.structure import Structure
 
 
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
-    """Prepare a case's recordings in some roles.
+    """Prepare a case's recordings for the linear time-invariant search.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    roles : sequence of str
+        Roles of the recordings.
+
+    Returns
+    -------
+    Problem
+        Inverse problem.
 
     Raises
     ------
     BadCase
-        No recording, runs that compare different channels, or channels that see no mode.
+        No recording, different channels, or no observable mode.
     """
     recorded, plant = read_runs(case, roles), case.plant
     rows = channel_rows(plant, recorded.channels)
@@ -91,7 +103,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
 
 
 _Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
-"""What is uncertain, what that multiplies in the modes that are followed, and what it moves of the sensors."""
+"""Uncertain parameters, their matrix parts in the dynamic modes, and their sensor shifts."""
 
 
 def _uncertain(case: Case, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
@@ -105,7 +117,7 @@ def _uncertain_of_structure(case: Case, structure: Structure, recorded: Recorded
     plant, basis, kept = case.plant, modes.basis, modes.kept
     among = np.cumsum(kept) - 1
     tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
-    # of a mode above the band only the compliance shows: its frequency would make up for that of the modes that are left out
+    # above the band only compliance is identifiable: a free frequency there would absorb that of truncated modes
     in_band = modes.omega[kept] <= 2 * np.pi * MODAL_PROBLEM.band * recorded.highest_hz
     last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
     given, sensors = case.table.model.uncertain, [channel.sensor for channel in recorded.channels]
@@ -120,7 +132,7 @@ def _uncertain_of_structure(case: Case, structure: Structure, recorded: Recorded
 
 
 def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
-    """Return which of all modes the coils drive."""
+    """Return the indices of the modes that the coils drive."""
     return driven_modes(plant.port_rows(structure.coil_places) @ modes.shapes)
 
 
@@ -140,7 +152,7 @@ def _reduced_model(
     parameters: Sequence[Uncertain],
     parts: tuple[Part, ...],
 ) -> ReducedModel:
-    """Return the twin; `pushes` are the generalised forces of unit commands and loads, (nv, n)."""
+    """Return the reduced model for generalised forces (nv, n)."""
     plant, basis, linear = case.plant, modes.basis, modes.linear
     mass, damping, stiffness = as_stepped(plant, linear, basis, recorded.step(plant))
     count = len(plant.actuators)
@@ -153,14 +165,17 @@ def _reduced_model(
         K=basis.T @ linear.K @ basis + stiffness,
         forces=basis.T @ pushes[:, :count],
         loads=basis.T @ pushes[:, count:],
-        rows=replace(rows, at_a=rows.at_a @ M),  # accelerations are what MuJoCo says that forces make of its own masses
+        rows=replace(rows, at_a=rows.at_a @ M),  # MuJoCo's accelerations are those of its own mass matrix
         changes=changes_of(parameters),
         parts=parts,
     )
 
 
 def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> Place:
-    """Return a place with what multiplies its element's stiffness: a share of that which is lost is one of what is there."""
+    """Return a location with its element's stiffness parameters.
+
+    A relative loss of stiffness refers to the adjusted stiffness.
+    """
     if case.structure is not None or not place.stiffness > 0.0:
         return place
     own = set(stiffness_of(case.plant.model, (place.name, *place.aliases)))

@@ -1,9 +1,8 @@
-"""What a model's own nonlinearity adds to its linear twin, along the recorded motion.
+"""Forces of a model's own nonlinearity, as modal loads.
 
-A cable that stretches as a beam swings, or a pendulum at ten degrees: the model knows it, its linear twin does not, and over
-a long lightly damped record a frequency that is off by a thousandth is worth many times the noise. So the states are
-smoothed from the recordings, the model's inverse dynamics is asked for the generalised forces there, and what these have
-that the linear model's have not is a known load on the twin's modes.
+Examples are a cable that stretches as a beam swings, or a pendulum at ten degrees. A frequency error of a thousandth
+exceeds the noise many times over long lightly damped records. The states are smoothed from the recordings, and inverse
+dynamics gives the generalised forces. Their difference from the linear model is a known modal load.
 """
 
 import copy
@@ -25,7 +24,7 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, eq=False)
 class ModalMotion:
-    """Smoothed motion of a run: modal displacements, velocities and accelerations, (n, m) each."""
+    """Smoothed modal displacements, velocities and accelerations, (n, m)."""
 
     q: Array
     v: Array
@@ -33,7 +32,18 @@ class ModalMotion:
 
 
 def with_own_nonlinearity(problem: Problem) -> Problem:
-    """Return a problem whose twin carries a load on every mode: what its model's own nonlinearity adds to each of its runs."""
+    """Return a problem with nonlinear modal loads.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    Problem
+        Problem with loads on every mode and run.
+    """
     reduced_model, own = problem.reduced_model, Inverse(problem.plant, problem.reduced_model.shapes)
     signals, intensity = list(problem.signals), {}
     for h in sorted({run.h for run in signals}):
@@ -57,15 +67,15 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
 
 
 class Inverse:
-    """The inverse dynamics of a plant on its modes, without what is proportional to the motion.
+    """Nonlinear part of a plant's inverse dynamics in modal coordinates.
 
     Parameters
     ----------
     plant : Plant
-        The model.
+        Plant.
     shapes : (nv, m) array
-        Its modes that are kept; the others are `slaves`: they follow what the nonlinearity drives them by, as the sag of a
-        beam follows the square of its deflection.
+        Dynamic modes. Other modes are `slaves` driven by the nonlinearity, as a beam's sag is by its squared
+        deflection.
     """
 
     def __init__(self, plant: Plant, shapes: Array) -> None:
@@ -81,7 +91,7 @@ class Inverse:
         nv = self.model.nv
         self._still = self._forces(self.model, *np.zeros((3, nv)))
         units, none = OWN_NONLINEARITY.small * np.eye(nv), np.zeros(nv)
-        smooth = copy.copy(self.model)  # as `linearise` has it: a stop at rest is no spring
+        smooth = copy.copy(self.model)  # as in `linearise`, where a stop at rest is no spring
         smooth.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._linear = [
             np.array([self._forces(smooth, *there) - self._forces(smooth, *back) for there, back in motions])
@@ -102,14 +112,21 @@ class Inverse:
         return np.array(data.qfrc_inverse)
 
     def extra(self, motion: ModalMotion, slaves: Array, h: float) -> Array:
-        """Return the extra forces on the modes and the slaves, (n, m + n_slaves).
+        """Return the nonlinear forces on modes and slaves.
 
         Parameters
         ----------
+        motion : ModalMotion
+            Motion of the dynamic modes.
         slaves : (n, n_slaves) array
             Modal displacements of the slaves.
         h : float
             Sample period [s].
+
+        Returns
+        -------
+        (n, m + n_slaves) array
+            Modal forces.
         """
         rate = np.gradient(slaves, h, axis=0)
         parts = (
@@ -123,7 +140,20 @@ class Inverse:
         return np.asarray(whole @ self.basis)
 
     def followed(self, force: Array, h: float) -> Array:
-        """Return the modal displacements of the slaves under the reverse of extra forces (n, n_slaves)."""
+        """Return the slaves' displacements under reversed nonlinear forces.
+
+        Parameters
+        ----------
+        force : (n, n_slaves) array
+            Nonlinear forces on the slaves.
+        h : float
+            Sample period [s].
+
+        Returns
+        -------
+        (n, n_slaves) array
+            Modal displacements.
+        """
         count, one = len(self.omega), np.ones((1, 1))
         M, C, K = (np.reshape(part, (count, 1, 1)) for part in (np.ones(count), self.damping, self.omega**2))
         rows = ChannelRows(at_q=one, at_v=0 * one, at_a=0 * one, rest=np.zeros(1))
@@ -134,5 +164,5 @@ class Inverse:
 
 
 def _held(force: Array) -> Array:
-    """Return a series of samples as means over the step that follows each."""
+    """Return samples as means over the following step."""
     return 0.5 * (force + np.vstack([force[1:], force[-1:]]))

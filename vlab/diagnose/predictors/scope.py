@@ -1,4 +1,4 @@
-"""Which road a case takes, and what none of them can handle: decided from the model and the recordings, before long work."""
+"""Choice and limits of the model classes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,35 +23,45 @@ from vlab.signals import Array
 
 
 def linear_problem(case: Case) -> Problem | None:
-    """Prepare a case for the linear search; None where its recordings leave the range in which its model is linear.
+    """Prepare a case where the model is linear enough.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    Problem or None
+        Inverse problem; None where the recorded motion leaves the linear range.
 
     Raises
     ------
     BadCase
-        No recording to fit, or recordings that do not fit the model; or the model is unstable, and the recordings show it
-        at rest without any input that would hold it.
+        No recording to fit, or a contradiction to the model. Or the model is unstable, and recordings at rest lack any
+        stabilising input.
     """
     plant = case.plant
     if not case.recordings(("fit",)):
         return prepare(case, ("fit",))
-    if case.structure is not None:  # flexible structures bend little: the search never goes along their motion
+    if case.structure is not None:  # flexible structures deflect little and stay time-invariant
         problem, departure = prepare(case, ("fit",)), _departure(plant, plant.linearise(), *_large(plant))
         return problem if departure < SCOPE.exact else with_own_nonlinearity(problem)
     if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > SCOPE.most_coordinates:
         return prepare(case, ("fit",))
     if plant.model.na:
-        return None  # actuators with states of their own: no linear twin has them
+        return None  # the reduced model has no actuator states
     try:
         linear = plant.linearise()
     except BadStructure:
-        return None  # no equilibrium to be linear about
+        return None  # without equilibrium there is no linearisation
     problem = prepare(case, ("fit",))
     if _departure(plant, linear, *_large(plant)) < SCOPE.exact:
         _check_stable(case, problem, linear)
         return problem
     try:
         q, v = (part @ problem.reduced_model.shapes.T for part in _states(problem))
-    except np.linalg.LinAlgError:  # no filter follows a linear model that grows this fast
+    except np.linalg.LinAlgError:  # a filter fails on a fast-growing linear model
         return None
     if _departure(plant, linear, q, v) > SCOPE.far:
         return None
@@ -60,14 +70,14 @@ def linear_problem(case: Case) -> Problem | None:
 
 
 def _large(plant: Plant) -> tuple[Array, Array]:
-    """Return displacements and velocities that are large, the same ones every time."""
+    """Return reproducible large displacements and velocities."""
     rng = np.random.default_rng(0)
     shape = (8, plant.model.nv)
     return SCOPE.large * rng.uniform(-1, 1, shape), SCOPE.large * rng.uniform(-1, 1, shape)
 
 
 def _states(problem: Problem) -> tuple[Array, Array]:
-    """Return modal displacements and velocities of the recording that moves most, smoothed on the linear model."""
+    """Return smoothed modal displacements and velocities of the largest recording."""
     reduced_model = problem.reduced_model
     size = [float(np.max(np.abs(s.y) / np.max([t.scale for t in problem.signals], axis=0))) for s in problem.signals]
     run = _loudest(problem.signals[int(np.argmax(size))])
@@ -83,9 +93,9 @@ def _loudest(run: Signals) -> Signals:
 
 
 def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> float:
-    """Return by which share of their rms the accelerations at some states differ from the linear model's.
+    """Return the linear model's relative acceleration error.
 
-    Accelerations are measured by their inertia forces' work, so coordinates of any unit can be added.
+    The norm is the work of the inertia forces, so coordinates of any unit add.
     """
     data, rest = mujoco.MjData(plant.model), plant.new_data()
     off, size = 0.0, 0.0
@@ -104,7 +114,7 @@ def _departure(plant: Plant, linear: SecondOrderModel, q: Array, v: Array) -> fl
 
 def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> None:
     omega = linear.eigen[0]
-    growth = np.where(omega < 0, -omega, -np.nan_to_num(linear.zeta) * omega)  # of buckling, or of negative damping
+    growth = np.where(omega < 0, -omega, -np.nan_to_num(linear.zeta) * omega)  # buckling, or negative damping
     if not np.any(growth > 0):
         return
     rate = float(np.max(growth))
@@ -116,16 +126,21 @@ def _check_stable(case: Case, problem: Problem, linear: SecondOrderModel) -> Non
             )
 
 
-# ---- what cannot be handled ------------------------------------------------------------------------------------------
+# ---- limits of the trajectory-linearised class -----------------------------------------------------------------------
 
 
 def check_scope(case: Case) -> None:
-    """Refuse models that the search along the motion cannot handle.
+    """Refuse models outside the trajectory-linearised class.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
 
     Raises
     ------
     BadCase
-        Free flight, muscles, physics that MuJoCo has no element for, too many coordinates.
+        Free flight, muscles, effects without a MuJoCo element, or too many coordinates.
     """
     model, label = case.plant.model, f"{case.path}: the recorded motion is far from linear, and"
     check_free(model)
@@ -157,12 +172,19 @@ def check_scope(case: Case) -> None:
 
 
 def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
-    """Refuse motion with closed contacts, whose forces jump from sample to sample.
+    """Refuse motion with closed contacts, whose forces jump between samples.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    motions : sequence of Motion
+        Recorded motions.
 
     Raises
     ------
     BadCase
-        Contacts are closed along the recorded motion.
+        Contacts are closed along the motion.
     """
     model, data = case.plant.model, mujoco.MjData(case.plant.model)
     pairs: dict[tuple[str, str], int] = {}

@@ -1,4 +1,4 @@
-"""MuJoCo's step over one sample interval, what the channels read there, and how both change with state and forces."""
+"""Jacobians of MuJoCo's step and of the channels."""
 
 import copy
 from collections.abc import Callable, Sequence
@@ -16,14 +16,16 @@ from vlab.signals import Array
 
 
 class Stepper:
-    """One plant, stepped by Runge and Kutta's method from sample to sample; true states in and out.
+    """Plant stepped by the Runge-Kutta method from sample to sample.
 
     Parameters
     ----------
+    plant : Plant
+        Plant.
     channels : sequence of Compared
-        What is read; commands are not among them.
+        Channels without commands.
     load_ports : sequence of str
-        Ports that recordings drive directly.
+        Directly driven ports.
     """
 
     def __init__(self, plant: Plant, channels: Sequence[Compared], load_ports: Sequence[str] = ()) -> None:
@@ -77,7 +79,26 @@ class Stepper:
         act: Array | None = None,
         push: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Return the state after an interval of `h` with inputs and generalised forces held."""
+        """Return the state after an interval with held inputs.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array
+            Configuration and velocity.
+        u, load : (n_actuators,), (n_ports,) array
+            Commands and direct forces.
+        h : float
+            Interval [s].
+        act : (na,) array or None
+            Actuator states.
+        push : (nv,) array or None
+            Generalised forces.
+
+        Returns
+        -------
+        q, v : (nq,), (nv,) array
+            State at the end.
+        """
         self._set(q, v, u, load, act, push)
         self.model.opt.timestep = h / self.substeps
         mujoco.mj_step(self.model, self.data, self.substeps)
@@ -86,13 +107,26 @@ class Stepper:
     def read(
         self, q: Array, v: Array, u: Array, load: Array, act: Array | None = None, push: Array | None = None
     ) -> Array:
-        """Return what the channels read at a state, (p,)."""
+        """Return the channels (p,) at a state."""
         self._set(q, v, u, load, act, push)
         mujoco.mj_forward(self.model, self.data)
         return np.array([reader(self.data) for reader in self._readers])
 
     def moved(self, q: Array, change: Array) -> Array:
-        """Return a configuration displaced in its tangent space."""
+        """Return a configuration displaced in its tangent space.
+
+        Parameters
+        ----------
+        q : (nq,) array
+            Configuration.
+        change : (nv,) array
+            Displacement.
+
+        Returns
+        -------
+        (nq,) array
+            Configuration.
+        """
         if self.is_flat:
             return q + change
         out = q.copy()
@@ -100,7 +134,18 @@ class Stepper:
         return out
 
     def between(self, a: Array, b: Array) -> Array:
-        """Return the displacement from configuration a to b, (nv,)."""
+        """Return the displacement between two configurations.
+
+        Parameters
+        ----------
+        a, b : (nq,) array
+            Configurations.
+
+        Returns
+        -------
+        (nv,) array
+            Displacement from a to b.
+        """
         if self.is_flat:
             return b - a
         out = np.zeros(self.nv)
@@ -110,10 +155,29 @@ class Stepper:
     def slopes(
         self, q: Array, v: Array, u: Array, load: Array, act: Array | None = None
     ) -> tuple[Array, Array, Array, Array]:
-        """Return the derivatives of a state's rate by the state (2 nv, 2 nv), M, and the derivatives of the accelerations by
-        the controls, or the states of actuators that have one, and of MuJoCo's sensors by the state.
+        """Return the Jacobians of a state's rate.
 
-        They are read off the finite differences of one short semi-implicit step, v+ = v + h a and q+ = q + h v+.
+        The Jacobians come from finite differences of one short semi-implicit step, v+ = v + h a and q+ = q + h v+.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array
+            Configuration and velocity.
+        u, load : (n_actuators,), (n_ports,) array
+            Commands and direct forces.
+        act : (na,) array or None
+            Actuator states.
+
+        Returns
+        -------
+        L : (2 nv, 2 nv) array
+            Derivative of the rate by the state.
+        M : (nv, nv) array
+            Mass matrix.
+        by_control : (nv, nu) array
+            Derivative of the accelerations by controls, or by actuator states.
+        sensors : (nsensordata, 2 nv) array
+            Derivative of MuJoCo's sensors by the state.
         """
         nv, h = self.nv, STEP_JACOBIAN.short
         self._set(q, v, u, load, act, None)
@@ -126,7 +190,7 @@ class Stepper:
         at_q, at_v = self._A[nv : 2 * nv, :nv], self._A[nv : 2 * nv, nv : 2 * nv]
         L[nv:, :nv] = at_q / h
         L[nv:, nv:] = (at_v - self._one) / h
-        if not self.is_flat:  # quaternions turn along with the body
+        if not self.is_flat:  # quaternion tangents rotate with the body
             L[:nv, :nv] = (self._A[:nv, :nv] - self._one - h * at_q) / h
         L[:nv, nv:] = self._one
         M = np.zeros((nv, nv))
@@ -142,12 +206,27 @@ class Stepper:
     def reading(
         self, q: Array, v: Array, u: Array, load: Array, act: Array | None, M: Array, sensors: Array
     ) -> tuple[Array, Array, Array]:
-        """Return what the channels read and its derivatives: by the state (p, 2 nv), by generalised forces (p, nv).
+        """Return the channels and their Jacobians.
 
         Parameters
         ----------
+        q, v : (nq,), (nv,) array
+            Configuration and velocity.
+        u, load : (n_actuators,), (n_ports,) array
+            Commands and direct forces.
+        act : (na,) array or None
+            Actuator states.
         M, sensors : array
-            As `slopes` has them at the state.
+            Mass matrix and sensor derivatives of `slopes`.
+
+        Returns
+        -------
+        channels : (p,) array
+            Channels.
+        C : (p, 2 nv) array
+            Derivative by the state.
+        D : (p, nv) array
+            Derivative by generalised forces.
         """
         nv = self.nv
         if self.at_state is not None:
@@ -165,7 +244,7 @@ class Stepper:
                 C[:, i] = (self.read(self.moved(q, change), v, u, load, act) - here) / STEP_JACOBIAN.step
                 C[:, nv + i] = (self.read(q, v + change, u, load, act) - here) / STEP_JACOBIAN.step
         if self._sees_forces:
-            force = np.maximum(np.diag(M), 1e-300)  # sensors are linear in accelerations: no small step is needed
+            force = np.maximum(np.diag(M), 1e-300)  # sensors are linear in accelerations, so any step is exact
             for i in range(nv):
                 push = np.zeros(nv)
                 push[i] = force[i]
@@ -173,7 +252,18 @@ class Stepper:
         return here, C, D
 
     def find_substeps(self, states: Sequence[tuple[Array, Array, Array, Array, float]]) -> int:
-        """Find and keep the fewest substeps of an interval that are as good as the model's own step."""
+        """Select the fewest substeps that match the model's own step.
+
+        Parameters
+        ----------
+        states : sequence of (q, v, u, load, h)
+            Test states.
+
+        Returns
+        -------
+        int
+            Substeps per interval, also stored.
+        """
         largest = max(h for *_, h in states)
         finest = min(max(1, int(np.ceil(largest / self.plant.timestep - 1e-9))), STEP_JACOBIAN.most_substeps)
         self.substeps = finest
@@ -208,7 +298,7 @@ def _reader(plant: Plant, channel: Compared) -> Callable[[Any], float]:
 
 
 def _sensor_rows(plant: Plant, channels: Sequence[Compared]) -> Array | None:
-    """Return the channels per value of MuJoCo's sensors, (p, nsensordata); None where one is no sensor."""
+    """Return the channels per MuJoCo sensor value."""
     out = np.zeros((len(channels), plant.model.nsensordata))
     for i, channel in enumerate(channels):
         if channel.sensor is None:

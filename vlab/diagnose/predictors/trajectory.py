@@ -1,4 +1,7 @@
-"""The linear system along a motion, for all runs side by side, and a Kalman filter and smoother of deviations from it."""
+"""Linear time-varying system, filter and smoother along a motion.
+
+Smoothing is the adjoint recursion of Bryson and Frazier (1963).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,26 +17,28 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeVaryingSystem:
-    """One run, linear about its motion; the first axis is time.
+    """Linear time-varying system of one run.
 
     Parameters
     ----------
+    motion : Motion
+        Motion about which the plant is linearised; time is the first axis of all arrays.
     A : (n, 2 nv, 2 nv) array
-        Deviations from sample to sample.
+        State matrices from sample to sample.
     G : (n, 2 nv, nv) array
-        What generalised forces that are held over the interval add.
+        Effect of generalised forces held over the interval.
     fine_A, fine_G : array
-        The same of one of `TRAJECTORY.fine` equal parts of the interval.
+        State and input matrices of `TRAJECTORY.fine` equal parts of the interval.
     C, D : (n, p, 2 nv), (n, p, nv) array
-        Channels per deviation and force.
+        Channels per deviation and per force.
     M : (n, nv, nv) array
-        Inertia.
+        Mass matrices.
     defect : (n, 2 nv) array
-        The motion at the next sample minus where the model goes to; zero at the last one.
+        Motion at the next sample minus the model's prediction; zero at the last sample.
     read : (n, p) array
         Channels along the motion.
     drives : (n, nv, n_driven) array
-        Generalised force of a unit command of the actuators that are driven.
+        Generalised force of unit commands of driven actuators.
     """
 
     motion: Motion
@@ -52,7 +57,24 @@ class TimeVaryingSystem:
 def linearise_along(
     trajectory: TrajectoryData, motion: Motion, stepper: Stepper, driven: Sequence[int]
 ) -> TimeVaryingSystem:
-    """Linearise a plant along a motion by finite differences of its steps."""
+    """Linearise a plant along a motion.
+
+    Parameters
+    ----------
+    trajectory : TrajectoryData
+        Run.
+    motion : Motion
+        Motion at the run's samples.
+    stepper : Stepper
+        Stepped plant.
+    driven : sequence of int
+        Driven actuators.
+
+    Returns
+    -------
+    TimeVaryingSystem
+        Linear time-varying system.
+    """
     n, nv, p = len(trajectory), stepper.nv, trajectory.y.shape[1]
     L, M = np.zeros((n, 2 * nv, 2 * nv)), np.zeros((n, nv, nv))
     C, D = np.zeros((n, p, 2 * nv)), np.zeros((n, p, nv))
@@ -81,17 +103,24 @@ def linearise_along(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SystemBatch:
-    """Runs side by side, padded with zeros; arrays as in `TimeVaryingSystem` with the runs as second axis.
+    """Zero-padded batch of linear time-varying systems.
 
     Parameters
     ----------
+    A, G, fine_A, fine_G, C, D, M, defect : (n, n_runs, ...) array
+        Arrays of `TimeVaryingSystem`.
     e : (n, n_runs, p) array
         Recorded channels minus those along the motion.
+    h : (n, n_runs) array
+        Sample intervals [s].
+    lengths : (n_runs,) array
+        Samples of every run.
     spread : (n_runs, 2 nv) array
-        Standard deviation of the first state's deviation.
+        Standard deviation of the initial deviation.
     noise : (p,) array
+        Standard deviation of the channels' noise.
     usable : (n, n_runs, p) array
-        Zero where a sample says nothing or is beyond a run's end.
+        Zero for uninformative samples and beyond a run's end.
     """
 
     A: Array
@@ -111,12 +140,23 @@ class SystemBatch:
 
     @property
     def alive(self) -> Array:
-        """Which samples are recorded, (n, n_runs)."""
+        """Mask (n, n_runs) of recorded samples."""
         return np.arange(len(self.A))[:, None] < self.lengths[None, :]
 
 
 def pad_and_stack(parts: Sequence[Array]) -> Array:
-    """Return series of runs side by side, padded with zeros at the end."""
+    """Return series of runs as a zero-padded batch.
+
+    Parameters
+    ----------
+    parts : sequence of (n_i, ...) array
+        Series of every run.
+
+    Returns
+    -------
+    (n, n_runs, ...) array
+        Batch.
+    """
     n = max(len(part) for part in parts)
     out = np.zeros((n, len(parts), *parts[0].shape[1:]))
     for i, part in enumerate(parts):
@@ -125,7 +165,20 @@ def pad_and_stack(parts: Sequence[Array]) -> Array:
 
 
 def stack(trajectories: Sequence[TrajectoryData], systems: Sequence[TimeVaryingSystem]) -> SystemBatch:
-    """Put runs side by side."""
+    """Return runs as a batch.
+
+    Parameters
+    ----------
+    trajectories : sequence of TrajectoryData
+        Runs.
+    systems : sequence of TimeVaryingSystem
+        Linear systems of the runs.
+
+    Returns
+    -------
+    SystemBatch
+        Batch.
+    """
     spread = []
     for trajectory, along in zip(trajectories, systems, strict=True):
         largest = np.concatenate(
@@ -149,7 +202,7 @@ def stack(trajectories: Sequence[TrajectoryData], systems: Sequence[TimeVaryingS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilterGains:
-    """The filter of deviations, (n, n_runs, ...): gains, innovations' and predictions' covariances."""
+    """Gains and covariances of the filter, (n, n_runs, ...)."""
 
     K: Array
     S: Array
@@ -157,12 +210,21 @@ class FilterGains:
 
 
 def gains_of(s: SystemBatch, intensity: Array | float, samples: int | None = None) -> FilterGains:
-    """Return the filter's gains.
+    """Return the gains of the Kalman filter.
 
     Parameters
     ----------
+    s : SystemBatch
+        Batch.
     intensity : float or (b, 1) array
-        Variance of the unknown forces, in units of the inertia [N^2/kg]; several at once.
+        Variance of the unknown forces in units of the mass matrix [N^2/kg].
+    samples : int or None
+        Number of samples; all by default.
+
+    Returns
+    -------
+    FilterGains
+        Gains (n, b, n_runs, ...).
     """
     n = len(s.A) if samples is None else min(samples, len(s.A))
     q = np.asarray(intensity, dtype=float)[..., None, None]
@@ -190,7 +252,24 @@ def gains_of(s: SystemBatch, intensity: Array | float, samples: int | None = Non
 
 
 def innovations(s: SystemBatch, gains: FilterGains, e: Array | None = None) -> tuple[Array, Array]:
-    """Return innovations (n, ..., n_runs, p) and predicted deviations (n, ..., n_runs, 2 nv); zero beyond a run's end."""
+    """Return innovations and predicted deviations, zero beyond a run's end.
+
+    Parameters
+    ----------
+    s : SystemBatch
+        Batch.
+    gains : FilterGains
+        Gains.
+    e : (n, n_runs, p) array or None
+        Channels minus those along the motion; those of the batch by default.
+
+    Returns
+    -------
+    innovations : (n, ..., n_runs, p) array
+        Innovations.
+    predicted : (n, ..., n_runs, 2 nv) array
+        Predicted deviations.
+    """
     n, lead = len(gains.K), gains.K.shape[1:-2]
     given = s.e if e is None else e
     x = np.zeros((*lead, s.A.shape[2]))
@@ -204,7 +283,24 @@ def innovations(s: SystemBatch, gains: FilterGains, e: Array | None = None) -> t
 
 
 def smoothed(s: SystemBatch, gains: FilterGains, left: Array, predicted: Array) -> Array:
-    """Return smoothed deviations, (n, n_runs, 2 nv): Bryson and Frazier's adjoint recursion over the innovations."""
+    """Return smoothed deviations by the Bryson-Frazier recursion.
+
+    Parameters
+    ----------
+    s : SystemBatch
+        Batch.
+    gains : FilterGains
+        Gains.
+    left : (n, n_runs, p) array
+        Innovations.
+    predicted : (n, n_runs, 2 nv) array
+        Predicted deviations.
+
+    Returns
+    -------
+    (n, n_runs, 2 nv) array
+        Smoothed deviations.
+    """
     weighted = np.linalg.solve(gains.S, left[..., None])[..., 0]
     L = s.A - gains.K @ s.C
     r, out = np.zeros_like(predicted[0]), np.zeros_like(predicted)
@@ -215,18 +311,25 @@ def smoothed(s: SystemBatch, gains: FilterGains, left: Array, predicted: Array) 
 
 
 def filtered(s: SystemBatch, gains: FilterGains, left: Array, predicted: Array) -> Array:
-    """Return deviations from the samples up to and including their own."""
+    """Return deviations given the samples up to their own."""
     own = np.einsum("krab,krpb->krap", gains.P, s.C)
     return np.asarray(predicted + np.einsum("krap,krp->kra", own, np.linalg.solve(gains.S, left[..., None])[..., 0]))
 
 
 def tuned(s: SystemBatch, near: float | None = None) -> float:
-    """Return the intensity of the unknown forces that makes the runs most likely.
+    """Return the most likely intensity of the unknown forces.
 
     Parameters
     ----------
+    s : SystemBatch
+        Batch.
     near : float or None
-        What it was before; only its surroundings are searched.
+        Earlier intensity near which to search.
+
+    Returns
+    -------
+    float
+        Intensity [N^2/kg].
     """
     response = np.abs(np.einsum("krpa,krab->krpb", s.C[1:], s.G[:-1])).max(axis=3) + np.abs(s.D[:-1]).max(axis=3)
     inertia = np.sqrt(np.einsum("krii->kri", s.M).max(axis=2))[:-1, :, None]
@@ -255,7 +358,34 @@ def smoothed_motions(
     passes: int,
     near: float | None = None,
 ) -> tuple[list[TimeVaryingSystem], SystemBatch, FilterGains, float]:
-    """Return runs linearised along their smoothed motion, found by filtering and smoothing `passes` times about the last one."""
+    """Linearise runs along their smoothed motion, in repeated passes.
+
+    Parameters
+    ----------
+    trajectories : sequence of TrajectoryData
+        Runs.
+    motions : sequence of Motion
+        Initial motions.
+    stepper : Stepper
+        Stepped plant.
+    driven : sequence of int
+        Driven actuators.
+    passes : int
+        Number of smoothing passes.
+    near : float or None
+        Earlier intensity near which to search.
+
+    Returns
+    -------
+    systems : list of TimeVaryingSystem
+        Linear systems.
+    batch : SystemBatch
+        Batch of the systems.
+    gains : FilterGains
+        Gains.
+    intensity : float
+        Intensity [N^2/kg].
+    """
     current, intensity = list(motions), near
     for i in range(passes + 1):
         systems = side_by_side(

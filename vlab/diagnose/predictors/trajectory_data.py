@@ -1,4 +1,4 @@
-"""The course of one run: its samples at their own times, and the motion that an extended Kalman filter makes of them."""
+"""Trajectory data of one run, and its first motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,24 +20,28 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryData:
-    """One run at its samples.
+    """One run at its own sample times.
 
     Parameters
     ----------
+    name, role : str
+        Name and role of the run.
     time : (n,) array
-        From the start of the recording; not necessarily even.
+        Times in the recording [s], possibly uneven.
     h : (n,) array
-        Interval from each sample to the next; the last one is repeated.
+        Intervals to the next sample [s], the last one repeated.
     u, load : (n, n_actuators), (n, n_ports) array
         Means of the inputs over the intervals.
     act : (n, na) array or None
-        States of actuators with dynamics of their own.
+        Actuator states.
     y : (n, p) array
-        The channels, in the model's own zeros.
+        Channels [SI], relative to the model's zero.
     noise, scale : (p,) array
         Standard deviation of the noise, and rms about the mean.
+    at_rest : bool
+        Whether the run starts at rest.
     valid : (n, p) array of bool or None
-        Which samples say something; all of them by default.
+        Mask of informative samples; all by default.
     """
 
     name: str
@@ -63,7 +67,7 @@ class TrajectoryData:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """States at a course's samples: configurations (n, nq) and velocities (n, nv)."""
+    """Configurations (n, nq) and velocities (n, nv) at a run's samples."""
 
     q: Array
     v: Array
@@ -73,16 +77,29 @@ def read_trajectory_data(
     run: Run, stepper: Stepper, rest: Array, n_actuators: int, load_ports: Sequence[str], thin: int,
     commands: Array | None = None,
 ) -> TrajectoryData:  # fmt: skip
-    """Put one run on its samples: its own time stamps, every n-th of an even record that is sampled very finely.
+    """Return one run at its own sample times.
 
     Parameters
     ----------
+    run : Run
+        Recording.
+    stepper : Stepper
+        Stepped plant with its channels.
     rest : (p,) array
-        What the channels read at rest, for channels that count from there.
+        Channel values at rest, for channels that count from rest.
+    n_actuators : int
+        Number of actuators.
+    load_ports : sequence of str
+        Directly driven ports.
     thin : int
-        One sample in so many is looked at, of an even record.
+        Decimation factor of an even record.
     commands : (n_samples, n_actuators) array or None
-        What a law in the loop commanded, added to the inputs.
+        Commands of a control law, added to the inputs.
+
+    Returns
+    -------
+    TrajectoryData
+        Run.
     """
     time = run.measured.time - run.measured.time[0]
     h = uniform(time)
@@ -98,7 +115,7 @@ def read_trajectory_data(
     y = np.column_stack([column[: len(grid)] for column in columns])
     part = (
         liveliest(y, TRAJECTORY_DATA.most_samples) if not stepper.model.na else slice(0, TRAJECTORY_DATA.most_samples)
-    )  # its states start at zero
+    )  # actuator states start at zero
     grid, y = grid[part], y[part]
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
     u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
@@ -136,8 +153,8 @@ def read_trajectory_data(
 def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
     """Return the standard deviation of a channel's noise.
 
-    Of even records it is read off the spectrum, whose median is low by up to a fifth where few segments are averaged;
-    what the neighbours do not explain makes up for that, and for no more.
+    The median spectrum of few segments is low by up to a fifth. The residual of neighbouring samples corrects the
+    estimate within that range.
     """
     local = uneven_noise(time, column)
     if not is_even:
@@ -167,12 +184,23 @@ def _means(time: Array, values: Array, is_held: bool, edges: Array) -> Array:
 
 
 def first_motion(trajectory: TrajectoryData, stepper: Stepper, rest: Array) -> Motion:
-    """Return a motion to linearise about: measured joints smoothed by splines, the others by an extended Kalman filter.
+    """Return a first motion for linearisation.
+
+    Smoothing splines give measured joints, an extended Kalman filter the others.
 
     Parameters
     ----------
+    trajectory : TrajectoryData
+        Run.
+    stepper : Stepper
+        Stepped plant.
     rest : (nq,) array
-        The configuration at rest.
+        Configuration at rest.
+
+    Returns
+    -------
+    Motion
+        Motion at the run's samples.
     """
     joints = [joint_of(stepper.plant, c) for c in stepper.channels]
     positions = {j[0]: i for i, j in enumerate(joints) if j is not None and j[1] == 0}
@@ -192,7 +220,7 @@ def _address(stepper: Stepper, dof: int) -> int:
 
 
 def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
-    """Return a smoothed position and its rate; the penalty is the one whose remainder is the channel's noise."""
+    """Return a smoothed position and its rate."""
     y, t = trajectory.y[:, i], trajectory.time
     noise = float(trajectory.noise[i])
     low, high = -8.0, 4.0
@@ -209,7 +237,7 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
 
 
 def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
-    """Filter a run forwards on MuJoCo's own steps; what no joint sensor says starts anywhere."""
+    """Filter a run forwards on MuJoCo's steps."""
     nv = stepper.nv
     spread = np.concatenate([np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, 5 * TRAJECTORY_DATA.wide)])
     for dof in known:
@@ -220,7 +248,7 @@ def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, 
     for k in range(len(trajectory)):
         (u, load), h = trajectory.inputs(k), float(trajectory.h[k])
         act = None if trajectory.act is None else trajectory.act[k]
-        for _ in range(3 if k == 0 else 1):  # the first sample may be far from where it was thought to be
+        for _ in range(3 if k == 0 else 1):  # iterate the first update, since the prior may be far off
             L, M, _, sensors = stepper.slopes(q, v, u, load, act)
             here, C, _ = stepper.reading(q, v, u, load, act, M, sensors)
             gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
@@ -231,19 +259,35 @@ def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, 
         A, G = sampled(L, M, h)
         q, v = stepper.advance(q, v, u, load, h, act)
         rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + 1e-3
-        intensity = (5.0 * rate) ** 2  # unknown accelerations of some rates a second
+        intensity = (5.0 * rate) ** 2  # unknown accelerations of some velocities per second
         P = A @ P @ A.T + intensity * G @ M @ G.T
         P = 0.5 * (P + P.T)
     return Motion(q=out_q, v=out_v)
 
 
 def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
-    """Return what states and held forces become over intervals, A and G, of rates x' = L x + [0, M^-1] f; for many at once.
+    """Discretise x' = L x + [0, M^-1] f over intervals.
+
+    Parameters
+    ----------
+    L : (..., 2 nv, 2 nv) array
+        Derivative of the rate by the state.
+    M : (..., nv, nv) array
+        Mass matrices.
+    h : array or float
+        Intervals [s].
+
+    Returns
+    -------
+    A : (..., 2 nv, 2 nv) array
+        State matrices.
+    G : (..., 2 nv, nv) array
+        Effect of held forces.
 
     Raises
     ------
     Diverged
-        The rates are no numbers.
+        The rates are not finite.
     """
     if not np.all(np.isfinite(L)):
         raise Diverged(
@@ -260,5 +304,5 @@ def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
 
 
 def with_signals(trajectory: TrajectoryData, y: Array) -> TrajectoryData:
-    """Return a course with other channels: recordings that a sensor's effect is taken off."""
+    """Return trajectory data with other channels, for removed sensor effects."""
     return replace(trajectory, y=y)

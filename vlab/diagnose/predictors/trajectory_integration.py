@@ -1,4 +1,4 @@
-"""The march along a motion, compiled: deviations of many parameter sets in many windows, with the laws at their ports in the loop."""
+"""Compiled integration along a motion, with port laws."""
 
 from collections.abc import Sequence
 
@@ -23,14 +23,26 @@ from vlab.physics.expression import SIGNALS, ExpressionGraph, trace_expression
 from vlab.signals import Array
 
 CHECK_EVERY = TRAJECTORY_INTEGRATION.check_every
+"""CHECK_EVERY [steps]: interval of the divergence check, a constant of the compiled loops."""
 FAR = TRAJECTORY_INTEGRATION.far
-"""Settings that compiled loops read."""
+"""FAR [1]: magnitude in SI units to which a diverged deviation is clipped, a constant of the compiled loops."""
 
 _SEEN = tuple(name for name in SIGNALS if name != "first_velocity")
 
 
 def trace_laws(laws: Sequence[Law]) -> list[ExpressionGraph | None] | None:
-    """Return the tapes of laws, of linear ones none; None where one cannot be taken down, or steps are uneven."""
+    """Return the expression graphs of laws, None for linear laws.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        Laws.
+
+    Returns
+    -------
+    list or None
+        Graphs; None where a law has no graph or steps are uneven.
+    """
     out: list[ExpressionGraph | None] = []
     for law in laws:
         if law.is_linear:
@@ -54,23 +66,31 @@ def integrate_trajectory(
     forces: Array,
     steps: int,
 ) -> Array:
-    """Return the states at all samples, (n, n_sets, n_windows, 2 nv), and add the laws' first forces in every interval to `forces`.
+    """Integrate deviations along a motion with laws in the loop.
+
+    The laws' first forces of every interval are added to `forces`.
 
     Parameters
     ----------
-    laws, tapes : sequence
-        In the order in which they act, and what `trace_laws` gives of them.
+    laws, graphs : sequence
+        Laws in their order of evaluation, and their graphs from `trace_laws`.
     A : (n, n_windows, 2 nv, 2 nv) array
-        Of a step.
+        State matrices of a step.
     drive : (n, n_sets, n_windows, 2 nv) array
-        What drives them in a step.
+        Effect of the inputs in a step.
     defect : (n, n_windows, 2 nv) array
-        What the motion is ahead of the model at every next sample.
+        Motion minus the model's prediction at the next sample.
     starts : (n_sets, n_windows, 2 nv) array
+        Initial deviations.
     forces : (n, n_sets, n_windows, nv) array
-        Generalised forces; empty where no sensor sees them.
+        Generalised forces, overwritten; empty without force-dependent channels.
     steps : int
-        In a sample interval.
+        Steps per sample interval.
+
+    Returns
+    -------
+    (n, n_sets, n_windows, 2 nv) array
+        Deviations at all samples.
     """
     n, n_sets, n_windows, size = drive.shape
     traced = [(law, graph) for law, graph in zip(laws, graphs, strict=True) if graph is not None]
@@ -144,7 +164,7 @@ def _integrate(
     rows, at_z, at_v, weight = paths
     into, middle, gain, reach = acting
     lengths, times, commands = clock
-    operations, bounds, firsts, is_hysteretic, recalled = graphs
+    operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, size = drive.shape
     m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
     free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
@@ -175,7 +195,7 @@ def _integrate(
                                 v0[i] += x[s, w, m + a] * before
                                 z1[i] += free[s, w, a] * after
                                 v1[i] += free[s, w, m + a] * after
-                        if graph >= 0:  # means over the step
+                        if graph >= 0:  # means over the step, with trapezoidal end correction
                             own[AT_Z, e] = 0.5 * (z0[0] + z1[0]) - h * (v1[0] - v0[0]) / 12.0
                             own[AT_V, e] = 0.5 * (v0[0] + v1[0])
                             own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
@@ -195,7 +215,7 @@ def _integrate(
                             matrix[i, i] += 1.0
                         if count == 1:
                             matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
-                        for i in range(count):  # Gauss, of a matrix near one
+                        for i in range(count):  # Gauss elimination without pivoting, since the matrix is near identity
                             for a in range(i + 1, count):
                                 factor = matrix[a, i] / matrix[i, i]
                                 for b in range(i, count):
@@ -207,7 +227,7 @@ def _integrate(
                             force[s, w, i] /= matrix[i, i]
                 if graph >= 0:
                     evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
-                    if twice:  # the force acts on its own motion, that of stiff stops most
+                    if twice:  # second evaluation, since stiff stops change their own motion
                         evaluate(evaluated, firsts[graph], own)
                         for s in range(n_sets):
                             for w in range(n_windows):
@@ -217,7 +237,7 @@ def _integrate(
                                 own[AT_V, e] += 0.5 * own_gain * first
                     evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-                        own[recalled[i]] = own[is_hysteretic[i]]
+                        own[recalled[i]] = own[stored[i]]
                     for s in range(n_sets):
                         for w in range(n_windows):
                             force[s, w, 0] = own[results[graph], s * n_windows + w]

@@ -1,4 +1,4 @@
-"""Effects at ports while a system along a motion is marched: their forces in every step, for all parameter sets."""
+"""Port effects in the integration along a motion."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,23 +13,22 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """A place's coordinates along the windows' motion, at the ends of every step of a sample interval.
+    """Coordinates of a location along the motion.
 
     Parameters
     ----------
     rows : (steps + 1, k, n, n_windows, nv) array
         Jacobian rows of the k coordinates.
     z, v : (steps + 1, k, n, n_windows) array
-        Coordinates from rest, and their rates, where the model goes from every sample; the jump to the next one is the
-        defect of the system along the motion.
+        Coordinates from rest and their rates along the model's prediction; the defect bridges to the next sample.
     h : (n, n_windows) array
-        Length of a step.
+        Length of a step [s].
     G : (n, n_windows, 2 nv, nv) array
-        What forces held over a step add.
+        Effect of forces held over a step.
     weight : (k,) array
-        As `vlab.diagnose.inference.trajectory_score_test.Lines` has it.
+        Gravity along the coordinates [m/s^2], where added mass has weight; otherwise 0.
     even : float or None
-        Length of all steps, where they are the same.
+        Common length of all steps [s].
     """
 
     rows: Array
@@ -57,21 +56,31 @@ def path_of(
     steps: int,
     even: float | None = None,
 ) -> Path:
-    """Return a place's path between the samples: cubic between the states at both ends.
+    """Return a location's path by cubic interpolation between samples.
 
     Parameters
     ----------
     rows : (k, n, n_windows, nv) array
+        Jacobian rows at the samples.
     z, v : (k, n, n_windows) array
-        At the samples.
+        Coordinates and rates at the samples.
     defect : (n, n_windows, 2 nv) array
-        The motion at the next sample minus where the model goes to.
+        Motion at the next sample minus the model's prediction.
     h : (n, n_windows) array
-        Sample intervals.
-    G : array
-        Of a step.
+        Sample intervals [s].
+    G : (n, n_windows, 2 nv, nv) array
+        Effect of forces held over a step.
+    weight : (k,) array
+        Gravity along the coordinates [m/s^2].
+    steps : int
+        Steps per sample interval.
     even : float or None
-        Length of all sample intervals, where they are the same.
+        Common length of all sample intervals [s].
+
+    Returns
+    -------
+    Path
+        Path.
     """
     m = rows.shape[-1]
     later = np.minimum(np.arange(1, rows.shape[1] + 1), rows.shape[1] - 1)
@@ -95,16 +104,22 @@ def path_of(
 
 
 class Law:
-    """A port effect at work, for all parameter sets.
+    """Port effect during integration, for all parameter sets.
 
     Parameters
     ----------
+    term : Term
+        Effect and location.
+    own : mapping of str to (n_sets,) array
+        Parameter values.
+    path : Path
+        Motion of the location.
     t : (n, n_windows) array
-        Times of the samples.
+        Times of the samples [s].
     command : (n, n_windows) array or None
-        Of the actuator along the port.
+        Command of the actuator along the port.
     memory : list or None
-        What the law remembers at the windows' starts.
+        Memory at the windows' starts.
     """
 
     def __init__(
@@ -113,7 +128,7 @@ class Law:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
         self.is_linear = isinstance(term.effect, LinearPortEffect)
-        self.is_last = term.effect.family == "friction"  # sticking answers all other forces
+        self.is_last = term.effect.traits.is_dry_friction  # sticking balances all other forces
         self.is_single = path.rows.shape[1] == 1
         m = path.rows.shape[-1]
         middle = 0.5 * (path.rows[0] + path.rows[-1])
@@ -130,18 +145,19 @@ class Law:
             ]
 
     def push(self, k: int, j: int, x: Array, free: Array) -> Array:
-        """Let the force of a step act on the state at its end, in place; return the generalised force.
+        """Apply a step's force to the final state.
 
         Parameters
         ----------
         k, j : int
-            Sample interval and step in it.
+            Sample interval, and step in the interval.
         x, free : (n_sets, n_windows, 2 nv) array
             Deviations at the step's start, and at its end without this force.
 
         Returns
         -------
         (n_sets, n_windows, nv) array
+            Generalised force.
         """
         if not self.is_single:
             force = self._impeded(k, j, x, free)
@@ -171,14 +187,14 @@ class Law:
         command = 0.0 if self.command is None else self.command[k]
         now = Step(h=h, t=self.t[k] + (j + 0.5) * h, mobility=gain, free_velocity=v1, command=command)
         assert isinstance(self.effect, PortEffect)
-        if self.memory is None and not self.is_last:  # the force acts on its own motion, that of stiff stops most
+        if self.memory is None and not self.is_last:  # second evaluation, since stiff stops change their own motion
             force, _ = self.effect.force(z, v, self.p, now, None)
             z, v = z + force * (reach / 2.0 - h * gain / 12.0), v + 0.5 * gain * force
         force, self.memory = self.effect.force(z, v, self.p, now, self.memory)
         return np.asarray(force)
 
     def _impeded(self, k: int, j: int, x: Array, free: Array) -> Array:
-        """Return the forces of mass, damping and stiffness on several rows together, (n_sets, n_windows, k)."""
+        """Return impedance forces (n_sets, n_windows, k) on several rows."""
         path, m = self.path, x.shape[-1] // 2
         h, before, after = path.h[k], path.rows[j, :, k], path.rows[j + 1, :, k]
         v0 = path.v[j, :, k, None] + np.einsum("lwn,swn->lsw", before, x[..., m:])
@@ -194,7 +210,7 @@ class Law:
 
 
 def _single_joint(rows: Array) -> int | None:
-    """Return which coordinate constant rows (n, n_windows, nv) are, where they are one."""
+    """Return the single coordinate of constant rows, or None."""
     used = np.flatnonzero(np.abs(rows).max(axis=(0, 1)))
     full = rows[np.abs(rows).max(axis=2) > 0]
     return int(used[0]) if used.size == 1 and np.all(full[:, used[0]] == 1.0) else None

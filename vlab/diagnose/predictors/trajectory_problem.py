@@ -1,4 +1,4 @@
-"""From a case to what the search along the motion works on: runs at their own samples, uncertain parameters, places."""
+"""Inverse problem of the trajectory-linearised model class."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,20 +27,20 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectories:
-    """What a `Problem` has besides where the motion is large.
+    """Trajectory data of a problem with large motion.
 
     Parameters
     ----------
-    courses : tuple of Course
-        The runs at their samples.
+    trajectories : tuple of TrajectoryData
+        Runs at their own sample times.
     motions : tuple of Motion
-        Their motion, first estimates.
+        First estimates of the motion.
     load_ports : tuple of str
-        Ports that recordings drive directly.
+        Directly driven ports.
     driven : tuple of int
-        Actuators that recordings or laws drive.
+        Actuators driven by recordings or laws.
     substeps : int
-        Of a sample interval.
+        Substeps of a sample interval.
     """
 
     trajectories: tuple[TrajectoryData, ...]
@@ -50,7 +50,7 @@ class Trajectories:
     substeps: int
 
     def stepper(self, plant: Plant, channels: Sequence[Compared]) -> Stepper:
-        """Return the stepper of a plant on these runs."""
+        """Return the stepper of a plant for these runs."""
         out = Stepper(plant, channels, self.load_ports)
         out.substeps = self.substeps
         return out
@@ -59,7 +59,24 @@ class Trajectories:
 def trajectory_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
 ) -> list[Uncertain]:
-    """Return what is uncertain: as near rest, and moments of inertia and lengths as well."""
+    """Return the uncertain parameters, with moments of inertia and lengths.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    channels : sequence of str
+        Names of the compared channels.
+    driven : sequence of int
+        Driven actuators.
+
+    Returns
+    -------
+    list of Uncertain
+        Parameters.
+    """
     out = uncertain_parameters(plant, given, channels, driven)
     model = plant.model
     bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
@@ -73,7 +90,10 @@ def trajectory_parameters(
 
 
 def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
-    """Return what grows with a body's length: its centre of mass, its sites, and where the next bodies hang on it."""
+    """Return the values that scale with a body's length.
+
+    These are its centre of mass, its sites, and the positions of attached bodies.
+    """
     out = [("body_ipos", body)]
     out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]  # type: ignore[attr-defined]
     out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]  # type: ignore[attr-defined]
@@ -81,19 +101,31 @@ def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
 
 
 def read_trajectory_signals(case: Case) -> tuple[Signals, ...]:
-    """Return a case's fit recordings as the search along their motion has them, without that motion."""
+    """Return a case's fit recordings as signals, without their motion."""
     recorded = read_runs(case, ("fit",))
     stepper = Stepper(case.plant, recorded.channels, recorded.load_ports)
     return _signals(_trajectories(case, recorded, stepper, _interference(recorded)))
 
 
 def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
-    """Prepare a case's fit recordings for a search along their motion.
+    """Prepare a case's fit recordings for the trajectory-linearised search.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    problem : Problem
+        Inverse problem.
+    trajectories : Trajectories
+        Trajectory data.
 
     Raises
     ------
     BadCase
-        No recording, or runs that compare different channels.
+        No recording, or different channels.
     """
     recorded = read_runs(case, ("fit",))
     plant, channels, names = case.plant, recorded.channels, recorded.names
@@ -120,7 +152,7 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
         names=names,
         runs=recorded.runs,
         orders=recorded.orders,
-        about=np.zeros(len(channels)),  # what is recorded far from rest is all motion
+        about=np.zeros(len(channels)),  # gains act on the whole motion, far from rest
         signals=_signals(trajectories),
         places=tuple(places_of(plant, reduced_model, names, driven, _free_motion(plant), is_near_rest=False)),
         interferences=interferences,
@@ -136,8 +168,10 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
 
 
 def _free_motion(plant: Plant) -> Array:
-    """Return the directions in which nothing brings the plant back to rest, (nv, k); where it has none to come back to, the
-    coordinates of joints without a spring."""
+    """Return the directions (nv, k) without restoring force.
+
+    Without an equilibrium these are the coordinates of joints without a spring.
+    """
     try:
         omega, shapes = plant.linearise().eigen
     except BadStructure:
@@ -154,9 +188,9 @@ def _interference(recorded: RecordedRuns) -> tuple[MainsInterference, ...]:
 def _trajectories(
     case: Case, recorded: RecordedRuns, stepper: Stepper, interferences: Sequence[MainsInterference]
 ) -> list[TrajectoryData]:
-    """Return the runs at their samples, hum taken off."""
+    """Return the runs at their samples, without mains interference."""
     plant, rest = case.plant, Bench(case.plant).rest_values(recorded.channels)
-    longest = max(len(run.measured) for run in recorded.runs)  # all runs alike: laws have one sample period
+    longest = max(len(run.measured) for run in recorded.runs)  # laws have one sample period
     return [
         read_trajectory_data(
             remove_mains_interference(run, interferences),
@@ -172,7 +206,7 @@ def _trajectories(
 
 
 def _signals(trajectories: Sequence[TrajectoryData]) -> tuple[Signals, ...]:
-    """Return courses as the search has runs: deviations from their motion start at nothing."""
+    """Return trajectory data as signals, whose deviations start at zero."""
     h = float(np.median([np.median(c.h) for c in trajectories]))
     return tuple(
         Signals(
@@ -196,7 +230,7 @@ def _signals(trajectories: Sequence[TrajectoryData]) -> tuple[Signals, ...]:
 def _reduced_model(
     plant: Plant, p: int, rest: np.ndarray, parameters: Sequence[Uncertain], load_ports: Sequence[str]
 ) -> ReducedModel:
-    """Return the frame of the search in the plant's own coordinates; what varies along the motion is kept elsewhere."""
+    """Return a placeholder model in the plant's coordinates."""
     nv = plant.model.nv
     zero = np.zeros((p, nv))
     return ReducedModel(

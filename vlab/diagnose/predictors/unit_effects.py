@@ -1,4 +1,4 @@
-"""What units of an effect's amplitudes do to commands and along a given motion: the signals that a regression sets beside each other."""
+"""Regressors of the score test from unit effects."""
 
 from typing import Any
 
@@ -12,36 +12,47 @@ from vlab.signals import Array
 
 
 def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
-    """Return the values that give an effect's force per unit of each amplitude; the shape alone where it has none."""
+    """Return parameter values with one unit amplitude each."""
     names = [p.name for p in effect.amplitudes]
     return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
 
 
 def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float) -> Array:
-    """Return by how much units of an effect's amplitudes change commands (n, n_runs), (n, n_runs, k)."""
+    """Return the change of commands (n, n_runs, k) by unit amplitudes."""
     return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
 
 
 def port_series(
     effect: PortEffect, z: Array, v: Array, values: Values, h: float, command: Any = 0.0, starts: Any = 0.0
 ) -> Array:
-    """Return an effect's force along given motion, time along the first axis.
+    """Return an effect's force along a given motion.
 
     Parameters
     ----------
+    effect : PortEffect
+        Effect.
     z, v : (n, ...) array
-        At the middles of the steps.
+        Displacement and velocity in the middle of the steps [SI].
+    values : mapping
+        Parameter values.
     h : float
-        Their length [s].
+        Length of a step [s].
+    command : float or array
+        Command at the port.
     starts : float or array
-        Times at which they begin [s], one for each of the motions.
+        Start times of the motions [s].
+
+    Returns
+    -------
+    (n, ...) array
+        Force [SI]; zero after divergence.
     """
     memory = effect.memory(z.shape[1:])
     t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
     graph = trace_expression(effect, h, ("z", "v", "t"))
-    with np.errstate(all="ignore"):  # a law that the samples are too coarse for runs away: it is no candidate
+    with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
         if graph is not None:
             out = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory)
         else:

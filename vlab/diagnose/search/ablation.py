@@ -1,4 +1,4 @@
-"""An amended model with its findings taken away, to tell what every one of them does in a recording."""
+"""Ablation of the findings of an extended model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -12,12 +12,23 @@ from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, extend
 
 
 def ablate(problem: Problem, fit: Fit, seen: DataFindings, findings: Sequence[Finding]) -> Ablations:
-    """Return the model of a fit and of what the recordings show, without every finding in turn and without all of them.
+    """Return the extended model without single findings.
 
     Parameters
     ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit of the extended model.
+    seen : DataFindings
+        Findings from the data alone.
     findings : sequence of Finding
-        Of the limit of a law in the loop, of the fit's terms, and of sensors, in this order.
+        Command limit, effects of the fit, and sensor findings, in this order.
+
+    Returns
+    -------
+    Ablations
+        Ablated models.
     """
     models = list(_without_each(problem, fit, seen))
     if len(models) > 1:

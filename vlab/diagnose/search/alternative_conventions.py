@@ -1,4 +1,4 @@
-"""Other readings of a case, where it leaves something open and recordings tell it only beside what was found."""
+"""Alternative sampling conventions, tested together with the found effects."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ from vlab.diagnose.settings import ALTERNATIVE_CONVENTIONS, HYPOTHESIS_FITS, SAM
 
 @dataclass(frozen=True, kw_only=True)
 class AlternativeConvention:
-    """Another way to read a case, where it leaves something open.
+    """Alternative convention for a case.
 
     Parameters
     ----------
     words : str
-        What it takes to be so.
+        Description.
     of : callable
-        Returns a case read so.
+        Returns a case with the convention.
     """
 
     words: str
@@ -35,8 +35,20 @@ class AlternativeConvention:
 
 
 def list_conventions(problem: Problem) -> list[AlternativeConvention]:
-    """Return how else a case may be read: its inputs straight or standing, whichever it is not taken to mean, where the recordings could
-    tell and have not; and its recordings begun in motion, where they were taken to begin at rest for beginning in its place."""
+    """Return the undecided conventions of a case.
+
+    These are linear inputs or a zero-order hold, whichever is not assumed, and recordings that start in motion.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    list of AlternativeConvention
+        Conventions.
+    """
     if problem.case.structure is not None:
         return []
     out = [
@@ -59,8 +71,22 @@ def _begun_in_motion(case: Case) -> Case:
 def choose_convention(
     model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound
 ) -> AlternativeConvention | None:
-    """Return how a case is to be read where the recordings tell it only beside what was found: a strong effect hides such things, and a
-    delay, a lag or a hold of commands may stand for them."""
+    """Return a convention that fits better with the effects.
+
+    A strong effect hides a convention, and a delay, lag or hold effect can imitate one.
+
+    Parameters
+    ----------
+    model_class : LinearTimeInvariant or TrajectoryLinearised
+        Model class of the case.
+    found : TimeFound
+        Result of the search.
+
+    Returns
+    -------
+    AlternativeConvention or None
+        Better convention, or None.
+    """
     best = choose_model(found).best.long_fit
     left = best.cost / _samples(found.whole)
     of_clock = any(_is_of_clock(t) for t in best.terms)
@@ -84,7 +110,7 @@ def choose_convention(
 
 
 def _costs(refiner: LeastSquares, best: Fit) -> list[float]:
-    """Return what a fit's terms leave, fitted on from it, and where some of them say when commands act, what the others do."""
+    """Return a fit's costs, with and without clock effects."""
     timeless = tuple(t for t in best.terms if not _is_of_clock(t))
     options = [best.terms] if len(timeless) == len(best.terms) else [best.terms, timeless]
     fits = side_by_side(
@@ -94,7 +120,10 @@ def _costs(refiner: LeastSquares, best: Fit) -> list[float]:
 
 
 def _is_of_clock(term: Term) -> bool:
-    """Return whether a term says when commands act: half a sample of a file's convention may be what it stands for."""
+    """Return whether a term shifts commands in time.
+
+    Such a term can imitate half a sample of a file's convention.
+    """
     return term.effect.kind == "actuator" and term.effect.family == "timing"
 
 

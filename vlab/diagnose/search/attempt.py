@@ -1,4 +1,4 @@
-"""What is added to a model, tried on recordings that were kept aside; the best attempt is kept where it is not reported."""
+"""Trials of extended models on hold-out recordings."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,14 +19,20 @@ from vlab.physics.effect import Effect
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trials:
-    """The recordings on which what is added to a model is tried, and the models without it.
+    """Recordings and models for trials of extended models.
 
     Parameters
     ----------
-    before, nominal : Amended
-        The refitted model, and the model as given.
+    problem : Problem
+        Problem.
+    seen : DataFindings
+        Findings from the data alone.
+    runs : sequence of Run
+        Recordings of the trials.
+    before, nominal : ExtendedModel
+        Calibrated and nominal model.
     change : callable or None
-        What is done to every model besides: finer steps.
+        Change of every model, such as finer steps.
     """
 
     problem: Problem
@@ -37,12 +43,19 @@ class Trials:
     change: Callable[[ExtendedModel], ExtendedModel] | None = None
 
     def of(self, fit: Fit, terms: Sequence[Finding]) -> Attempt:
-        """Return what comes of a fit and of what the recordings show without a model.
+        """Return the errors of a fit and the data findings.
 
         Parameters
         ----------
+        fit : Fit
+            Fit of the extended model.
         terms : sequence of Finding
-            The fit's effects as they are reported.
+            Reported effects of the fit.
+
+        Returns
+        -------
+        Attempt
+            Attempt.
         """
         problem, seen, change = self.problem, self.seen, self.change or _same
         findings = (*seen.of_law(problem), *terms, *seen.of_sensors(problem))
@@ -58,26 +71,38 @@ class Trials:
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 
     def of_hypothesis(self, hypothesis: Hypothesis, effects: Sequence[Effect]) -> Attempt:
-        """Return what comes of a hypothesis that is not the chosen one, in its plainest form.
+        """Return the errors of an unchosen hypothesis.
 
         Parameters
         ----------
+        hypothesis : Hypothesis
+            Hypothesis.
         effects : sequence of Effect
-            What may be missing.
+            Candidate effects.
+
+        Returns
+        -------
+        Attempt
+            Attempt.
         """
         fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
         return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
 
 
 def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
-    """Return the best attempt that did not run away; None where there is none.
+    """Return the best attempt without divergence, or None.
 
     Parameters
     ----------
     first : Attempt
-        With the chosen hypothesis.
+        Attempt with the chosen hypothesis.
     others : iterable of Attempt
-        With other ones, the best first, made when they are asked for.
+        Lazily evaluated attempts with other hypotheses, best first.
+
+    Returns
+    -------
+    Attempt or None
+        Best attempt.
     """
     if first.findings and first.holds:
         return first

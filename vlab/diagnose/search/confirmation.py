@@ -1,4 +1,4 @@
-"""The choice settled: the best hypothesis that MuJoCo confirms, with the last fits of the refitted and the amended model."""
+"""Confirmation of the choice in MuJoCo."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,17 @@ from vlab.physics.effect import Effect
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Confirmed:
-    """A choice with the last fits of the refitted and the amended model, and what was dropped on the way, in words."""
+    """Confirmed choice with final fits and notes.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice.
+    before, after : Fit
+        Final fits of calibrated and extended model.
+    rejected : tuple of str
+        Notes on rejected hypotheses.
+    """
 
     choice: Choice
     before: Fit
@@ -32,20 +42,22 @@ class Confirmed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Confirmation:
-    """What a choice is settled with.
+    """Models and data for the confirmation of a choice.
 
     Parameters
     ----------
-    whole : Refiner
-        Fits over whole runs.
+    problem : Problem
+        Problem.
+    whole : LeastSquares
+        Fits to whole runs.
     start : Fit
-        The search's, with no effect.
-    seen : Seen
-        What the recordings show without a model.
+        Fit without effects.
+    seen : DataFindings
+        Findings from the data alone.
     effects : sequence of Effect
-        What may be missing.
+        Candidate effects.
     is_linear : bool
-        The search had a linear twin for MuJoCo.
+        Whether the search used the linear time-invariant class.
     """
 
     problem: Problem
@@ -56,10 +68,20 @@ class Confirmation:
     is_linear: bool
 
     def confirm(self, found: TimeFound) -> Confirmed:
-        """Return the best hypothesis that MuJoCo confirms on recordings to fit; the very best where it confirms none of the first.
+        """Return the best hypothesis that MuJoCo confirms on fitted recordings.
 
-        A law that is good on a linear twin may run away in MuJoCo, or bend the model in ways that the twin does not have; then
-        the next one has its turn.
+        A law fitted on the reduced model may diverge in MuJoCo, or deform the model beyond its modes. The next
+        hypothesis follows then. Without any confirmation the best hypothesis remains.
+
+        Parameters
+        ----------
+        found : TimeFound
+            Result of the search.
+
+        Returns
+        -------
+        Confirmed
+            Confirmed choice.
         """
         first: Confirmed | None = None
         rejected: list[tuple[str, str]] = []
@@ -90,7 +112,7 @@ class Confirmation:
                 )
                 if (
                     after is not on_reduced_model
-                ):  # where a law carries over to MuJoCo as it is, so do the uncertain parameters
+                ):  # a law that carries over to MuJoCo unchanged keeps the uncertain parameters
                     before = self._plain_in_mujoco
             confirmed = Confirmed(choice=choice, before=before, after=after, rejected=_dropped(rejected))
             first = first or confirmed
@@ -102,7 +124,7 @@ class Confirmation:
             found = _without(found, best)
             unconfirmed += 1
         assert first is not None
-        # the first one is what is reported where none is confirmed: it was not dropped
+        # without confirmation the first hypothesis is reported, so it was not rejected
         label = first.choice.best.label
         return replace(first, rejected=_dropped([(name, why) for name, why in rejected if name != label]))
 
@@ -115,15 +137,18 @@ class Confirmation:
         return final_fit(self.problem, self.whole, self._plain, self.seen.limit)
 
     def _exactly(self, best: Hypothesis) -> Fit:
-        """Return the last fit of a hypothesis: a comparison is done where the rest of the way says nothing, a value is not."""
+        """Return the converged fit of a hypothesis.
+
+        A comparison needs less convergence than a parameter value.
+        """
         iterations = FIT.iterations if self.is_linear else CONFIRMATION.steps_along_motion
         return self.whole.fit(best.terms, best.long_fit, iterations, tolerance=FIT.exact)
 
     def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
-        """Return what was found with the plainer law that a hypothesis' law is at its last fit's values; the same where it is none.
+        """Return the result with an indistinguishable nested law.
 
-        It takes the place of the hypothesis where the recordings do not tell the two apart. Else, where a part of the law may be nothing,
-        it stands beside the hypothesis: that this scores less for what it has in vain is left to the choice.
+        The nested law replaces an indistinguishable hypothesis. Otherwise the law with vanishing parts joins the
+        hypotheses, for the choice by score.
         """
         lesser = fit.nested_model(self.effects)
         options = [(lesser, FIT.iterations)] if lesser != fit.terms else []
@@ -145,7 +170,7 @@ class Confirmation:
         return self._with(found, lesser, fit) if options else found
 
     def _with(self, found: TimeFound, terms: Sequence[Term], start: Fit) -> TimeFound:
-        """Return what was found with effects fitted from where another fit has them, in the place of the same ones fitted worse."""
+        """Return the result with effects fitted from another fit, where better."""
         if not terms:
             return found
         fit = self.whole.fit(terms, start, FIT.iterations)
@@ -154,8 +179,10 @@ class Confirmation:
         return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
 
     def _with_fewer(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
-        """Return what is settled with one effect of two, where MuJoCo's own simulation of recordings to fit is no worse with it: the
-        second one then makes up for what the twin does not do as MuJoCo does."""
+        """Return the confirmation with one of two effects.
+
+        One effect suffices where MuJoCo's error is no worse: the second then compensates the reduced model's error.
+        """
         both = confirmed.choice.best
         if len(both.terms) < 2:
             return confirmed
@@ -165,7 +192,7 @@ class Confirmation:
         if not single.terms:
             return confirmed
         if self.problem.case.structure is None and is_prior_driven(both, single):
-            return confirmed  # one alone leaves as little, but with uncertain parameters that nobody believes
+            return confirmed  # one effect suffices with implausible parameters only
         one = self.confirm(alone)
         left = []
         for which in (confirmed, one):
@@ -176,14 +203,17 @@ class Confirmation:
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
 
     def _is_confirmed(self, confirmed: Confirmed) -> bool:
-        """Return whether MuJoCo's own simulation closes enough of the gap on the loudest and the quietest recording to fit."""
+        """Return whether MuJoCo closes enough of the gap.
+
+        The loudest and the quietest recording are simulated.
+        """
         checked = check(loudest_and_quietest(self.problem), *self._models(confirmed), self.seen.benign_interferences)
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= VERDICT.least_to_noise
 
     def _models(self, confirmed: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
-        """Return the refitted and the amended model, both with what the recordings show without a model."""
+        """Return calibrated and extended model with data findings."""
         return (
             self.seen.on(extended(self.problem, confirmed.before)),
             self.seen.on(extended(self.problem, confirmed.after)),
@@ -191,12 +221,15 @@ class Confirmation:
 
 
 def _instead(found: TimeFound, own: Hypothesis, others: Sequence[Hypothesis]) -> TimeFound:
-    """Return what was found with a hypothesis in the place of others."""
+    """Return a result with one hypothesis in place of others."""
     return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in others])))
 
 
 def _without(found: TimeFound, hypothesis: Hypothesis, unidentified: Sequence[str] = ()) -> TimeFound:
-    """Return what was found without a hypothesis; where a part of it is nothing, without any that adds to the rest of it."""
+    """Return a result without a hypothesis.
+
+    Hypotheses that add an unidentified term to the rest are removed as well.
+    """
     rest = {t.label for t in hypothesis.terms} - set(unidentified)
 
     def stays(h: Hypothesis) -> bool:
@@ -207,5 +240,5 @@ def _without(found: TimeFound, hypothesis: Hypothesis, unidentified: Sequence[st
 
 
 def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Return in words which hypotheses were dropped, and why."""
+    """Return notes on rejected hypotheses."""
     return tuple(f"{label}: {why}; dropped" for label, why in rejected)

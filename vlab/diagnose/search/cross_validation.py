@@ -1,4 +1,4 @@
-"""Parts of the data left out and predicted, where nothing was kept aside."""
+"""Cross-validation in frequency, without hold-out data."""
 
 from dataclasses import dataclass, replace
 
@@ -16,14 +16,14 @@ from vlab.diagnose.validation.gap import gap_closed
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """How well hypotheses predict what they were not fitted to, part by part of the data.
+    """Prediction errors of left-out parts of the data.
 
     Parameters
     ----------
     parts : int
-        Responses of one output, or modes, that were left out one after the other.
+        Number of left-out parts: responses of one output, or modes.
     before, after, noise : float
-        Root mean square of the differences there, without and with the physics found.
+        Rms errors of calibrated and extended model, and noise.
     """
 
     parts: int
@@ -33,12 +33,27 @@ class LeftOut:
 
     @property
     def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise."""
+        """Closed share of the gap; None within the noise."""
         return gap_closed(self.before, self.after, self.noise)
 
 
 def cross_validate(problem: FrequencyProblem, fitter: Fitter, before: Fit, after: Fit) -> LeftOut | None:
-    """Fit again without one part of the data after the other and predict it; None where only one part is there."""
+    """Refit without single parts of the data, and predict them.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem.
+    fitter : Fitter
+        Fits to all data.
+    before, after : Fit
+        Fits of calibrated and extended model.
+
+    Returns
+    -------
+    LeftOut or None
+        Prediction errors; None for fewer than three parts.
+    """
     parts: list[tuple[int, int]] = []
     for i, data in enumerate(problem.measured):
         count = len(data.outputs) if isinstance(data, Response) else data.n
@@ -65,7 +80,7 @@ def cross_validate(problem: FrequencyProblem, fitter: Fitter, before: Fit, after
 
 
 def _predicted(fitter: Fitter, fit: Fit, data: Measured, k: int) -> float:
-    """Return the mean squared difference of one part of the data."""
+    """Return the mean squared error of one part of the data."""
     problem = fitter.problem
     point = Point(theta=fit.theta, terms=fit.terms)
     state = problem.state(point.theta)

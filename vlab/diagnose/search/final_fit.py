@@ -1,8 +1,7 @@
-"""The last fit, in MuJoCo itself: where the twin's answer does not carry over, the chosen law is fitted again there.
+"""Final fit of a linear time-invariant search, in MuJoCo.
 
-The search works on a few linear modes. Where a strong local law bends a structure in ways that these modes do not have, or
-a model is not quite linear, MuJoCo with the same numbers leaves more than the twin did; a few steps of Gauss and Newton on
-MuJoCo's own simulation of the recordings to fit then move the law's parameters and what is uncertain in the model.
+A strong local law may deform a structure beyond the reduced model's modes, or a model may be weakly nonlinear.
+Levenberg-Marquardt iterations on MuJoCo's simulation then move the law's and the model's parameters.
 """
 
 from collections.abc import Sequence
@@ -29,7 +28,7 @@ from vlab.signals import Array, Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Target:
-    """A recording to fit: all of it and the part that is simulated, what was measured there, what of it counts, and its weights."""
+    """Recording to fit, with its simulated part, mask and weights."""
 
     whole: Recording
     run: Run
@@ -39,22 +38,32 @@ class _Target:
     sigma: Array
 
     def left(self, difference: Array) -> float:
-        """Return the root mean square of weighted differences, of the samples that count, over the channels' rms."""
+        """Return the rms residual over the channels' rms."""
         scale = np.maximum(np.std(self.measured, axis=0), 1e-300)
         shares = np.broadcast_to(self.sigma / scale, self.measured.shape)[self.counts]
         return float(np.sqrt(np.mean((difference * shares) ** 2)))
 
 
 def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandLimit | None = None) -> Fit:
-    """Return a fit whose law MuJoCo confirms as well as the twin, or as it can; the same one where the two agree, or where MuJoCo takes
-    too long for more than the first moments.
+    """Return a fit whose law holds in MuJoCo.
+
+    The fit is unchanged where both agree, or where MuJoCo can simulate the first moments only.
 
     Parameters
     ----------
-    refiner : Refiner
-        Made the fit, over whole runs; its informed directions of the uncertain parameters are used.
+    problem : Problem
+        Problem.
+    refiner : LeastSquares
+        Fits to whole runs, with the identifiable directions.
+    fit : Fit
+        Fit on the reduced model.
     limit : CommandLimit or None
-        Of the commands of a law in the loop.
+        Limit on a law's commands.
+
+    Returns
+    -------
+    Fit
+        Final fit.
     """
     targets = _targets(problem, limit)
     if any(len(target.measured) < FINAL_FIT.least_part * len(target.whole) for target in targets):
@@ -96,12 +105,12 @@ def final_fit(problem: Problem, refiner: LeastSquares, fit: Fit, limit: CommandL
         if not costs[pick] < FINAL_FIT.worthwhile * before:
             if not is_old:
                 break
-            age = -1  # the slopes are old: new ones before it is given up
+            age = -1  # an old Jacobian is renewed before the end
     return moves.at(x)
 
 
 class _Moves:
-    """A fit moved: first along directions of the uncertain parameters, then in the logarithms or shares of its laws' values."""
+    """Fit moved along identifiable directions and laws' parameters."""
 
     def __init__(self, fit: Fit, directions: Array) -> None:
         self.fit, self.directions, self.r = fit, directions, directions.shape[1]
@@ -120,7 +129,18 @@ class _Moves:
 
 
 def loudest_and_quietest(problem: Problem) -> list[Run]:
-    """Return the recordings to fit that are largest and smallest in motion; one where there is one."""
+    """Return the fitted recordings of largest and smallest motion.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    list of Run
+        Two recordings, or one.
+    """
     fit = [run for run in problem.runs if run.role == "fit"]
     size = [max(float(np.std(run.measured[name])) for name in problem.names) for run in fit]
     order = np.argsort(size)
@@ -156,7 +176,7 @@ def _target(problem: Problem, whole: Recording, run: Run) -> _Target:
 
 
 def _residuals(problem: Problem, targets: Sequence[_Target], fits: Sequence[Fit]) -> list[Array]:
-    """Return the weighted differences of MuJoCo's simulations with some fits, all targets in one row."""
+    """Return the concatenated normalised residuals of MuJoCo's simulations."""
     work = [(fit, target) for fit in fits for target in targets]
     parts = side_by_side(lambda item: _difference(problem, *item), work)
     return [np.concatenate(parts[i * len(targets) : (i + 1) * len(targets)]) for i in range(len(fits))]
@@ -165,7 +185,7 @@ def _residuals(problem: Problem, targets: Sequence[_Target], fits: Sequence[Fit]
 def _difference(problem: Problem, fit: Fit, target: _Target) -> Array:
     try:
         simulated = extended(problem, fit).simulated(target.run).data[:, list(target.columns)]
-    except VlabError:  # it ran away, or no start was found
+    except VlabError:  # divergence, or no initial state
         return np.full(int(target.counts.sum()), FINAL_FIT.far)
     out = ((simulated - target.measured) / target.sigma)[target.counts]
     return np.asarray(np.clip(np.where(np.isfinite(out), out, FINAL_FIT.far), -FINAL_FIT.far, FINAL_FIT.far))

@@ -1,7 +1,7 @@
-"""The screening in frequency: every effect at every place on a grid of values, everything uncertain refitted to first order.
+"""Score test of effects and locations in frequency.
 
-At a fitted state the structure is solved once, with a unit load at every place; a force at a port then changes all responses
-by a correction of low rank (Sherman, Morrison and Woodbury), and thousands of trials cost no more than a few solutions.
+The structure is solved once at a fitted state, with unit loads at all locations. A port force changes all responses by
+a low-rank update (Sherman-Morrison-Woodbury). Uncertain parameters are refitted to first order.
 """
 
 from collections.abc import Sequence
@@ -34,14 +34,16 @@ from vlab.signals import Array, ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """The best trial of one effect at one place.
+    """Best trial of one effect at one location.
 
     Parameters
     ----------
-    gain : float
-        By how much the cost falls, everything uncertain refitted to first order.
+    term : Term
+        Effect with the best values.
+    log_likelihood_gain : float
+        Decrease of the cost with a first-order refit.
     others : tuple of Term
-        The next best trials that are no neighbours of it, as other starts of a fit.
+        Next best distant trials, as further starts.
     """
 
     term: Term
@@ -50,12 +52,12 @@ class Trial:
 
     @property
     def label(self) -> str:
-        """Effect and place in one string."""
+        """Effect and location in one string."""
         return self.term.label
 
 
 class _Lines:
-    """One response at a state: the structure solved with a unit load at every place."""
+    """Response at a state, solved with unit loads at all locations."""
 
     def __init__(self, view: View, state: State, data: Response, fitter: Fitter, point: Point) -> None:
         self.view, self.state, self.data, self.fitter = view, state, data, fitter
@@ -72,12 +74,15 @@ class _Lines:
         self.own = [problem.names.index(o) for o in data.outputs]
 
     def at(self, place: Place) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Return what outputs read of a place's loads (n, o, k), its motion (n, k), and its own compliance (n, k, k)."""
+        """Return the transfer of loads at a location.
+
+        The result holds outputs (n, o, k), motion (n, k) and compliance (n, k, k).
+        """
         rows = place.rows
         return self.reading @ rows.T, self.motion @ rows.T, rows @ self.inverse @ rows.T
 
     def with_port(self, z: ComplexArray, seen: tuple[ComplexArray, ComplexArray, ComplexArray]) -> Answer:
-        """Return the answer with an impedance z (n,) at a place."""
+        """Return the response with an impedance (n,) at a location."""
         reading, there, own = seen
         k = own.shape[1]
         if k == 1:
@@ -88,7 +93,7 @@ class _Lines:
         return Answer(H=self.chain.recorded(H)[:, self.own])
 
     def with_channel(self, term: Term) -> Answer:
-        """Return the answer with an effect of an actuator or a sensor."""
+        """Return the response with an actuator or sensor effect."""
         chain = chain_of(self.view, self.state, self.data, self.fitter.problem.wires, [*self.terms, term])
         return Answer(H=chain.recorded(self.H)[:, self.own])
 
@@ -98,8 +103,12 @@ class ScoreTest:
 
     Parameters
     ----------
+    fitter : Fitter
+        Data and problem.
+    point : Point
+        Parameters of the hypothesis.
     bands : float
-        Width of the bands of the coarse view; 0 for the lines.
+        Relative bandwidth of the coarse residual; 0 for single lines.
     """
 
     def __init__(self, fitter: Fitter, point: Point, bands: float = 0.0) -> None:
@@ -122,7 +131,7 @@ class ScoreTest:
         self.small = self._reduced()
 
     def _reduced(self) -> tuple[View, State] | None:
-        """Return the model cut off some modes above those of the tables, for trials."""
+        """Return the model truncated some modes above the tables."""
         tables = [d for d in self.fitter.measured if isinstance(d, Modes)]
         if not tables:
             return None
@@ -143,7 +152,20 @@ class ScoreTest:
         return float(e @ e - inside @ inside)
 
     def best(self, effect: Effect, place: Place) -> Trial | None:
-        """Return the best trial of an effect at a place; None where none is finite."""
+        """Return the best finite trial of an effect at a location.
+
+        Parameters
+        ----------
+        effect : Effect
+            Effect.
+        place : Place
+            Location.
+
+        Returns
+        -------
+        Trial or None
+            Best trial.
+        """
         found = []
         seen = [None if lines is None or not len(place.rows) else lines.at(place) for lines in self.lines]
         for term in trials(self.fitter.problem, effect, place):
@@ -184,7 +206,20 @@ class ScoreTest:
 
 
 def cut(view: View, keep: int) -> View:
-    """Return a view with its lowest modes only."""
+    """Return a view truncated to its lowest modes.
+
+    Parameters
+    ----------
+    view : View
+        Linearised plant.
+    keep : int
+        Number of modes.
+
+    Returns
+    -------
+    View
+        Truncated plant.
+    """
     rows = replace(
         view.rows, at_q=view.rows.at_q[:, :keep], at_v=view.rows.at_v[:, :keep], at_a=view.rows.at_a[:, :keep]
     )
@@ -209,7 +244,7 @@ def _cut_term(term: Term, keep: int) -> Term:
 
 
 def _apart(a: Term, b: Term) -> bool:
-    """Whether two trials of an effect are no neighbours: some value of other sign, or a factor of four away."""
+    """Return whether trials differ by sign or factor four."""
     for p in a.effect.parameters:
         x, y = float(a.values[p.name]), float(b.values[p.name])
         if x * y < 0 or abs(np.log(abs(x) / abs(y))) > np.log(4.0):
@@ -218,7 +253,7 @@ def _apart(a: Term, b: Term) -> bool:
 
 
 def screened(screen: ScoreTest, pairs: Sequence[tuple[Effect, Place]]) -> list[Trial]:
-    """Return the best trial of every effect at every place, best first."""
+    """Return the best trial of every effect and location, best first."""
     shares = [list(pairs[k :: FREQUENCY_SCREENING.shares]) for k in range(FREQUENCY_SCREENING.shares)]
     found = side_by_side(lambda share: [screen.best(effect, place) for effect, place in share], shares)
     return sorted((t for part in found for t in part if t is not None), key=lambda t: -t.log_likelihood_gain)

@@ -1,4 +1,4 @@
-"""The search in frequency: all effects at all places tried, the best fitted, pairs on top of them, and the places compared."""
+"""Search in frequency: screening, single effects, pairs, locations."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,16 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyFound(Found):
-    """What the search in frequency found.
+    """Result of the search in frequency.
 
     Parameters
     ----------
+    problem : FrequencyProblem
+        Problem.
+    fitter : Fitter
+        Fits to the data.
     tried : int
-        How many effects at how many places were tried.
+        Number of tried effects at locations.
     """
 
     problem: FrequencyProblem
@@ -37,14 +41,21 @@ class FrequencyFound(Found):
 def search_frequency(
     problem: FrequencyProblem, effects: Sequence[Effect], progress: Callable[[float, str], None]
 ) -> FrequencyFound:
-    """Search what is missing on a problem's data.
+    """Search the missing physics in frequency data.
 
     Parameters
     ----------
+    problem : FrequencyProblem
+        Problem.
     effects : sequence of Effect
-        What may be missing; those that are not linear are left out.
+        Candidate effects; nonlinear ones are skipped.
     progress : callable
-        Called with the share done and what is being done.
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    FrequencyFound
+        Hypotheses.
     """
     fitter = Fitter(problem)
     zero = np.zeros(len(fitter.sd))
@@ -92,7 +103,10 @@ def search_frequency(
 
 
 def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[list[Trial]]:
-    """Return the effects at places that gained most in either view, and the best of every family, with all their trials."""
+    """Return the trials of largest gain in either screening.
+
+    Trials are grouped by effect and location. The best of every family is included.
+    """
     chosen: dict[str, list[Trial]] = {}
     for ranked in (by_lines, by_bands):
         families: set[str] = set()
@@ -108,7 +122,7 @@ def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[lis
 
 
 def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar: Collection[str]) -> Fit:
-    """Fit an effect for a few steps from its trials: about the refitted model, and some about the model as given."""
+    """Fit an effect briefly from its trials and starts."""
     terms = [trials[0].term, *trials[0].others]
     fits = [fitter.fit([term], theta, iterations=FREQUENCY_SELECTION.quick) for term in terms]
     if trials[0].label in from_afar:
@@ -117,9 +131,9 @@ def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar:
 
 
 def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[Effect, Place]]) -> list[Fit]:
-    """Fit a second effect on top of each of the best single ones, effects of several kinds among them."""
+    """Fit a second effect with the best single ones."""
     seeds = list(singles[:1])
-    for h in singles[1:]:  # of other kinds
+    for h in singles[1:]:  # of other families
         if len(seeds) < FREQUENCY_SELECTION.seeds and all(
             h.terms[0].effect.family != s.terms[0].effect.family for s in seeds
         ):
@@ -152,7 +166,7 @@ def _places(
     theta: Array,
     penalised: Callable[[Fit], Hypothesis],
 ) -> dict[str, Hypothesis]:
-    """Fit the best hypothesis again with its first effect at the other places."""
+    """Fit the best hypothesis with its first effect at other locations."""
     if not hypotheses:
         return {}
     best = hypotheses[0]

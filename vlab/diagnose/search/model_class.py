@@ -1,4 +1,4 @@
-"""The two roads of a search in recordings: near rest, where a model is linear, and along a motion that leaves that range."""
+"""Model classes of a search in time."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,14 +25,16 @@ from vlab.physics.effect import Effect
 from vlab.signals import Array
 
 Report = Callable[[float, str], None]
+"""Receiver of the completed share and the current step."""
 UNSTRETCHED = (
     "the recordings do not show that swinging tightens the cables: they are taken for softer along their length"
 )
+"""Note on cables without identifiable stretch stiffening."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearTimeInvariant:
-    """A case screened on its linear twin."""
+    """Case screened on the linear time-invariant reduced model."""
 
     is_linear: ClassVar[bool] = True
     screen: ScoreTest
@@ -40,22 +42,35 @@ class LinearTimeInvariant:
 
     @property
     def problem(self) -> Problem:
-        """What is searched."""
+        """Inverse problem of the search."""
         return self.screen.problem
 
     def search(self, effects: Sequence[Effect], report: Report) -> TimeFound:
-        """Search what is missing; see `vlab.diagnose.search.selection.search`."""
+        """Search the missing physics, by `vlab.diagnose.search.selection.search`."""
         return search(self.screen, effects, report)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares | None:
-        """Return what fits whole recordings of the same case read otherwise; None where that is far from linear."""
+        """Return the whole-run fits of a case with another convention.
+
+        Parameters
+        ----------
+        case : Case
+            Case.
+        model_error : float
+            Allowed simulation error over a channel's rms.
+
+        Returns
+        -------
+        LeastSquares or None
+            Fits; None outside the linear range.
+        """
         screen = _linearise_at_rest(case, "")
         return None if screen is None else LeastSquares(screen, screen.problem.in_role("fit"), model_error)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectoryLinearised:
-    """A case whose recorded motion is far from linear, screened along that motion."""
+    """Case screened on the system linearised along its motion."""
 
     is_linear: ClassVar[bool] = False
     notes: ClassVar[tuple[str, ...]] = (
@@ -65,32 +80,42 @@ class TrajectoryLinearised:
 
     @property
     def problem(self) -> Problem:
-        """What is searched."""
+        """Inverse problem of the search."""
         return self.screen.problem
 
     def search(self, effects: Sequence[Effect], report: Report) -> TimeFound:
-        """Search what is missing; see `vlab.diagnose.search.selection.search`."""
+        """Search the missing physics along the motion."""
         return search_moving(self.screen, effects, report)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares:
-        """Return what fits whole recordings of the same case read otherwise; the model's error is the screening's."""
+        """Return the whole-run fits of a case with another convention.
+
+        The model error is that of the screening.
+        """
         return TrajectoryLeastSquares(_linearise_trajectory(case), whole=True)
 
 
 def choose_model_class(
     case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())
 ) -> LinearTimeInvariant | TrajectoryLinearised:
-    """Screen a case, along its recorded motion where that is far from linear.
+    """Choose the model class of a case and screen it.
 
     Parameters
     ----------
+    case : Case
+        Case.
     effects : sequence of Effect
-        What may be missing.
+        Candidate effects.
+
+    Returns
+    -------
+    LinearTimeInvariant or TrajectoryLinearised
+        Screened model class.
 
     Raises
     ------
     BadCase
-        No recording to fit, recordings that do not fit the model, or motion far from linear of a kind that cannot be handled.
+        No recording to fit, a contradiction to the model, or unsupported large motion.
     """
     problem = linear_problem(case)
     if problem is not None:
@@ -108,10 +133,10 @@ def choose_model_class(
 
 
 def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
-    """Screen a problem; of a structure with what its plant's own nonlinearity adds only where the recordings show it.
+    """Screen a problem with identifiable own nonlinearity.
 
-    Cables that a swinging beam stretches stiffen it by a hundred-thousandth at a quarter of a millimetre, as the drawing has it; with
-    light damping that shows, and the thing may have it or not. Where it does not show, louder recordings would be foretold by guess.
+    Cables stiffen a swinging beam by 1e-5 at a quarter of a millimetre. Light damping makes that visible, and the real
+    structure may differ. An unidentified nonlinearity would extrapolate to louder recordings.
     """
     if problem.case.structure is None or problem.bare is None:
         return LinearTimeInvariant(screen=ScoreTest(problem))
@@ -125,7 +150,7 @@ def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
 
 
 def _left_by_a_refit(problem: Problem) -> tuple[float, Array]:
-    """Return what a refit leaves, see `_left`, and the uncertain parameters of the screening that it began with, (n_changes,)."""
+    """Return a refit's mean square and starting parameters."""
     screen = ScoreTest(problem)
     return _residual_at_rest(screen), screen.theta
 
@@ -148,7 +173,7 @@ def _residual_on_trajectory(screen: TrajectoryScoreTest) -> float:
 
 
 def _left(refiner: LeastSquares) -> float:
-    """Return the mean square that a refit to whole recordings leaves, over that of noise and model error."""
+    """Return the normalised mean square of a refit."""
     return refiner.fit((), None, HYPOTHESIS_FITS.whole_iterations).cost / sum(run.y.size for run in refiner.runs)
 
 

@@ -1,4 +1,7 @@
-"""Events that leave something for good: what windows, which begin from the motion as it is, know nothing of."""
+"""Permanent changes by events, visible in whole runs only.
+
+Windows start from the state after the event.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,35 +12,43 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.settings import PERMANENT_CHANGE
-from vlab.physics.effect import PortEffect
 
 
 def find_permanent_changes(
     whole: LeastSquares, windows: LeastSquares, in_windows: Fit, candidates: Sequence[Candidate]
 ) -> list[Hypothesis]:
-    """Return laws of events that last, at the places and with the values that leave least of whole runs, not yet fitted.
+    """Return the best laws of permanent change, without a fit.
 
     Parameters
     ----------
+    whole : LeastSquares
+        Fits to whole runs.
+    windows : LeastSquares
+        Fits in windows.
     in_windows : Fit
-        Of the same physics, in windows: where these do not show an event, its uncertain parameters need not make up for one.
+        Fit in windows without the event, whose uncertain parameters need not compensate it.
     candidates : sequence of Candidate
-        The screening's, for the places.
+        Screening, for the locations.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses scored in windows.
     """
-    terms = [c for c in candidates if isinstance(c.effect, PortEffect) and c.effect.lasts]
+    terms = [c for c in candidates if c.effect.lasts]
     tried = side_by_side(lambda c: _best(whole, c, in_windows), terms)
     order = sorted(range(len(terms)), key=lambda i: (tried[i][0], terms[i].label))
     out = []
     for i in order[: PERMANENT_CHANGE.most]:
         term = tried[i][1]
         plain = Term(effect=term.effect, place=term.place, values=term.values)
-        # in windows it is as if it was not there
+        # windows do not show the event
         out.append(scored_by(windows, replace(in_windows, terms=(plain,)), terms[i].log_likelihood_gain))
     return out
 
 
 def _best(whole: LeastSquares, candidate: Candidate, start: Fit) -> tuple[float, Term]:
-    """Return a candidate with the values that leave least of whole runs, and how much."""
+    """Return a candidate's least cost, with its values."""
     own = {p.name: candidate.place.stiffness for p in candidate.effect.amplitudes}
     of = {p.name: whole.screen.reference(p.reference, candidate.place) for p in candidate.effect.shapes}
     _, term = whole.cheapest(

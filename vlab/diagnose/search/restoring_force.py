@@ -1,4 +1,4 @@
-"""The force that a model lacks along the recorded motion, with and without a law."""
+"""Estimated restoring force along the recorded motion."""
 
 from typing import Any
 
@@ -14,11 +14,26 @@ from vlab.signals import Array
 def estimate_restoring_force(
     screen: TrajectoryScoreTest, fit: Fit, term: Term
 ) -> tuple[Array, Array, Array, Array, Any]:
-    """Return the force that the smoothed motion asks for at a term's place, and the place's displacement, velocity,
-    acceleration in the steps, (n - 1, n_runs), and the command there.
+    """Estimate the missing force at a term's location.
 
-    The force is what takes the smoothed state of one sample to that of the next, over what the refitted model does; what
-    other fitted effects do is taken off. Of a body the coordinate that moves most is shown.
+    The force moves the smoothed state from sample to sample beyond the calibrated model. Other fitted effects are
+    subtracted. Of a body the coordinate of largest motion is returned.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
+    fit : Fit
+        Fit with the term.
+    term : Term
+        Term whose location is evaluated.
+
+    Returns
+    -------
+    force, z, v, a : (n - 1, n_runs) array
+        Force, displacement, velocity and acceleration at mid-step [SI].
+    command : (n - 1, n_runs) array or float
+        Command at the location.
     """
     s = screen.stack
     x = screen.smooth
@@ -32,7 +47,7 @@ def estimate_restoring_force(
     own[[c.sensor is not None for c in screen.reduced_model.changes]] = 0.0
     asked = asked - screen.changes[:-1] @ own
     for other in fit.terms:
-        if other is not term and isinstance(other.effect, (PortEffect, LinearPortEffect)):
+        if other is not term and other.effect.kind == "port":
             rows, force = _law(screen, other)
             asked = asked - np.einsum("lkr,lkrn->krn", force, rows)
     rows, z, v, a = _along(screen, term)
@@ -44,7 +59,7 @@ def estimate_restoring_force(
 
 
 def _along(screen: TrajectoryScoreTest, term: Term) -> tuple[Array, Array, Array, Array]:
-    """Return a place's rows in the middle of the steps, (k, n - 1, n_runs, nv), and its smoothed motion, (k, n - 1, n_runs)."""
+    """Return a location's rows and smoothed motion at mid-step."""
     lines, nv = screen.lines_of(term.place), screen.reduced_model.m
     x = screen.smooth
     rates = pad_and_stack([a.motion.v for a in screen.systems]) + x[..., nv:]

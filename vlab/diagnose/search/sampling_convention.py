@@ -1,8 +1,7 @@
-"""When inputs act and readings are taken, where a case does not say it: read off the recordings.
+"""Sampling convention, estimated where a case leaves it open.
 
-Whether a command stands from its sample on or stood until it, runs straight from sample to sample, and whether the readings of its
-sample were taken before it went out, is a convention of whoever wrote the file. Half a sample more or less is no physics, but at
-half the sample rate it turns phases by a right angle.
+Commands may be held from their sample (zero-order hold), until their sample, or vary linearly. Channels may be sampled
+before or after the command. Half a sample is no physics, but turns phases by a right angle at the Nyquist frequency.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,26 +27,27 @@ WORDS: dict[Hold, str] = {
     "zero-first": "inputs stand from their sample to the next, and its own readings see them",
     "past": "inputs stood from the sample before until their own",
 }
+"""Descriptions of the input holds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Convention:
-    """A convention that the recordings may ask for, and how much they do.
+    """Convention with its log-likelihood gain.
 
     Parameters
     ----------
     case : Case
-        With it.
+        Case with the convention.
     hold : str
-        Of the inputs; "" as given.
+        Hold of the inputs; "" for the assumed one.
     skew_s : float
-        By which positions, accelerations and forces are ahead of velocities and inputs.
-    gain : float
-        In log-likelihood, less its price.
+        Lead of positions, accelerations and forces over velocities and inputs [s].
+    log_likelihood_gain : float
+        Gain less the cost per convention [nat].
     is_near : bool
-        Whether they ask for it once, not for more or less of it.
+        Whether the estimated share is near one.
     is_conclusive : bool
-        Whether they ask for it and for nothing else.
+        Whether share, skew and explained residual are all plausible.
     """
 
     case: Case
@@ -59,7 +59,7 @@ class _Convention:
 
     @property
     def lines(self) -> list[str]:
-        """It in words."""
+        """Descriptions of the convention."""
         out = [describe_hold(self.hold)] if self.hold else []
         if self.skew_s:
             out.append(
@@ -78,22 +78,29 @@ def score_by_timing(
     leaves: Callable[[S], float],
     effects: Sequence[Effect],
 ) -> S:
-    """Return a screening whose inputs act when the recordings show that they do; the same one where its case says it, or nothing shows.
+    """Return the screening under the most likely convention.
 
-    A simulation with semi-implicit steps that writes its state leaves positions half a step ahead of velocities; that counts as a
-    convention, too. Laws in the loop are replayed on their own clock, and the two structures' converters are known: these stay as
-    they are.
+    The screening is unchanged where the case states the convention or the data do not identify it. Semi-implicit
+    simulators store positions half a step ahead of velocities, which counts as convention. Control laws and structures
+    have known timing.
 
     Parameters
     ----------
+    screen : ScoreTest
+        Screening.
     signals : callable
-        Puts the runs to fit of a case with another convention on the search's clock.
+        Returns the fit runs of a case with another convention.
     again : callable
-        Screens a case with another convention, which is to be said of it in these words; None where it cannot.
+        Returns the screening of a case with another convention and note, or None.
     leaves : callable
-        Mean square, over that of noise and model error, that a refit to whole recordings leaves of a screening.
+        Returns the mean square of a refit to whole runs, over noise and model error.
     effects : sequence of Effect
-        What may be missing besides.
+        Candidate effects.
+
+    Returns
+    -------
+    ScoreTest
+        Screening.
     """
     lines: list[str] = []
     for _ in range(SAMPLING_CONVENTION.most_passes):
@@ -113,35 +120,45 @@ def score_by_timing(
 
 
 def open_holds(problem: Problem) -> list[Hold]:
-    """Return whether inputs run straight or stand, whichever a case without a word on it is not taken to mean; nothing where the recordings
-    have told, or cannot."""
+    """Return the holds that a case leaves open.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    list of Hold
+        Holds; empty where the data decided or cannot decide.
+    """
     if problem.timing or problem.case.structure is not None or not _shows(problem):
         return []
     return [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
 
 
 def describe_hold(hold: Hold) -> str:
-    """Return what a hold of inputs is, and how a case says it."""
+    """Return a hold's description and its setting."""
     return f'{WORDS[hold]} (hold = "{hold}")'
 
 
 def said(lines: Sequence[str]) -> str:
-    """Return conventions in one line."""
+    """Return conventions as one note."""
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Open:
-    """What a case leaves open.
+    """Conventions that a case leaves open.
 
     Parameters
     ----------
     inputs : list of (str, Case, sequence of Signals)
-        Holds of the inputs, each with the case and its signals on the search's clock; "" and no signals as given.
+        Holds with case and signals; "" without signals for the assumed one.
     skewable : list of int
-        Channels whose readings a simulation's steps may have left ahead.
+        Channels that a simulator's steps may skew.
     half_step : float
-        By which they would be [s].
+        Unit of the skew [s].
     """
 
     inputs: list[tuple[Hold, Case, Sequence[Signals]]]
@@ -157,7 +174,7 @@ def _left_open(problem: Problem, signals: Callable[[Case], Sequence[Signals]]) -
 def _favoured_convention(
     screen: ScoreTest, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
 ) -> _Convention | None:
-    """Return the convention that the recordings ask for most: alone or, where they ask for it and more, beside what may be missing."""
+    """Return the convention of largest gain, or None."""
     asked = [convention for convention in conventions if convention.log_likelihood_gain > SAMPLING_CONVENTION.gain]
     effective_share = [convention for convention in asked if convention.is_conclusive]
     if effective_share or not asked:
@@ -176,8 +193,10 @@ def _favoured_convention(
 
 
 def _hinted_at(conventions: Sequence[_Convention]) -> _Convention | None:
-    """Return the hold of the inputs that the innovations speak for, if softly: a filter that trusts the recordings hides most of what
-    a slow motion has of it."""
+    """Return the input hold that the innovations weakly favour.
+
+    A filter with much process noise hides most of a convention in slow motion.
+    """
     holds = [
         c
         for c in conventions
@@ -187,12 +206,12 @@ def _hinted_at(conventions: Sequence[_Convention]) -> _Convention | None:
 
 
 def _leaves_less(leaves: Callable[[S], float], other: S, screen: S) -> bool:
-    """Return whether a refit to whole recordings leaves much less with another screening."""
+    """Return whether a refit leaves much less under another screening."""
     return leaves(other) < SAMPLING_CONVENTION.much_less * leaves(screen)
 
 
 def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
-    """Yield what recordings ask for of what a case leaves open: of every hold with and without a skew of the readings."""
+    """Yield the open conventions with their gains."""
     step = left_open.half_step
     for hold, case, signals in left_open.inputs:
         first = [signals] if hold else []
@@ -215,7 +234,7 @@ def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
 
 
 def _with_inputs_of(problem: Problem, signals: Sequence[Signals]) -> list[Signals]:
-    """Return a problem's signals with the inputs of others, and with what its model's own nonlinearity adds as it was."""
+    """Return a problem's signals with other inputs."""
     return [
         replace(s, u=t.u, y=t.y, load=np.hstack([t.load, s.load[:, t.load.shape[1] :]]))
         for s, t in zip(problem.signals, signals, strict=True)
@@ -223,15 +242,18 @@ def _with_inputs_of(problem: Problem, signals: Sequence[Signals]) -> list[Signal
 
 
 def _half_step(problem: Problem) -> float:
-    """Return half an integration step of the model, or half a sample where that is shorter [s]."""
+    """Return half the shorter of integration step and sample [s]."""
     return 0.5 * min(problem.plant.timestep, *(float(np.median(np.diff(run.measured.time))) for run in problem.runs))
 
 
 def _skewable(problem: Problem) -> list[int]:
-    """Return the channels that a simulation's steps would skew: none where its steps do not, no skew shows, or the case states one."""
+    """Return the channels that a simulator's steps would skew.
+
+    There are none without staggered steps, with a stated delay, or without evidence in the channels.
+    """
     is_driven = any(run.drives for run in problem.runs)
     if not is_driven and len({order == 1 for order in problem.orders}) < 2:
-        return []  # of a release seen by positions alone nobody knows when it began
+        return []  # positions of a release do not identify its start
     stated = any(channel.delay_s for table in problem.case.table.recording for channel in table.channel)
     if problem.plant.model.opt.integrator not in STAGGERED or stated:
         return []
@@ -241,7 +263,7 @@ def _skewable(problem: Problem) -> list[int]:
 
 
 def _skewed(case: Case, seconds: float) -> Case:
-    """Return a case whose readings but velocities show what is so much later than their stamps."""
+    """Return a case with a time skew."""
     tables = []
     for table in case.table.recording:
         own = [c for c in table.channel if not c.input and ORDER.get(c.kind, 0) != 1]
@@ -251,7 +273,10 @@ def _skewed(case: Case, seconds: float) -> Case:
 
 
 def _shows(problem: Problem) -> bool:
-    """Return whether half a sample shows in readings that move in it, without a law in the loop, which keeps its own time."""
+    """Return whether half a sample exceeds the noise in some channel.
+
+    Control laws keep their own time and are excluded.
+    """
     if any(run.law is not None for run in problem.runs):
         return False
     for run in problem.runs:
@@ -266,7 +291,7 @@ def _shows(problem: Problem) -> bool:
 
 
 def _others(case: Case) -> Iterator[tuple[Hold, Case]]:
-    """Yield the other conventions that a case leaves open, and the case with each of them."""
+    """Yield the other holds that a case leaves open, with the case."""
     for hold in WORDS:
         other = with_hold(case, hold)
         if other.table != case.table:
@@ -274,7 +299,20 @@ def _others(case: Case) -> Iterator[tuple[Hold, Case]]:
 
 
 def with_hold(case: Case, hold: Hold) -> Case:
-    """Return a case whose inputs act in a certain way where it leaves that open."""
+    """Return a case with an input hold, where open.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    hold : Hold
+        Hold.
+
+    Returns
+    -------
+    Case
+        Case with the hold.
+    """
     tables = [
         replace(table, channel=tuple(_with(channel, hold) for channel in table.channel))
         for table in case.table.recording

@@ -1,8 +1,7 @@
-"""What is missing besides: a second screening with a fitted effect at work, on a filter that knows of it, and fits of pairs.
+"""Screening of second effects, and fits of pairs.
 
-A wrong sensor or a strong force makes the first filter see everything in a bent mirror, and what is left of the innovations
-beside its columns still does. So the effect is built in as it was fitted - into the twin's matrices, the commands, the
-recordings, or as a known force along the smoothed motion - and the screening starts over.
+A wrong sensor or a strong force distorts the first filter and its innovations. The fitted effect therefore enters the
+matrices, commands, recordings or known forces, and the screening is repeated.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -27,19 +26,23 @@ from vlab.diagnose.settings import FIT, SCORE_TEST, SECOND_EFFECT, SHORTLIST
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
-SLIPS = {"friction", "hysteresis"}
-"""Families of laws that are friction of some kind."""
-
 
 def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
-    """Return whether the best single effect, or the one that leaves least, needs uncertain parameters that nobody believes.
+    """Return whether the best single effects need implausible parameters.
 
     Parameters
     ----------
+    fitted : sequence of Hypothesis
+        Single effects, best first.
     usual : int
-        Directions of the uncertain parameters: their squares' sum where they are as likely as can be.
+        Number of identifiable directions, the expected squared prior distance.
     prior : (n_changes,) array
-        Standard deviations of the uncertain parameters.
+        Prior standard deviations of the uncertain parameters.
+
+    Returns
+    -------
+    bool
+        Whether priors are violated.
     """
     return any(
         h.prior_departure > SECOND_EFFECT.prior_violation + 0.5 * usual
@@ -49,14 +52,29 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bo
 
 
 def demands_another_effect(before: Hypothesis, fitted: Sequence[Hypothesis], enough: float) -> bool:
-    """Return whether single effects leave more than enough, and one of them explains a part of it or there is much of it."""
+    """Return whether the residual demands a second effect.
+
+    Parameters
+    ----------
+    before : Hypothesis
+        Calibrated model.
+    fitted : sequence of Hypothesis
+        Single effects.
+    enough : float
+        Normalised residual that needs no further effect.
+
+    Returns
+    -------
+    bool
+        Whether single effects leave too much, and the excess is explained in part or large.
+    """
     least = min(h.normalised_residual for h in fitted)
     explained = 1.0 - (max(least, 1.0) ** 2 - 1.0) / max(before.normalised_residual**2 - 1.0, 1e-12)
     return least > enough and (explained > SECOND_EFFECT.part or before.normalised_residual > SECOND_EFFECT.much)
 
 
 def _of_interest(fitted: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return the best of hypotheses by score, and the one that leaves least where that is another and leaves less."""
+    """Return the hypotheses of best score and of least residual."""
     best, closest = fitted[0], min(fitted, key=lambda h: h.normalised_residual)
     return [best, closest] if closest.normalised_residual < SECOND_EFFECT.closer * best.normalised_residual else [best]
 
@@ -73,12 +91,31 @@ def pairs(
     *,
     is_clear: bool,
 ) -> list[Hypothesis]:
-    """Return fits of a second effect on top of the best single ones, by what it gains beside them.
+    """Return fits of second effects with the best single ones.
 
     Parameters
     ----------
+    screen : ScoreTest
+        Screening.
+    refiner : LeastSquares
+        Fits in windows.
+    singles : sequence of Hypothesis
+        Single effects, best first.
+    shortlist, candidates : sequence of Candidate
+        Shortlist, and the whole screening.
+    effects : sequence of Effect
+        Candidate effects.
+    among : set of str
+        Labels of the candidates to test.
+    report : callable
+        Receives the completed share and the current step.
     is_clear : bool
-        Whether the best one is part of it without doubt.
+        Whether the best single effect is certain.
+
+    Returns
+    -------
+    list of Hypothesis
+        Pairs.
     """
     report(0.55, "screening for a second effect")
     seeds = _seeds(screen, singles, shortlist, is_clear=is_clear)
@@ -100,17 +137,31 @@ def pairs(
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].normalised_residual)
     rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
     known = set(list(found)[: SECOND_EFFECT.most_pairs])
-    is_related_family = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
+    alternatives = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(
-        refiner, [(seed, c) for c in is_related_family if frozenset((seed.label, c.label)) not in known]
+        refiner, [(seed, c) for c in alternatives if frozenset((seed.label, c.label)) not in known]
     )
 
 
 def ablate_pairs(
     refiner: LeastSquares, doubles: Sequence[Hypothesis], singles: Sequence[Hypothesis]
 ) -> list[Hypothesis]:
-    """Return fits of every effect of some pairs alone, from where the pair left the rest, that were not fitted to whole runs: what was
-    found as the second of two may do without the first, for which something uncertain then makes up."""
+    """Return fits of the single effects of pairs.
+
+    The second effect may suffice alone with other uncertain parameters.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Fits in windows.
+    doubles, singles : sequence of Hypothesis
+        Pairs and known single effects.
+
+    Returns
+    -------
+    list of Hypothesis
+        Single effects without a whole-run fit before.
+    """
     known = {h.label for h in singles if h.whole is not None}
     alone: dict[str, tuple[Hypothesis, Term]] = {}
     for pair in doubles:
@@ -126,12 +177,23 @@ def ablate_pairs(
 def in_other_forms(
     refiner: LeastSquares, hypotheses: Sequence[Hypothesis], candidates: Sequence[Candidate]
 ) -> list[Hypothesis]:
-    """Return fits of hypotheses with one effect each in another form of its physics: which one it is shows when nothing else is missing.
+    """Return fits of hypotheses with one effect in another form.
+
+    The correct form is identifiable once nothing else is missing.
 
     Parameters
     ----------
+    refiner : LeastSquares
+        Fits in windows.
+    hypotheses : sequence of Hypothesis
+        Hypotheses.
     candidates : sequence of Candidate
-        What the screening has of the other forms.
+        Screening, with the other forms.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
     """
     found: dict[frozenset[str], tuple[Hypothesis, list[Term]]] = {}
     for h in hypotheses:
@@ -159,11 +221,10 @@ def _is_form_of(one: Term, other: Term) -> bool:
 def _seeds(
     screen: ScoreTest, singles: Sequence[Hypothesis], shortlist: Sequence[Candidate], *, is_clear: bool
 ) -> list[Hypothesis]:
-    """Return what a second effect is sought beside: the best fit, the one that leaves least, and, where the first one is not clear, as
-    screened the forces that stood out there.
+    """Return the hypotheses to which second effects are added.
 
-    Of two effects one alone may fit nothing in simulation, however clearly it shows in the innovations: friction beside a
-    constant force that carries a free mass away.
+    One of two effects alone may fit nothing in simulation, however clear its innovations: friction next to a constant
+    force on a free mass.
     """
     out = _of_interest(singles)
     if is_clear:
@@ -171,12 +232,7 @@ def _seeds(
     known = {h.label: h for h in singles}
     for candidate in shortlist:
         alone = known.get(candidate.label)
-        if (
-            len(out) > SECOND_EFFECT.seeds
-            or alone is None
-            or alone in out
-            or isinstance(candidate.effect, SensorEffect)
-        ):
+        if len(out) > SECOND_EFFECT.seeds or alone is None or alone in out or candidate.effect.kind == "sensor":
             continue
         fit = replace(alone.fit, terms=tuple(terms_of([candidate])), theta=screen.theta)
         out.append(replace(alone, fit=fit, whole=None))
@@ -186,14 +242,25 @@ def _seeds(
 def besides(
     screen: ScoreTest, fit: Fit, effects: list[Effect], trust: float = 1.0, among: Collection[str] | None = None
 ) -> list[Candidate]:
-    """Return every effect at every place by what it gains beside a fitted hypothesis, best first.
+    """Return the screening of second effects with a fitted hypothesis.
 
     Parameters
     ----------
+    screen : ScoreTest
+        First screening.
+    fit : Fit
+        Fit of the hypothesis.
+    effects : list of Effect
+        Candidate effects.
     trust : float
-        See `ScoreTest`: a slower observer sees what only adds up over many cycles.
+        Factor on the unknown-force intensity; below 1 a slower observer.
     among : collection of str or None
-        Labels of the candidates to look at; all by default.
+        Labels of the candidates to test; all by default.
+
+    Returns
+    -------
+    list of Candidate
+        Candidates by gain.
     """
     problem = with_effects(screen, fit)
     most = max(int(SECOND_EFFECT.rows * len(run)) for run in screen.runs)
@@ -205,8 +272,22 @@ def besides(
 
 
 def best_of_families(table: Sequence[Candidate], first: Term) -> list[Candidate]:
-    """Return the best candidates of every family beside an effect, best first; at two places that is one effect, placed badly, and two
-    laws of what slips at one place are one friction between them."""
+    """Return the best second candidates by family.
+
+    Equal physics at two locations is one misplaced effect, and two slip laws at one location are one friction.
+
+    Parameters
+    ----------
+    table : sequence of Candidate
+        Candidates by gain.
+    first : Term
+        First effect.
+
+    Returns
+    -------
+    list of Candidate
+        Candidates in their plain form.
+    """
     best: dict[str, Candidate] = {}
     for candidate in table:
         if candidate.effect.physics != first.effect.physics and not _are_one_friction(candidate, first):
@@ -215,11 +296,24 @@ def best_of_families(table: Sequence[Candidate], first: Term) -> list[Candidate]
 
 
 def _are_one_friction(one: Term, other: Term) -> bool:
-    return one.place.name == other.place.name and {one.effect.family, other.effect.family} <= SLIPS
+    return one.place.name == other.place.name and one.effect.traits.is_slip and other.effect.traits.is_slip
 
 
 def with_effects(screen: ScoreTest, fit: Fit) -> Problem:
-    """Return a problem with a fitted hypothesis built in; its signals are the screening's runs."""
+    """Return a problem with a fitted hypothesis built in.
+
+    Parameters
+    ----------
+    screen : ScoreTest
+        Screening with the runs.
+    fit : Fit
+        Fit of the hypothesis.
+
+    Returns
+    -------
+    Problem
+        Problem whose signals are the screening's runs.
+    """
     problem, reduced_model, runs = screen.problem, screen.reduced_model, list(screen.runs)
     for term in fit.terms:
         if isinstance(term.effect, LinearPortEffect):
@@ -261,7 +355,7 @@ def _corrected(run: Signals, term: Term) -> Signals:
     noise = run.noise.copy()
     if isinstance(term.effect, PickUp):
         other = before(run.u[:, k]) if term.place.tag == "command" else run.y[:, k]
-        y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # small: taken off once
+        y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # to first order
     else:
         y[:, i] = term.effect.correct(y[:, i], dict(term.values), run.h, run.t)
         noise[i] *= term.effect.growth(dict(term.values), run.h)
@@ -269,7 +363,7 @@ def _corrected(run: Signals, term: Term) -> Signals:
 
 
 def _forces(screen: ScoreTest, group: Group, term: Term) -> list[tuple[Signals, Array]]:
-    """Return every run of a group with the force of a law along its smoothed motion, (n,)."""
+    """Return the law's force (n,) along every run of a group."""
     assert isinstance(term.effect, PortEffect)
     m, h, row = screen.reduced_model.m, group.h, term.place.rows[0]
     z, v = group.smoothed.x[..., :m] @ row, group.smoothed.x[..., m:] @ row

@@ -1,4 +1,4 @@
-"""The search: hypotheses from the screening, fitted in windows, scored, and the best ones fitted over whole runs."""
+"""Search in time, from screening to scores."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,21 +31,25 @@ from vlab.diagnose.search.second_effect import (
     pairs,
     violate_priors,
 )
-from vlab.diagnose.search.shortlist import best_of_effects, best_places, is_related_family, shortlisted
+from vlab.diagnose.search.shortlist import best_of_effects, best_places, related_candidates, shortlisted
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
-from vlab.physics.effect import Effect, SensorEffect
+from vlab.physics.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeFound(Found):
-    """What the search in recordings found.
+    """Result of a search in time.
 
     Parameters
     ----------
-    windows, whole : Refiner
-        Fits in windows and over whole runs.
+    problem : Problem
+        Problem.
+    screen : ScoreTest
+        Screening.
+    windows, whole : LeastSquares
+        Fits in windows and to whole runs.
     candidates : tuple of Candidate
-        The screening's table, best first.
+        Screening by gain.
     """
 
     problem: Problem
@@ -58,14 +62,21 @@ class TimeFound(Found):
 def search(
     screen: ScoreTest, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
 ) -> TimeFound:
-    """Search what is missing on the fit runs of a screening.
+    """Search the missing physics in a screening's runs.
 
     Parameters
     ----------
+    screen : ScoreTest
+        Screening.
     effects : sequence of Effect
-        What may be missing.
+        Candidate effects.
     progress : callable or None
-        Called with the share done and what is being done.
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    TimeFound
+        Hypotheses.
     """
     problem = screen.problem
     report = progress or (lambda share, what: None)
@@ -82,7 +93,7 @@ def search(
     shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
     screen.forget()
     report(0.4, "fitting whole recordings")
-    # far from the recordings the refitted parameters make up for missing physics: nothing to start a law from
+    # at a large residual the uncertain parameters absorb missing physics and are no start for a law
     plain = [before.long_fit.theta] if before.normalised_residual < SECOND_EFFECT.much else []
     events = find_permanent_changes(whole, narrow, in_windows.fit, candidates) if adds_up else []
     told = {h.label for h in events}
@@ -136,14 +147,14 @@ def search(
 
 
 def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
-    """Return the fits in windows, and the first of them: the same physics with its uncertain parameters refitted.
+    """Return the window fits, and the calibrated model.
 
-    Where that leaves no more than the error that the simulation is allowed, the allowance is what hides the rest, so a smaller
-    one is tried: the verdict in MuJoCo has the last word on what is found within it.
+    Where calibration alone reaches the allowed model error, a smaller allowance is taken. MuJoCo's verdict decides on
+    effects within the allowance.
     """
     narrow = WindowLeastSquares(screen)
     before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
-    is_mesh = screen.problem.case.structure is not None  # of which it is known that it errs by as much
+    is_mesh = screen.problem.case.structure is not None  # mesh error of that size is known
     if before.normalised_residual > HYPOTHESIS_FITS.enough or is_mesh:
         return narrow, before
     finer = WindowLeastSquares(screen, model_error=SELECTION.finer * narrow.model_error)
@@ -151,25 +162,39 @@ def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
 
 
 def shows(problem: Problem, effect: Effect) -> bool:
-    """Return whether an effect leaves any trace in a problem's recordings.
+    """Return whether an effect is identifiable from a problem's recordings.
 
-    Of a release seen by one sensor, the sensor's own gain, delay or low-pass only changes what the first state seems to be.
+    In a release seen by one sensor, its gain, delay and low-pass only change the apparent initial state.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    effect : Effect
+        Effect.
+
+    Returns
+    -------
+    bool
+        Whether the recordings can show the effect.
     """
     loaded = any(drive.port for run in problem.runs for drive in run.drives)
     driven = loaded or any(np.any(s.u) for s in problem.signals)
-    if driven or len(problem.channels) > 1 or not isinstance(effect, SensorEffect):
+    if driven or len(problem.channels) > 1 or effect.kind != "sensor":
         return True
-    return effect.family in ("bias", "disturbance", "saturation", "resolution")
+    return effect.traits.shows_without_drive
 
 
 def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
-    """Return hypotheses, those first that are worth a fit to whole runs: the best in windows, and where these explain too little, or
-    what is missing only adds up over many of them, the forces that gained most in the screening, for a window knows nothing of
-    what came before it."""
+    """Return hypotheses in order of merit for whole-run fits.
+
+    Where windows explain too little, forces of large screening gain follow the best, since windows ignore earlier
+    motion.
+    """
     if not order or (order[0].normalised_residual <= HYPOTHESIS_FITS.enough and not adds_up):
         return list(order)
     known = {h.label for h in order[: HYPOTHESIS_FITS.whole_finished]}
-    forces = [h for h in order if not isinstance(h.terms[0].effect, SensorEffect)]
+    forces = [h for h in order if h.terms[0].effect.kind != "sensor"]
     gained = [h for h in sorted(forces, key=lambda h: -h.log_likelihood_gain) if h.label not in known]
     first = [
         *order[: HYPOTHESIS_FITS.whole_finished],
@@ -190,13 +215,26 @@ def _single_effects(
     *,
     adds_up: bool,
 ) -> tuple[list[Candidate], list[Hypothesis]]:
-    """Return the shortlist and the fits of single effects, best first: what the screening found, where that explains too little what
-    slower observers do, and the laws most like the best one.
+    """Return the shortlist and fits of single effects, best first.
+
+    Slow observers and laws related to the best one follow where the screening explains too little.
 
     Parameters
     ----------
+    screen : ScoreTest
+        Screening.
+    narrow, rough : LeastSquares
+        Fits in all and in some windows.
+    before : Hypothesis
+        Calibrated model.
+    candidates : sequence of Candidate
+        Screening by gain.
+    effects : sequence of Effect
+        Candidate effects.
+    report : callable
+        Receives the completed share and the current step.
     adds_up : bool
-        Whether whole runs show that something is missing, and windows do not: little damping makes much of little in the long run.
+        Whether missing physics shows in whole runs but not in windows, as with light damping.
     """
     report(0.2, "fitting single effects")
 
@@ -212,7 +250,7 @@ def _single_effects(
         screen.slower = tuple(
             ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SCORE_TEST.slow, SELECTION.slowest)
         )
-        # what acts all the time is seen at quite other places than by a quick observer, which takes it up
+        # a fast observer absorbs permanent forces, which a slow one locates elsewhere
         among = best_places(candidates, HYPOTHESIS_FITS.places) | {c.label for c in candidates if not c.effect.shapes}
         for slow in screen.slower:
             known = {c.label for c in shortlist}
@@ -220,11 +258,11 @@ def _single_effects(
             shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
             slow.forget()
         found = by_score(found, singles(shortlist[len(found) :]))
-    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, is_related_family(candidates, found))))
+    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
 
 
 def _sharpened(screen: ScoreTest, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates by gain, the best of every effect that is all shape (a limit, a step, a delay) between its grid's values."""
+    """Return candidates by gain, with refined shapes."""
     all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.log_likelihood_gain > 0]
     sharp = {c.label: c for c in side_by_side(screen.zoomed, best_of_effects(all_shape))}
     return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.log_likelihood_gain, c.label))

@@ -1,4 +1,4 @@
-"""Which of a screening's thousands of candidates are worth a fit."""
+"""Shortlist of a screening's candidates for fits."""
 
 from collections.abc import Sequence
 
@@ -6,29 +6,26 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.settings import SHORTLIST
 
-KINDRED = (
-    {"friction", "hysteresis"},
-    {"nonlinear-stiffness", "contact", "clearance"},
-    {"timing", "sensor-dynamics"},
-    {"saturation", "clearance"},
-)
-"""Families whose laws look alike in a linear regression."""
-COMPLETING = {"friction": "viscous-damping", "damping": "coulomb-friction"}
-"""Family of a law, and the effect that a machine's joints and guides usually have beside it: friction is dry and viscous at once.
-
-Source: Armstrong-Helouvry, Dupont and Canudas de Wit, A survey of models, analysis tools and compensation methods for the control of
-machines with friction, Automatica 30, 1994, section 2.
-"""
-
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the best place of the effects that gained most, and of the best of other families."""
+    """Return the best candidates by effect, and by further families.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+
+    Returns
+    -------
+    list of Candidate
+        Shortlist.
+    """
     order = _without_embellishments([c for c in best_of_effects(candidates) if c.log_likelihood_gain > 0])
     stands_out = bool(order) and order[0].log_likelihood_gain > SHORTLIST.clear
     share = 1.0 if stands_out else 0.0
     most = SHORTLIST.shortlist + (
         SHORTLIST.families if stands_out else 2 * SHORTLIST.families
-    )  # where nothing stands out, every family is tried
+    )  # without a dominant candidate every family is tried
     out = order[: SHORTLIST.shortlist]
     families = {c.effect.family for c in out}
     for candidate in order[SHORTLIST.shortlist :]:
@@ -41,7 +38,7 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def best_of_effects(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return every effect at its best place, candidates being sorted."""
+    """Return every effect at its best location."""
     best: dict[str, Candidate] = {}
     for candidate in candidates:
         best.setdefault(candidate.effect.name, candidate)
@@ -49,7 +46,20 @@ def best_of_effects(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
-    """Return the labels of every effect at the places where it gained most."""
+    """Return the labels of every effect's best locations.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+    most : int
+        Number of locations per effect.
+
+    Returns
+    -------
+    set of str
+        Labels.
+    """
     count: dict[str, int] = {}
     out = set()
     for candidate in candidates:
@@ -59,12 +69,27 @@ def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
     return out
 
 
-def is_related_family(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
-    """Return the effects of kindred families at the place of the best fit that are not fitted yet: only fits tell them apart."""
+def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return unfitted related effects at the best location.
+
+    Only fits distinguish related families.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+    fitted : sequence of Hypothesis
+        Fitted hypotheses, best first.
+
+    Returns
+    -------
+    list of Candidate
+        Candidates.
+    """
     if not fitted or len(fitted[0].terms) != 1:
         return []
     best, known = fitted[0].terms[0], {h.label for h in fitted}
-    families = next((group for group in KINDRED if best.effect.family in group), {best.effect.family})
+    families = {best.effect.family, *best.effect.traits.related}
     return [
         c
         for c in candidates
@@ -77,7 +102,7 @@ def is_related_family(candidates: Sequence[Candidate], fitted: Sequence[Hypothes
 
 
 def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
-    """Return other effects of a second one's family at its place, which only a fit can tell apart."""
+    """Return same-site alternatives of a second effect, of one family."""
     own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
     return best_of_effects([c for c in own if c.log_likelihood_gain > SHORTLIST.least_gain])[
         : SHORTLIST.same_site_alternatives
@@ -85,9 +110,23 @@ def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> lis
 
 
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return what usually stands beside an effect at its place: each takes up so much of the other that a regression beside it shows
-    little."""
-    name = COMPLETING.get(first.effect.family)
+    """Return usual companions of an effect at its location.
+
+    Each absorbs so much of the other that a conditional screening shows little.
+
+    Parameters
+    ----------
+    first : Term
+        First effect.
+    candidates : sequence of Candidate
+        Candidates.
+
+    Returns
+    -------
+    list of Candidate
+        Companions.
+    """
+    name = first.effect.traits.accompanied_by
     return [
         c
         for c in candidates
@@ -96,7 +135,7 @@ def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
-    """Return the effect itself in the place of another form of it that gains little more: fits say which form it is."""
+    """Return a candidate's plain form, where nearly equal."""
     plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
     return next(
         (c for c in plain if c.log_likelihood_gain > SHORTLIST.nearly * candidate.log_likelihood_gain), candidate
@@ -104,8 +143,7 @@ def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
 
 
 def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
-    """Drop candidates that gain no more than a simpler one of their family does, at the same place, or little more than the effect that
-    they are a form of."""
+    """Drop candidates that gain little more than a simpler one."""
     out: list[Candidate] = []
     for c in candidates:
         simpler = [

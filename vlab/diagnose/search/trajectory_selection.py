@@ -1,4 +1,4 @@
-"""The search far from rest: that of `vlab.diagnose.search.selection`, on the system along the motion."""
+"""Search in time on the trajectory-linearised model class."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,7 +25,24 @@ from vlab.physics.effect import Effect
 def search_moving(
     screen: TrajectoryScoreTest, effects: Sequence[Effect], report: Callable[[float, str], None]
 ) -> TimeFound:
-    """Search what is missing on the fit runs of a screening along their motion; see `vlab.diagnose.search.selection.search`."""
+    """Search the missing physics along the motion.
+
+    The procedure is that of `vlab.diagnose.search.selection.search`.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
+    effects : sequence of Effect
+        Candidate effects.
+    report : callable
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    TimeFound
+        Hypotheses.
+    """
     problem = screen.problem
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.3, "screening")
@@ -46,7 +63,7 @@ def search_moving(
         doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
-    if hypotheses:  # once more about the refitted plant of the best one: what is uncertain then changes by little
+    if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
         screen = screen.at(hypotheses[0].fit.theta)
         narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
         hypotheses = finished(narrow, hypotheses)
@@ -75,14 +92,14 @@ def _pairs(
     singles: Sequence[Hypothesis],
     effects: Sequence[Effect],
 ) -> list[Hypothesis]:
-    """Return fits of a second effect on top of the best single ones, by what it gains beside them in the screening."""
+    """Return fits of second effects with the best single ones."""
     by_label, seeds = {c.label: c for c in shortlist}, singles[: SECOND_EFFECT.seeds]
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed in seeds:
         table = screen.given([by_label[seed.label]]).candidates(effects)
         others = [
             c for c in table if c.effect.name != seed.terms[0].effect.name
-        ]  # at two places: one effect, placed badly
+        ]  # equal effects at two places are one misplaced effect
         for second in best_of_effects(others)[: SECOND_EFFECT.seconds]:
             if second.log_likelihood_gain > SHORTLIST.least_gain:
                 found.setdefault(frozenset((seed.label, second.label)), (seed, second))

@@ -1,4 +1,4 @@
-"""The values on which every effect is tried at every place, before any fit: sizes that matter there."""
+"""Trial values for the screening in frequency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,13 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scales:
-    """What counts as one of each kind of quantity at a port."""
+    """Reference mass, stiffness and damping at a port.
+
+    Parameters
+    ----------
+    mass, stiffness, damping : float
+        Reference values [kg, N/m, N s/m].
+    """
 
     mass: float
     stiffness: float
@@ -26,7 +32,20 @@ class Scales:
 
 
 def candidates(problem: FrequencyProblem, effects: Sequence[Effect]) -> list[tuple[Effect, Place]]:
-    """Return every linear effect at every place where it can act and shows."""
+    """Return every identifiable linear effect at every admissible location.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem.
+    effects : sequence of Effect
+        Effects.
+
+    Returns
+    -------
+    list of (Effect, Place)
+        Pairs.
+    """
     has_responses = any(isinstance(d, Response) for d in problem.measured)
     out = []
     for effect in effects:
@@ -47,12 +66,27 @@ def _fits(problem: FrequencyProblem, effect: Effect, place: Place) -> bool:
     if effect.kind == "sensor":
         name = problem.names[place.index]
         return any(isinstance(d, Response) and name in d.outputs for d in problem.measured)
-    # where an element has a stiffness of its own, what takes of it is called lost
+    # at an elastic element a negative stiffness is a loss of stiffness
     return not (effect.name == "magnetic-negative-stiffness" and place.stiffness > 0)
 
 
 def trials(problem: FrequencyProblem, effect: Effect, place: Place) -> list[Term]:
-    """Return the terms on which an effect is tried at a place."""
+    """Return the trial terms of an effect at a location.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem.
+    effect : Effect
+        Effect.
+    place : Place
+        Location.
+
+    Returns
+    -------
+    list of Term
+        Terms on a grid of values.
+    """
     grids = [_grid(problem, effect, place, p) for p in effect.parameters]
     out = []
     for values in product(*grids):
@@ -89,7 +123,7 @@ def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter)
 
 
 def _frequencies(problem: FrequencyProblem, low: float, high: float) -> Array:
-    """Return frequencies over the band, and those of the model's modes in it."""
+    """Return frequencies over the band, with the model's own."""
     own = np.abs(problem.view.omega) / (2 * np.pi)
     own = own[(own > low) & (own < high)][:8]
     return np.unique(np.concatenate([np.geomspace(low, high, TRIAL_VALUES.frequencies), own]).round(9))
@@ -127,7 +161,7 @@ def _channel_grid(
 
 
 def _scales(problem: FrequencyProblem, place: Place) -> Scales:
-    """Return the modal mass, stiffness and damping at a place of the modes in the measured band."""
+    """Return a location's reference values in the band."""
     high = problem.measured_hz[1]
     omega = np.abs(problem.view.omega)
     near = (omega < 2 * np.pi * 1.5 * high) & (omega > 1e-6)

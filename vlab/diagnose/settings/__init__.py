@@ -1,6 +1,6 @@
-"""Settings of the diagnosis: every chosen number, once, by the module that reads it.
+"""Settings of the diagnosis: every chosen number once, by the module that reads it.
 
-A setting whose description names no data is untested: no record says on which data it was set.
+A default without named data is untested.
 """
 
 from typing import Any
@@ -236,4 +236,4 @@ SETTINGS: dict[str, Any] = {
     "validation.simulation": VALIDATION,
     "verdict": VERDICT,
 }
-"""All settings, by the module of `vlab.diagnose` that reads them; a proof's manifest binds this object."""
+"""SETTINGS [-]: all settings by the reading module of `vlab.diagnose`; a proof's manifest contains this object."""

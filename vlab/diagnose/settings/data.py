@@ -8,12 +8,17 @@ class AmplitudeDependenceSettings:
     """Settings of `vlab.diagnose.data.amplitude_dependence`."""
 
     differ: float = 3.0
-    """Responses of one pair differ where they do so by more than this multiple of their noise, root mean square over lines."""
+    """differ [1]: rms over lines of the difference of two responses over its noise, above 0; default untested. Raising
+    it lets larger differences pass as noise."""
     least_shift: float = 0.002
-    """Change of a frequency and of a damping ratio over the levels that is worth a word."""
+    """least_shift [1]: least log ratio of a natural frequency over the levels, above 0; default untested. Raising it
+    leaves larger frequency shifts unreported."""
     least_damping: float = 0.15
-    """See `least_shift`."""
+    """least_damping [1]: least log ratio of a damping ratio over the levels, above 0; default untested. Raising it
+    leaves larger changes of damping unreported."""
     same_mode: float = 0.1
+    """same_mode [1]: largest log ratio of two natural frequencies of one mode, above 0; default untested. Raising it
+    pairs modes further apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,10 +26,14 @@ class CommandLimitSettings:
     """Settings of `vlab.diagnose.data.command_limit`."""
 
     explained: float = 0.5
-    """Share of the replay's squared error that a limit must take away."""
+    """explained [1]: least share of the replay's squared error that a limit removes, 0 to 1; default untested. Raising
+    it reports fewer limits."""
     grid: int = 24
+    """grid [1]: number of trial limits between 0.5 and 1.3 of the largest command, at least 2; default untested.
+    Raising it refines the limit and costs one replay per value."""
     at_limit: float = 0.98
-    """Commands above this share of the limit stand at it; it belongs to the actuator with most of them."""
+    """at_limit [1]: share of the limit from which a command counts as limited, 0 to 1; default untested. Raising it
+    counts fewer samples when the limited actuator is identified."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,29 +41,40 @@ class InterferenceSettings:
     """Settings of `vlab.diagnose.data.mains_interference`."""
 
     mains_hz: tuple[float, ...] = (50.0, 60.0)
+    """mains_hz [Hz]: nominal mains frequencies; a further entry adds a grid."""
     spread_hz: float = 0.2
-    """How far the mains, or the recorder's clock, may be from the nominal frequency."""
+    """spread_hz [Hz]: largest deviation of the mains, or of the recorder's clock, from nominal, above 0; default
+    untested. Raising it searches a wider band around every line."""
     harmonics: tuple[int, ...] = (1, 2, 3)
+    """harmonics [1]: multiples of the mains frequency that are searched, from 1; default untested. A further entry adds
+    a line."""
     stands_out: float = 30.0
-    """Power of a line over the median of its neighbours: white noise reaches that once in 10^9 bins..."""
+    """stands_out [1]: least power of a line over the median of its neighbours, above 1. White noise exceeds the default
+    in one of 10^9 bins; raising it misses weak lines."""
     quarters: int = 4
-    """...and the complex amplitudes in the quarters of a recording scatter by less than this share of their mean: those of a mode
-    that rings scatter more."""
+    """quarters [1]: parts of a recording in which a line's amplitude is estimated, at least 2; default untested.
+    Raising it makes the steadiness test stricter and noisier."""
     steady: float = 0.4
-    """See `quarters`."""
+    """steady [1]: largest scatter of a line's complex amplitude over the parts, as share of the mean, above 0; default
+    untested. A ringing mode scatters more; raising it accepts ringing modes as interference."""
     neighbours: tuple[int, ...] = (*range(6, 30), *range(-6, -30, -1))
-    """Bins around a line, those under its own window aside."""
+    """neighbours [bins]: offsets of the bins that give a line's background, outside the window's main lobe; default
+    untested. A wider range averages over more coloured background."""
     one_line: float = 0.8
-    """A drive with more than this share of its power in one line is a sine."""
+    """one_line [1]: share of a drive's power in one line from which the drive is a sine, 0 to 1; default untested.
+    Raising it keeps more drives broadband."""
     least_cycles: int = 40
-    """Cycles of the mains that a recording must hold for its lines to be told from motion."""
+    """least_cycles [1]: fewest mains cycles in a recording that separate a line from motion, above 0; default untested.
+    Raising it skips more short recordings."""
     highest: float = 0.45
-    """Lines are looked for below this share of the sample rate."""
+    """highest [1]: highest line as share of the sample rate, 0 to 0.5; default untested. Raising it searches lines
+    closer to the Nyquist frequency."""
     blocks_hz: float = 16.0
-    """Rate to which a band around a line is thinned, so that the looking costs nothing, and how many blocks a window of the low-pass before
-    it spans: motion a hundred times as large as the hum must not fold onto its line."""
+    """blocks_hz [Hz]: rate to which the band around a line is decimated, above 0; default untested. Raising it costs
+    time and widens the band."""
     overlap: int = 4
-    """See `blocks_hz`."""
+    """overlap [1]: blocks that a window of the decimation's low-pass spans, at least 1. The default keeps motion of a
+    hundred times the interference from aliasing onto the line; raising it costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,27 +82,38 @@ class NoiseSettings:
     """Settings of `vlab.diagnose.data.noise`."""
 
     noise_band: float = 0.7
-    """The noise is read off the spectrum above this share of half the sample rate, as its median there."""
+    """noise_band [1]: share of the Nyquist frequency above which the median spectrum is the noise, 0 to 1; default
+    untested. Raising it leaves fewer lines and less motion in the band."""
     least_noise: float = 1e-4
-    """Least noise that is believed, as a share of a channel's rms: what integrators and converters leave."""
+    """least_noise [1]: lower bound of the noise as share of a channel's rms, above 0; default untested. It covers
+    integrator and converter error; raising it weights clean channels less."""
     segment: int = 1024
-    """Longest segment of the spectra in samples."""
+    """segment [samples]: longest segment of the spectra, at least 64; default untested. Raising it resolves narrower
+    floors with fewer averages."""
     bursts: float = 0.5
-    """The median over segments is taken where it is below this share of their mean: most of them know nothing of a blow in a few."""
+    """bursts [1]: ratio of median to mean spectrum below which the median over segments is used, 0 to 1; default
+    untested. Raising it discards bursts such as hammer blows more readily."""
     groups: int = 64
-    """Parts of the spectrum whose medians are compared where a filter is looked for."""
+    """groups [1]: parts of the spectrum that are compared in the search for a low-pass filter, at least 7; default
+    untested. Raising it locates the corner better from noisier medians."""
     flat_groups: int = 6
-    """Fewest neighbouring groups that are a floor, a tenth of the spectrum."""
+    """flat_groups [1]: fewest neighbouring groups of a noise floor, at least 2; default a tenth of the spectrum,
+    untested. Raising it requires a wider floor."""
     flat: float = 2.0
-    """A floor's groups are within this ratio in power; medians of few segments scatter by half of it."""
+    """flat [1]: largest power ratio within a noise floor, above 1; default twice the scatter of medians over few
+    segments. Raising it accepts sloped spectra as floor."""
     cliff: float = 4.0
-    """A filter takes this ratio in power off the noise at the upper end: less is half the standard deviation or less."""
+    """cliff [1]: least drop in power from the floor to the upper end of the spectrum, above 1; default half in standard
+    deviation. Raising it misses weak filters."""
     heard: float = 100.0
-    """Somewhere a channel has this many times the floor's power: what was measured must stand out of a floor."""
+    """heard [1]: least ratio of the spectrum's maximum to the floor in power, above 1; default untested. Raising it
+    requires a larger signal-to-noise ratio."""
     coherent: float = 0.5
-    """A floor of which the inputs explain this share is no noise: the thing answers, up to where its excitation ends."""
+    """coherent [1]: multiple coherence with the inputs above which a floor is response, 0 to 1; default untested.
+    Raising it accepts more response as noise."""
     least_segments: int = 8
-    """Fewest segments per input that a coherence is averaged over."""
+    """least_segments [1]: fewest segments per input in a coherence estimate, at least 2; default untested. Raising it
+    lowers the coherence's bias and resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +121,11 @@ class QualitySettings:
     """Settings of `vlab.diagnose.data.quality`."""
 
     most_lost: float = 0.2
-    """A case of which a larger share of samples is lost says nothing."""
+    """most_lost [1]: share of lost samples above which a case is refused, 0 to 1; default untested. Raising it accepts
+    worse recordings."""
     most_at_limit: float = 0.9
-    """Share of the samples at flat tops that must stand at one limit for it to be one."""
+    """most_at_limit [1]: least share of the flat samples at one value for a sensor limit, 0 to 1; default untested.
+    Raising it reports fewer limits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,32 +133,38 @@ class QuantisationSettings:
     """Settings of `vlab.diagnose.data.quantisation`."""
 
     benign_step: float = 0.01
-    """A step below this share of its channel's rms, in all recordings together, is what every laboratory has."""
+    """benign_step [1]: largest unreported quantisation step as share of a channel's rms, above 0; default untested.
+    Raising it reports fewer coarse channels."""
     over_noise: float = 2.0
-    """...and so is one below this multiple of the noise at the upper end of the spectrum: evenly spread roundings alone are 3.5
-    times theirs, roundings of what noise has spread over several steps less than once."""
+    """over_noise [1]: least step over the high-frequency noise, above 0. Uniform rounding alone has a step of 3.5 times
+    its noise; noise over several steps has less than 1. Raising it misses steps under noise."""
     fewest: int = 3
-    """Steps that the values reach over at least: two values are a switch."""
+    """fewest [1]: fewest steps that the values span, at least 3 since two values are a switch. Raising it misses coarse
+    quantisation."""
     sharp: float = 0.42
-    """Characteristic function at one cycle per step, of the values that move, above which they stand on steps: noise of a fifth of
-    the step that comes after it leaves .49. A steady sine has |J0|, which is less than .27 for steps below its rms; larger steps must be
-    exact."""
+    """sharp [1]: least modulus of the empirical characteristic function at one cycle per step, 0 to 1. Noise of a fifth
+    of the step leaves 0.49, a steady sine below 0.27; raising it misses steps under noise."""
     exact: float = 0.9
-    """See `sharp`."""
+    """exact [1]: least modulus of the characteristic function for steps above the rms, 0 to 1; default untested.
+    Raising it misses coarse steps under noise."""
     clear: float = 4.0
-    """...and by this factor over what it has fallen to before, unless all that moves stands on them: of steps larger than the rms most
-    values are zero, and the function falls little in between."""
+    """clear [1]: least ratio of the peak of the characteristic function to its preceding minimum, above 1; default
+    untested. Raising it misses steps above the rms, where the function falls little."""
     all: float = 0.98
-    """See `clear`."""
+    """all [1]: share of the moving values on steps that replaces the peak ratio, 0 to 1; default untested. Raising it
+    requires exact steps."""
     between: float = 0.25
-    """Values further off their steps than this share of one say how they got there: smoothly where the mean cosine of the turn from the value
-    before them, a step being a whole one, is above this."""
+    """between [steps]: distance from a step above which a value lies between steps, 0 to 0.5; default untested. Raising
+    it judges smoothness from fewer values."""
     smooth: float = 0.5
-    """See `between`."""
+    """smooth [1]: mean cosine of successive phase turns above which motion between steps is smooth, -1 to 1; default
+    untested. Raising it accepts more signals as quantised."""
     most_peaks: int = 8
-    """Steps that are looked at, the largest first."""
+    """most_peaks [1]: candidate steps that are examined, largest first, at least 1; default untested. Raising it costs
+    time."""
     fine: int = 16
-    """Bins of the histogram for the smallest step looked for."""
+    """fine [1]: histogram bins per smallest step, at least 2; default untested. Raising it refines the histogram and
+    costs memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,19 +172,26 @@ class ResidualNoiseSettings:
     """Settings of `vlab.diagnose.data.residual_noise`."""
 
     degree: int = 1
-    """Degree of the local polynomials [1]: resonances that one band may hold."""
+    """degree [1]: degree of the local polynomials, at least 1; resonances that one band may hold. Raising it needs
+    wider bands."""
     lines_per_unknown: int = 2
-    """Spectral lines of a band per unknown of its fit [1]: half of them are left to tell noise from what is explained."""
+    """lines_per_unknown [1]: spectral lines of a band per unknown of the local fit, at least 2. Raising it widens the
+    bands and leaves more degrees of freedom to the noise."""
     motion_band: float = 2.0
-    """Nonlinear functions are taken of the motion below this multiple of the frequency that holds nearly all of its power [1]."""
+    """motion_band [1]: band of the motion in the nonlinear functions over the frequency that holds nearly all power,
+    above 1; default untested. Raising it admits more noise."""
     rank: float = 1e-8
-    """Singular values below this share of the largest are rounding [1]."""
+    """rank [1]: least singular value over the largest that is no rounding, above 0; default untested. Raising it drops
+    more columns."""
     least_freedom: float = 1e-6
-    """Least share of a line that its own fit leaves free [1]: rounding alone is below."""
+    """least_freedom [1]: lower bound of one minus a line's leverage, above 0; default untested. Raising it bounds the
+    leave-one-out residual closer."""
     first_lines: int = 3
-    """Spectral lines from which the noise's share of the mean is extrapolated [1]."""
+    """first_lines [1]: lowest spectral lines from which the noise of the mean is extrapolated, at least 1; default
+    untested. Raising it averages over more coloured noise."""
     least_snr: float = 10.0
-    """Least ratio of a channel's rms to its incoherent residual [1]: of more (20 dB) no noise is told from physics that these functions miss."""
+    """least_snr [1]: least ratio of a channel's rms to its incoherent residual, above 1; default 20 dB, untested.
+    Raising it reports incoherent noise for cleaner channels only."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,29 +199,41 @@ class ResponsesSettings:
     """Settings of `vlab.diagnose.data.responses`."""
 
     model_error: float = 0.02
-    """Relative error of a model's response that is no missing physics: modes cut off, joints idealised, transducers."""
+    """model_error [1]: relative error of a modelled response from truncation, ideal joints and transducers, above 0;
+    default untested. Raising it weights large responses less."""
     slope: float = 0.2
-    """Share of the change to the neighbouring line that a response may be off by: resonances sharper than the lines."""
+    """slope [1]: error of a response as share of the change to the next line, above 0; default untested. Raising it
+    weights resonances sharper than the lines less."""
     around: int = 25
-    """Lines around one from which its noise is estimated."""
+    """around [lines]: lines of the running median that estimates a line's noise, at least 3; default untested. Raising
+    it smooths the noise estimate."""
     most_lines: int = 250
-    """Lines of a response that the search uses; where a file has more, those that change little are thinned out."""
+    """most_lines [lines]: most lines of a response in the search, at least 2; default untested. Raising it thins
+    responses less and costs time."""
     frequency_sd: float = 0.01
-    """Relative standard deviations of natural frequencies and damping ratios, and that of shapes of unit maximum, where a table
-    says nothing: what the repetition of a modal test by others leaves."""
+    """frequency_sd [1]: relative standard deviation of natural frequencies without a stated one, above 0; default the
+    repeatability of a modal test between laboratories, untested. Raising it weights frequencies less."""
     zeta_sd: float = 0.25
-    """See `frequency_sd`."""
+    """zeta_sd [1]: relative standard deviation of damping ratios without a stated one, above 0; default the
+    repeatability between laboratories, untested. Raising it weights damping less."""
     shape_sd: float = 0.05
-    """See `frequency_sd`."""
+    """shape_sd [1]: standard deviation of shapes of unit maximum without a stated one, above 0; default the
+    repeatability between laboratories, untested. Raising it weights shapes less."""
     frequency_error: float = 0.001
-    """What a model may be off by besides, which is no missing physics."""
+    """frequency_error [1]: relative model error of natural frequencies, above 0; default untested. Raising it weights
+    accurate tables less."""
     zeta_error: float = 0.05
-    """See `frequency_error`."""
+    """zeta_error [1]: relative model error of damping ratios, above 0; default untested. Raising it weights accurate
+    tables less."""
     shape_error: float = 0.01
-    """See `frequency_error`."""
+    """shape_error [1]: model error of shapes of unit maximum, above 0; default untested. Raising it weights accurate
+    tables less."""
     smallest_zeta: float = 1e-5
+    """smallest_zeta [1]: lower bound of a modelled damping ratio in log ratios, above 0; default untested. Raising it
+    hides differences between lightly damped modes."""
     gives: float = 0.1
-    """A response whose mobility at the driven place has a negative real part, on the whole, by this share of its size gives power."""
+    """gives [1]: share of the driving-point mobility with negative real part above which a response is active, 0 to 1;
+    default untested. Raising it reports fewer active responses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,23 +241,34 @@ class RunsSettings:
     """Settings of `vlab.diagnose.data.runs`."""
 
     points_per_cycle: float = 14.0
-    """Samples of the search per cycle of the fastest motion that carries power: phase errors of its laws stay below 2 %."""
+    """points_per_cycle [1]: samples per cycle of the highest frequency with power, above 2; default for phase errors
+    below 2 %. Raising it thins runs less and costs time."""
     enough_samples: int = 6000
-    """A run is not thinned below this length."""
+    """enough_samples [samples]: run length below which no run is thinned, above 0; default untested. Raising it keeps
+    more samples."""
     most_samples: int = 8000
-    """The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
+    """most_samples [samples]: longest part of a run in the search, above 0; default untested. Raising it costs time;
+    the verdict always uses whole runs."""
     first_will_do: float = 0.25
-    """It is the first part, whose start is known best, where that has this share of the power of any other."""
+    """first_will_do [1]: power of the first part over the strongest part from which the first is used, 0 to 1; default
+    untested. The initial state is known best there; raising it selects later parts."""
     power_share: float = 0.99
+    """power_share [1]: share of the spectrum's power below the highest frequency, 0 to 1; default untested. Raising it
+    raises the highest frequency and the sample rate."""
     windows: int = 16
-    """A run is cut into this many windows for the first fits."""
+    """windows [1]: windows of a run in the first fits, at least 1; default untested. Raising it shortens windows and
+    follows less slow motion."""
     cycles: float = 3.0
-    """A window holds at least this many cycles of the slowest mode that oscillates; whole runs say more of it."""
+    """cycles [1]: fewest cycles of the slowest oscillating mode in a window, above 0; default untested. Raising it
+    lengthens the windows."""
     least_window: int = 150
+    """least_window [samples]: shortest window, at least 2; default untested. Raising it lengthens the windows."""
     preroll: int = 120
-    """Samples of smoothed motion that a law with memory sees before a window, and of commands, which may come out late."""
+    """preroll [samples]: smoothed motion and commands before a window that a hysteretic law receives, above 0; default
+    untested. Raising it lets longer memory settle and costs time."""
     long_preroll: int = 2000
-    """The same of laws that are linear in what they remember, which costs them nothing: a light oscillator rings for that long."""
+    """long_preroll [samples]: motion before a window that a law with linear memory receives, above 0; default untested.
+    Raising it lets lighter oscillators ring at negligible cost."""
 
 
 AMPLITUDE_DEPENDENCE = AmplitudeDependenceSettings()

@@ -8,17 +8,17 @@ class EvidenceSettings:
     """Settings of `vlab.diagnose.inference.evidence`."""
 
     model_error_samples: float = 40.0
-    """Independent values that a model's own error is: it does not average out over a hundred thousand samples, so where it is what
-    is left of the recordings, five per cent less of it are odds of e^2, not of e^5000. Noise averages out; see `weighed`."""
+    """model_error_samples [1]: effective sample size of a model's own error, which does not average out, above 0;
+    default untested. Raising it makes differences of model error more decisive."""
     unheld: float = 40.0
-    """Logarithm of the odds against a nonlinear or negative spring where the model has none and the port is free to move: as much as
-    a difference smaller by a factor of e, all of it the model's own error."""
-    of_one: tuple[str, ...] = ("clearance", "saturation")
-    """Families of effects that a single drive may have as well as all of them, and the logarithm of the odds against all of them."""
+    """unheld [nat]: negative log prior of a nonlinear or negative spring at a free port, above 0; default a residual
+    smaller by a factor of e. Raising it rejects such springs more often."""
     all_alike: float = 4.0
-    """See `of_one`."""
+    """all_alike [nat]: negative log prior of an effect in all drives, for families usual in one drive, above 0; default
+    untested. Raising it favours the effect in a single drive."""
     noise_known: float = 0.03
-    """The noise's variance is known to this share of it: what is left within that may be noise or not."""
+    """noise_known [1]: relative uncertainty of the noise variance, above 0; default untested. Raising it counts more of
+    the residual as noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,15 +26,21 @@ class FrequencyFitSettings:
     """Settings of `vlab.diagnose.inference.frequency_least_squares`."""
 
     prior_bound: float = 3.0
-    """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration."""
+    """prior_bound [sd]: bound of uncertain parameters about their prior means, above 0; default untested. Raising it
+    lets the fit calibrate larger deviations instead of reporting an effect."""
     iterations: int = 25
+    """iterations [1]: most Gauss-Newton iterations of a fit, at least 1; default untested. Raising it costs time."""
     coarse: tuple[float, ...] = (0.25, 0.08)
-    """Widths of the bands in which responses are compared first."""
+    """coarse [1]: relative widths of the frequency bands in the first fits, widest first, above 0; default untested.
+    Wider bands admit worse starting values."""
     coarse_iterations: int = 5
+    """coarse_iterations [1]: iterations per band width, at least 1; default untested. Raising it costs time."""
     loose: float = 3.0
-    """Spread of the logarithm of an effect's parameter that its standard deviation never exceeds."""
+    """loose [1]: upper bound of the standard deviation of an effect parameter's logarithm, above 0; default untested.
+    Raising it reports wider intervals for unidentifiable parameters."""
     still: float = 1e-4
-    """Relative fall of the cost below which a fit has ended."""
+    """still [1]: relative decrease of the cost below which a fit ends, above 0; default untested. Raising it ends fits
+    earlier."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,23 +48,31 @@ class HypothesisFitsSettings:
     """Settings of `vlab.diagnose.inference.hypothesis_fits`."""
 
     quick: int = 5
-    """Iterations of the first fit of every hypothesis, and how many of the best are fitted to the end."""
+    """quick [1]: iterations of the first fit of every hypothesis, at least 1; default untested. Raising it ranks
+    hypotheses better and costs time."""
     finished: int = 4
-    """See `quick`."""
+    """finished [1]: best hypotheses that are fitted to convergence, at least 1; default untested. Raising it costs
+    time."""
     first: int = 2
-    """Iterations that tell which of few values a parameter has."""
+    """first [1]: iterations that select among discrete starting values, at least 1; default untested. Raising it costs
+    time."""
     whole_iterations: int = 5
-    """The same over whole runs."""
+    """whole_iterations [1]: iterations of a fit to whole runs, at least 1; default untested. Raising it costs time."""
     whole_finished: int = 3
-    """See `whole_iterations`."""
+    """whole_finished [1]: best hypotheses that are fitted to whole runs, at least 1; default untested. Raising it costs
+    time."""
     nearly_as_little: float = 1.25
-    """Whole runs are fitted on where they leave this multiple of the least mean square at most."""
+    """nearly_as_little [1]: mean square over the least mean square up to which a whole-run fit continues, above 1;
+    default untested. Raising it continues more fits."""
     places: int = 5
-    """Places at which the chosen effect is fitted again."""
+    """places [1]: locations at which the chosen effect is fitted again, at least 1; default untested. Raising it widens
+    the location posterior and costs time."""
     enough: float = 1.3
-    """What leaves no more than this multiple of the noise lacks nothing that is worth much time."""
+    """enough [1]: normalised residual below which a hypothesis explains the recordings, above 1; default untested.
+    Raising it ends the search earlier."""
     hopeless: float = 12.0
-    """Once something explains the recordings, what scores less by this much after a quick fit is not fitted any further."""
+    """hopeless [nat]: score below the best at which a hypothesis is dropped once the recordings are explained, above 0;
+    default untested. Raising it fits more hypotheses to convergence."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +80,14 @@ class JacobianSettings:
     """Settings of `vlab.diagnose.inference.jacobian`."""
 
     smooth_step: float = 1e-4
-    """Step of slopes along uncertain parameters, in their standard deviations, where no law has edges."""
+    """smooth_step [sd]: finite-difference step of uncertain parameters without nonsmooth laws, above 0; default
+    untested. Raising it adds truncation error."""
     moved: float = 0.25
-    """Root mean square of the weighted difference by which their steps move it, and how much wider than usual they may be: of uncertain
-    parameters up to a standard deviation, of a law's to a twentieth."""
+    """moved [1]: rms of the normalised residual's change by one finite-difference step, above 0; default untested.
+    Raising it averages over nonsmooth events with more truncation error."""
     widest: tuple[float, ...] = (100.0, 5.0)
-    """See `moved`."""
+    """widest [1]: largest factors on the usual steps of uncertain parameters and of effect parameters, above 1; default
+    untested. The factors allow one standard deviation and a twentieth; raising them allows more truncation error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,45 +95,62 @@ class FitSettings:
     """Settings of `vlab.diagnose.inference.least_squares`."""
 
     iterations: int = 12
+    """iterations [1]: most Levenberg-Marquardt iterations of a fit, at least 1; default untested. Raising it costs
+    time."""
     frozen: int = 2
-    """Steps in which a law keeps its shape while its size and the uncertain parameters find each other: a gap or a slip that moves
-    at once moves to where the law does nothing."""
+    """frozen [1]: first iterations with fixed shape parameters, at least 0; default untested. A gap or slip limit that
+    moves at once moves out of the motion; raising it delays the shapes."""
     explained: float = 1.7
-    """Mean square of the weighted difference below which a fit needs no second start, and square of the uncertain parameters' distance
-    from their priors' means over what is usual, above which it has one all the same."""
+    """explained [1]: mean square of the normalised residual below which no second start is needed, above 1; default
+    untested. Raising it makes fewer second starts."""
     distant: float = 1.5
-    """See `explained`."""
+    """distant [1]: squared prior distance over the number of parameters above which a second start is made, above 1;
+    default untested. Raising it makes fewer second starts."""
     near_enough: float = 1.0
-    """Decrease of the cost, in squared standard deviations, below which steps are too small to go on: for a comparison of hypotheses,
-    and for the values of parameters."""
+    """near_enough [nat]: cost decrease in squared standard deviations below which a comparison of hypotheses ends,
+    above 0; default untested. Raising it ends fits earlier."""
     exact: float = 0.02
-    """See `near_enough`."""
+    """exact [nat]: cost decrease in squared standard deviations below which a parameter estimate ends, above 0; default
+    untested. Raising it ends final fits earlier."""
     cheaper: float = 0.5
-    """Decrease of the cost above which a descent goes on although what is left is noise."""
+    """cheaper [nat]: cost decrease above which a descent continues although the residual is noise, above 0; default
+    untested. Raising it ends such descents earlier."""
     more: int = 12
-    """Steps that such a descent may take beyond those it was given."""
+    """more [1]: additional iterations of a descent that still decreases the cost, at least 0; default untested. Raising
+    it costs time."""
     noise: float = 0.95
-    """Mean square of what is left below which it is noise, in its squared standard deviations."""
+    """noise [1]: mean square of the normalised residual below which the residual is noise, about 1; default untested.
+    Raising it ends fits earlier."""
     undamped: float = 1e-10
-    """Damping of a step that goes all the way, and the parts of it that are tried: where parameters make up for each other, damped
-    ones leave them as far from their priors' means as the first steps took them; and such valleys bend."""
+    """undamped [1]: Levenberg-Marquardt damping of a full Gauss-Newton step, near 0; default untested. Raising it slows
+    descents along narrow valleys of correlated parameters."""
     parts: tuple[float, ...] = (1.0, 0.3, 0.1)
-    """See `undamped`."""
+    """parts [1]: trial fractions of the full Gauss-Newton step, 0 to 1; default untested. A further entry follows bent
+    valleys better and costs one evaluation."""
     passes: int = 2
-    """The last slopes are taken anew so often, along directions that the ones before show."""
+    """passes [1]: recomputations of the final Jacobian along its own singular directions, at least 0; default untested.
+    Raising it improves intervals and costs time."""
     reused: int = 3
-    """Steps for which slopes are carried on while they keep half of their promise."""
+    """reused [1]: iterations with a Broyden update before a new Jacobian, at least 0; default untested. Raising it
+    saves evaluations at worse steps."""
     loose_start: float = 0.03
-    """Spread of the states that windows start from, as a share of their rms over all windows."""
+    """loose_start [1]: standard deviation of a window's initial state over its rms, above 0; default untested. Raising
+    it lets initial states absorb more residual."""
     most_directions: int = 100
+    """most_directions [1]: most identifiable directions of the uncertain parameters, at least 1; default untested.
+    Raising it costs time."""
     most_started: int = 6
-    """Modes whose first state is fitted."""
+    """most_started [1]: modes whose initial state is estimated, at least 0; default untested. Raising it adds nuisance
+    parameters."""
     informed: float = 0.005
-    """Directions of the uncertain parameters whose prior spread moves the channels by less than this share of noise and model
-    error, root mean square, stay at the prior's mean."""
+    """informed [1]: least rms change of the normalised channels by one prior standard deviation of an identifiable
+    direction, above 0; default untested. Raising it fixes more directions at the prior mean."""
     probe: float = 0.3
+    """probe [sd]: step of uncertain parameters in the search for the identifiable subspace, above 0; default untested.
+    Raising it averages over more nonlinearity."""
     largest: float = 1e8
-    """What residuals that ran away are cut off at."""
+    """largest [1]: bound of a normalised residual of a diverged trial, above 1; default untested. Raising it risks
+    overflow of squares."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,30 +158,35 @@ class ModelChoiceSettings:
     """Settings of `vlab.diagnose.inference.model_choice`."""
 
     explained: float = 0.5
-    """An effect must explain this share of what stood above the noise before it."""
+    """explained [1]: share of the excess over the noise that an effect must remove, 0 to 1; default untested. Raising
+    it accepts fewer effects."""
     together: float = 0.75
-    """Two effects of which neither alone explains enough must explain this share of it."""
+    """together [1]: share of the excess that two effects must remove where neither alone suffices, 0 to 1; default
+    untested. Raising it accepts fewer pairs."""
     second_share: float = 0.005
-    """A second effect must explain this share of what stood above the noise without any, too."""
+    """second_share [1]: share of the initial excess that a second effect must remove, 0 to 1; default untested. Raising
+    it accepts fewer second effects."""
     above_noise: float = 1.3
-    """Below this multiple of the noise there is nothing to explain."""
+    """above_noise [1]: normalised residual below which nothing remains to be explained, above 1; default untested.
+    Raising it accepts fewer effects."""
     beyond_prior: float = 10.0
-    """An effect is also accepted where it gains this much in log-likelihood, priors of the uncertain parameters included, and 2 more for
-    every further parameter: the refitted model may fit as well, but only with parameters that are less likely than the effect. Twice that
-    is a chi squared of one degree of freedom, which exceeds 20 by chance once in 10^5 and 12 once in 2000; some hundred laws with their
-    shapes are looked at at all places, but only a dozen linear ones."""
+    """beyond_prior [nat]: least posterior gain of a nonlinear effect over the refit, plus 2 per further parameter,
+    above 0. A chi-squared of one degree of freedom exceeds 20 once in 10^5; raising it accepts fewer effects."""
     of_linear: float = 6.0
-    """See `beyond_prior`."""
+    """of_linear [nat]: least posterior gain of a linear effect over the refit, above 0. A chi-squared of one degree of
+    freedom exceeds 12 once in 2000, and linear laws are few; raising it accepts fewer effects."""
     of_pairs: float = 6.0
-    """...and this much more for two of them at once: of a thousand pairs the best one gains 7 by chance."""
+    """of_pairs [nat]: additional gain for two effects at once, above 0. The best of a thousand pairs gains 7 by chance;
+    raising it accepts fewer pairs."""
     lapse: float = 0.04
-    """Share of names that are wrong for reasons that no score knows of: physics that no law describes, a fit that ended elsewhere. All
-    that was tried shares the rest. Counted on the named effects of an earlier campaign of concealed cases."""
+    """lapse [1]: probability of physics outside the catalogue or of a wrong optimum, 0 to 1; default from the named
+    effects of an earlier campaign of concealed cases. Raising it lowers every probability."""
     near_mains: float = 0.5
-    """A force [Hz] so near the mains' frequency or a multiple is not believed in for the likelihood alone: hum within the noise of every
-    sensor adds up to one over all recordings."""
+    """near_mains [Hz]: distance from a mains harmonic within which a force needs more than likelihood, above 0; default
+    untested. Interference adds up over all recordings; raising it rejects more periodic forces."""
     alike: float = 3.0
-    """Hypotheses within odds of e^3 of the best one, one to twenty, cannot be told apart by the recordings."""
+    """alike [nat]: score difference within which hypotheses are indistinguishable, above 0; default odds of 1 to 20.
+    Raising it lists more alternatives."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,18 +194,23 @@ class ParameterVectorSettings:
     """Settings of `vlab.diagnose.inference.parameter_vector`."""
 
     prior_bound: float = 6.0
-    """Uncertain parameters stay within this many standard deviations: what lies further off is a finding, no calibration. Their priors
-    alone are what a score counts; a bound at work stops a descent."""
+    """prior_bound [sd]: bound of uncertain parameters about their prior means, above 0; default untested. An active
+    bound stops a descent, so raising it lets fits move further; only the prior enters the score."""
     furthest: float = 9.0
-    """An effect's parameter without a sign stays within a factor of e to this power of where it starts."""
+    """furthest [1]: bound of the log ratio of a positive effect parameter to its start, above 0; default untested.
+    Raising it widens the search."""
     step: float = 1e-2
-    """Steps of slopes: along uncertain parameters, offsets and effects' parameters, of these relative; along first states; the least."""
+    """step [1]: finite-difference step of uncertain parameters and offsets [sd], and relative step of effect
+    parameters, above 0; default untested. Raising it adds truncation error."""
     start_step: float = 0.1
-    """See `step`."""
+    """start_step [1]: finite-difference step of initial states in their scale, above 0; default untested. Raising it
+    adds truncation error."""
     least_step: float = 1e-12
-    """See `step`."""
+    """least_step [1]: least finite-difference step of a signed effect parameter in its unit, above 0; default untested.
+    Raising it blurs small parameters."""
     start_size: float = 0.01
-    """First states are fitted in this share of the largest one."""
+    """start_size [1]: scale of estimated initial states over the largest one, above 0; default untested. Raising it
+    loosens the initial states."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,37 +218,46 @@ class ScoreTestSettings:
     """Settings of `vlab.diagnose.inference.score_test`."""
 
     slow: float = 1e-3
-    """Trust in the model, as a factor in the unknown forces, of an observer that forgets slowly and sees what only adds up over many
-    cycles: where something is to be explained, it looks as well."""
+    """slow [1]: factor on the unknown-force intensity of the slow observer, 0 to 1; default untested. A slow observer
+    detects effects that accumulate over many cycles; raising it speeds the observer up."""
     refits: int = 4
-    """The uncertain parameters are refitted this often before the screening, each time on a filter that trusts the model more."""
+    """refits [1]: refits of the uncertain parameters before the screening, at least 1; default untested. Each refit
+    uses a filter with less process noise; raising it costs time."""
     offset_sd: tuple[float, ...] = (0.005, 0.05, 0.05)
-    """Prior standard deviation of a channel's zero, as a share of its rms: of displacements, where a constant force shows as well,
-    of velocities and of accelerations, where it does not."""
+    """offset_sd [1]: prior standard deviations of a displacement, velocity and acceleration offset over the channel's
+    rms, above 0; default untested. Raising it lets offsets absorb constant forces."""
     tones: int = 3
-    """Frequencies that are read off what is left of the recordings, and how far apart they lie at least, in lines of a recording."""
+    """tones [1]: most tones that are estimated from the residual, at least 0; default untested. Raising it adds trial
+    frequencies."""
     tone_width: float = 4.0
-    """See `tones`."""
+    """tone_width [lines]: least distance of two tones, above 0; default untested. Raising it merges close tones."""
     highest_tone: float = 0.3
-    """...and up to what share of the sample rate they are looked for."""
+    """highest_tone [1]: highest tone over the sample rate, 0 to 0.5; default untested. Raising it searches a wider
+    band."""
     tone_stands_out: float = 8.0
-    """A tone has more power than this multiple of the median of so many lines to both sides; noise alone has it once in 3000 lines. What
-    is left of a contact or a coarse step has none that stand out."""
+    """tone_stands_out [1]: least power of a tone over the median of its neighbours, above 1; white noise exceeds the
+    default in one of 3000 lines. Raising it misses weak tones."""
     tone_neighbours: float = 30.0
-    """See `tone_stands_out`."""
+    """tone_neighbours [lines]: half-width of a tone's neighbourhood, above `tone_width`; default untested. Raising it
+    averages over more coloured residual."""
     model_error_samples: float = 500.0
-    """Independent values that the innovations count as in the estimate of the uncertain parameters."""
+    """model_error_samples [1]: effective sample size of the innovations in the estimate of the uncertain parameters,
+    above 0; default untested. Raising it moves the parameters further from their priors."""
     shares: int = 2
-    """Places are looked at in so many processes, where there are the cores: each marches the laws that remember for all of them."""
+    """shares [1]: processes of the screening, at least 1; default for two cores. Each process integrates all hysteretic
+    laws once; raising it repeats that work."""
     zoom: tuple[float, ...] = (1.5, 1.25, 1.12, 1.06, 1.03, 1.015, 1.007, 1.0035, 1.0017)
-    """Factors by which shapes are moved off the best values of their grids, one after the other: the error of a coarse step is another
-    one where the step is off by a part in the number of steps."""
+    """zoom [1]: successive factors on shape parameters around the best grid value, above 1; default untested. A further
+    entry refines the shapes."""
     coarse_zoom: int = 4
-    """How many of them are enough for a law that remembers."""
+    """coarse_zoom [1]: factors of `zoom` for a hysteretic law, at least 0; default untested. Raising it refines the
+    shapes and costs time."""
     no_gain: float = 1e-3
-    """Log-likelihood by which a value must be better to be another one: two that say the same differ by rounding."""
+    """no_gain [nat]: least log-likelihood gain of another grid value, above 0; default above rounding. Raising it keeps
+    coarser values."""
     most_rows: int = 60_000
-    """Samples times channels that the screening works on."""
+    """most_rows [1]: samples times channels of the screening, above 0; default untested. Raising it costs time and
+    memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,9 +265,11 @@ class SensorOffsetSettings:
     """Settings of `vlab.diagnose.inference.sensor_offset`."""
 
     benign_offset: float = 0.01
-    """A zero that is off by less than this share of its channel's rms is what every laboratory has..."""
+    """benign_offset [1]: largest unreported sensor offset over the channel's rms, above 0; default untested. Raising it
+    reports fewer offsets."""
     over_error: float = 1.0
-    """...and one that is off by less than this multiple of what the fit leaves of the channel may be made up by what is wrong there."""
+    """over_error [1]: least reported offset over the channel's residual rms, above 0; default untested. Raising it
+    reports fewer offsets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,14 +277,16 @@ class SimulatorFitSettings:
     """Settings of `vlab.diagnose.inference.simulator_least_squares`."""
 
     corrections: int = 2
-    """How often the difference between MuJoCo's run and the system along the motion is taken off the recordings, and the steps of
-    the fit after each."""
+    """corrections [1]: corrections of the fit by MuJoCo's own run, at least 0; default untested. Raising it costs time.
+    """
     steps: int = 5
-    """See `corrections`."""
+    """steps [1]: iterations after each correction, at least 1; default untested. Raising it costs time."""
     enough: float = 0.97
-    """A correction that leaves more than this share of the last one's rms ends the fit."""
+    """enough [1]: ratio of successive residual rms above which the corrections end, 0 to 1; default untested. Raising
+    it continues for smaller improvements."""
     follows: float = 0.5
-    """Share of a recording's rms by which MuJoCo's run may miss it for the correction to mean anything."""
+    """follows [1]: largest residual of MuJoCo's run over a recording's rms for a valid correction, above 0; default
+    untested. Raising it corrects worse fits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,25 +294,33 @@ class TrajectoryFitSettings:
     """Settings of `vlab.diagnose.inference.trajectory_least_squares`."""
 
     windows: int = 12
-    """A run is cut into this many windows, of this many samples at least."""
+    """windows [1]: windows of a run, at least 1; default untested. Raising it shortens the windows."""
     least_window: int = 60
-    """See `windows`."""
+    """least_window [samples]: shortest window, at least 2; default untested. Raising it lengthens the windows."""
     preroll: int = 120
-    """Samples of smoothed motion that a law with memory sees before a window."""
+    """preroll [samples]: smoothed motion before a window that a hysteretic law receives, above 0; default untested.
+    Raising it lets longer memory settle."""
     loose: float = 6.0
-    """Windows start within this multiple of the predictions' standard deviation: what the nominal model lacks may act there."""
+    """loose [1]: spread of a window's initial state over the predicted standard deviation, above 0; default untested.
+    It covers effects missing from the nominal model; raising it lets initial states absorb more residual."""
     settled: int = 20
-    """Samples after which the predictions' standard deviation is that of a known motion."""
+    """settled [samples]: samples after which the predicted covariance is that of a known motion, above 0; default
+    untested. Raising it uses a later covariance."""
     probe: float = 0.02
-    """Share of it by which starts are moved to see what they can explain."""
+    """probe [1]: finite-difference step of initial states over their spread, above 0; default untested. Raising it
+    averages over more nonlinearity."""
     pad: int = 400
-    """Samples by which a record is continued to the left for sensors that remember, turned about its first sample."""
+    """pad [samples]: odd extension of a record before its start for sensors with dynamics, above 0; default untested.
+    Raising it lets slower sensors settle."""
     settlings: int = 2
-    """Steps by which starts are moved to where a hypothesis fits best, and the most that each may move, in their spread."""
+    """settlings [1]: updates of the initial states of whole runs for a hypothesis, at least 0; default untested.
+    Raising it costs time."""
     most_move: float = 3.0
-    """See `settlings`."""
+    """most_move [1]: largest move of an initial state over its spread, above 0; default untested. Raising it allows
+    larger corrections."""
     even: float = 1e-6
-    """Intervals that differ by no more than this share are the same."""
+    """even [1]: relative spread of sample intervals up to which sampling is uniform, above 0; default untested. Raising
+    it treats more jitter as uniform."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,11 +328,14 @@ class TrajectoryScoreTestSettings:
     """Settings of `vlab.diagnose.inference.trajectory_score_test`."""
 
     settled: int = 10
-    """Samples after which innovations count."""
+    """settled [samples]: first samples whose innovations are ignored, at least 0; default untested. Raising it discards
+    more of the transient."""
     often: float = 25.0
-    """Points per cycle of the fastest motion at which the forces of uncertain parameters are found."""
+    """often [1]: points per cycle of the highest frequency for forces of uncertain parameters, above 2; default
+    untested. Raising it costs time; splines interpolate between the points."""
     change: float = 1e-4
-    """Step of the log-factors of uncertain parameters in differences of forces."""
+    """change [1]: finite-difference step of the log factor of an uncertain parameter, above 0; default untested.
+    Raising it adds truncation error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,7 +343,8 @@ class WindowFitSettings:
     """Settings of `vlab.diagnose.inference.window_least_squares`."""
 
     whole: int = 3000
-    """Runs up to this many samples are not cut into windows: what changes slowly with the amplitude shows in whole runs only."""
+    """whole [samples]: run length up to which a run is not divided into windows, above 0; default untested. Slow
+    amplitude effects show in whole runs only; raising it fits longer runs undivided."""
 
 
 EVIDENCE = EvidenceSettings()

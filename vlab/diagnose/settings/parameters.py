@@ -8,12 +8,16 @@ class LocationsSettings:
     """Settings of `vlab.diagnose.parameters.locations`."""
 
     same: float = 1e-6
-    """Two ports are one where their rows differ by less than this share."""
+    """same [1]: relative difference of two port rows up to which the ports are one, above 0; default untested. Raising
+    it merges more ports."""
     most_ports: int = 80
+    """most_ports [1]: most ports of a model in the search, at least 1; default untested. Raising it costs time."""
     most_picked_up: int = 16
-    """Beyond this many sensors none is taken to see what another one sees."""
+    """most_picked_up [1]: most sensors between which crosstalk is searched, at least 1; default untested. Raising it
+    costs time."""
     free: float = 0.1
-    """Angular frequency [rad/s] below which a mode is free motion."""
+    """free [rad/s]: natural frequency below which a mode is rigid-body motion, above 0; default untested. Raising it
+    treats soft suspensions as free."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +25,11 @@ class MeshCorrectionSettings:
     """Settings of `vlab.diagnose.parameters.mesh_correction`."""
 
     wider: float = 2.0
-    """Modes up to this multiple of the highest frequency recorded are those of the FE model: pulses and edges go beyond the others."""
+    """wider [1]: highest corrected natural frequency over the highest recorded frequency, above 1; default untested.
+    Pulses excite modes above the band; raising it corrects more modes."""
     soft: float = 0.01
-    """Share of the cables' stiffness along their length that leaves nothing of what their stretching adds: tension and modes stay."""
+    """soft [1]: share of the cables' axial stiffness that removes stretch stiffening but keeps tension and modes, 0 to
+    1; default untested. Raising it leaves some stiffening."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,15 +47,17 @@ class MjcfPriorsSettings:
             "sensor": 0.01,
         }
     )
-    """Relative standard deviations where a case says nothing: drawings and data sheets are good to some per cent, damping and
-    friction are known to a third, sensors are calibrated."""
+    """default_sd [1]: relative prior standard deviations by kind where a case states none, above 0; default from
+    drawings, data sheets and calibration, untested. Raising an entry frees that kind."""
     common: float = 0.25**0.5
-    """Elements of a kind have a common factor and each one of its own, of these shares of the kind's standard deviation: parts of one
-    drawing have some error in common, and every element deviates by just what is stated."""
+    """common [1]: standard deviation of a kind's common factor over that of the kind, 0 to 1; default untested. Raising
+    it correlates the elements of one drawing more; `common` and `own` add to 1 in square."""
     own: float = 0.75**0.5
-    """See `common`."""
+    """own [1]: standard deviation of an element's own factor over that of its kind, 0 to 1; default untested. Raising
+    it decorrelates the elements."""
     most_elements: int = 12
-    """Beyond this many elements of a kind only the common factor is uncertain: a chain of links is one bar."""
+    """most_elements [1]: most elements of a kind with a factor each, at least 1; default untested. A longer chain of
+    links is one bar with a common factor; raising it adds parameters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,16 +65,22 @@ class ModeSelectionSettings:
     """Settings of `vlab.diagnose.parameters.mode_selection`."""
 
     most_modes: int = 24
+    """most_modes [1]: most modes of the reduced model, at least 1; default untested. Raising it costs time."""
     few: int = 8
-    """So many modes are all followed, as far as samples tell: a gap or a slip feels how a place yields beside it."""
+    """few [1]: number of modes up to which all are dynamic within the sampled band, at least 1; default untested.
+    Raising it keeps the local compliance of gaps and slips in larger models."""
     band_margin: float = 2.0
-    """Modes up to this multiple of the fastest motion recorded are kept: those above follow statically."""
+    """band_margin [1]: highest dynamic mode over the highest recorded frequency, above 1; default untested. Modes above
+    are quasi-static; raising it costs time."""
     seen: float = 0.45
-    """Share of the sample rate beyond which no mode is followed."""
+    """seen [1]: highest dynamic mode over the sample rate, 0 to 0.5; default untested. Raising it keeps modes closer to
+    the Nyquist frequency."""
     no_phase: float = 1e-12
-    """A step whose eigenvalues are real and negative turns a motion round at once, as no continuous one does."""
+    """no_phase [1]: imaginary part below which a pole of the discrete step is real, above 0; default above rounding.
+    Raising it classifies more negative poles as real."""
     lagging: float = 30.0
-    """A lag turns phases far below its corner: by 2 degrees at one part in so many of it."""
+    """lagging [1]: corner of an overdamped mode over the band up to which the mode is kept, above 1. A lag turns phase
+    by 2 degrees at one thirtieth of its corner; raising it keeps faster lags."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +88,8 @@ class ObservationSettings:
     """Settings of `vlab.diagnose.parameters.observation`."""
 
     step: float = 1e-6
-    """Step of the central differences [largest joint motion, m or rad, or their rates]."""
+    """step [1]: central-difference step of joint motions in m or rad, or per second, above 0; default untested. Raising
+    it adds truncation error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +97,8 @@ class RecordedRunsSettings:
     """Settings of `vlab.diagnose.parameters.recorded_runs`."""
 
     least_samples: int = 64
-    """What a spectrum takes from which the noise is read."""
+    """least_samples [samples]: shortest recording, for a spectrum with a noise floor, above 0; default untested.
+    Raising it refuses more recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,11 +106,14 @@ class ReducedModelSettings:
     """Settings of `vlab.diagnose.parameters.reduced_model`."""
 
     most: float = 3.0
-    """Log-factors beyond this size are taken for it."""
+    """most [1]: bound of the log factor of a parameter, above 0; default untested. Raising it risks overflow in
+    diverged trials."""
     slope: float = 0.01
-    """Step of the derivatives of damping, in standard deviations of the priors."""
+    """slope [sd]: central-difference step of the damping derivative, above 0; default untested. Raising it adds
+    truncation error."""
     least_seen: float = 3e-4
-    """Share of the fastest mode's motion that a channel must see of another one."""
+    """least_seen [1]: least displacement of a mode in a channel over the largest mode's for an observable mode, above
+    0; default untested. Raising it drops more modes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +121,11 @@ class StaticOffsetSettings:
     """Settings of `vlab.diagnose.parameters.static_offset`."""
 
     stands_off: float = 3.0
-    """A channel stands off where its mean is further from rest than this multiple of its standard deviation, in every recording..."""
+    """stands_off [sd]: least mean of a channel over its standard deviation for a static offset, above 0; default
+    untested. Raising it reports fewer offsets."""
     alike: float = 1.0
-    """...and the means differ by less than this multiple of it."""
+    """alike [sd]: largest spread of the means over recordings for one static offset, above 0; default untested. Raising
+    it reports more offsets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,12 +133,16 @@ class StructurePriorsSettings:
     """Settings of `vlab.diagnose.parameters.structure`."""
 
     step: float = 1e-3
+    """step [1]: central-difference step of the log factor of a structure's parameter, above 0; default untested.
+    Raising it adds truncation error."""
     structure_sd: dict[str, float] = field(default_factory=lambda: {"tension": 0.05, "frequency": 0.003, "place": 1e-3})
-    """The same of what only structures have, and how far a sensor may stand beside its point [m]. No mesh has every frequency to a part in a thousand (composites of 16 links miss by
-    up to 0.2 % up to 50 Hz), and with damping ratios of a thousandth that is the width of a resonance."""
+    """structure_sd [1]: prior standard deviations of tension and mode frequencies, relative, and of sensor positions
+    [m], above 0. Composites of 16 links err by up to 0.2 % in frequency below 50 Hz; raising an entry frees that kind.
+    """
     of_fe_sd: float = 0.001
-    """The same of frequencies that the plant has from the FE model, which misses a hundred-thousandth: what the twin, linear in all that
-    is uncertain, misses of a plant that is some per cent off. With more room they take what belongs to stiffness and mass."""
+    """of_fe_sd [1]: relative prior standard deviation of frequencies that the plant takes from the FE model, above 0.
+    The linear reduced model errs by as much at some per cent parameter change; raising it absorbs stiffness and mass
+    errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +150,11 @@ class TermsSettings:
     """Settings of `vlab.diagnose.parameters.terms`."""
 
     unidentifiable: float = 1.0
-    """Standard deviation of a size's logarithm beyond which it may as well be none."""
+    """unidentifiable [1]: standard deviation of a log amplitude from which the amplitude may be zero, above 0; default
+    untested. Raising it keeps more terms."""
     nothing: float = 1e-3
-    """A part of a law is nothing where it is this share of another one in its unit."""
+    """nothing [1]: amplitude over the largest of the same unit below which a term is dropped, above 0; default
+    untested. Raising it drops more terms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,15 +162,17 @@ class ProblemSettings:
     """Settings of `vlab.diagnose.problem`."""
 
     model_error: float = 0.002
-    """Of a model that is integrated well: what the weights of fits allow for beside the noise."""
+    """model_error [1]: error of a well-integrated model over a channel's rms in the weights of fits, above 0; default
+    untested. Raising it weights strong channels less."""
     integration_error: float = 5e-4
-    """What integration leaves of a user's model where nothing is missing."""
+    """integration_error [1]: integration error of a complete user model over a channel's rms, above 0; default
+    untested. Raising it counts more residual as numerical."""
     mesh_own_error: float = 0.005
-    """What a structure's mesh and the places of its sensors leave after a refit, in MuJoCo on recordings kept aside: on the beam .002 to .008
-    of their rms where nothing was hidden, most under pulses. It is more than the weights allow for: these say what a fit should strive
-    for, this what its success is worth."""
+    """mesh_own_error [1]: hold-out residual of a complete structure after a refit over the rms, above 0; default from
+    0.002 to 0.008 on the beam with nothing hidden. Raising it reports fewer effects; the weights use `model_error`."""
     long: float = 0.9
-    """Less than this share of a recording searched is worth saying."""
+    """long [1]: searched share of a recording below which a note is written, 0 to 1; default untested. Raising it
+    writes more notes."""
 
 
 LOCATIONS = LocationsSettings()

@@ -8,7 +8,8 @@ class FrequencySettings:
     """Settings of `vlab.diagnose.predictors.frequency`."""
 
     step: float = 1e-4
-    """Step of the derivatives by an effect's parameters, as a share of them."""
+    """step [1]: relative finite-difference step of effect parameters, above 0; default untested. Raising it adds
+    truncation error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +17,11 @@ class FrequencyModelSettings:
     """Settings of `vlab.diagnose.predictors.frequency_model`."""
 
     most_modes: int = 40
-    """Modes that are kept of a large model, from the lowest on."""
+    """most_modes [1]: most modes of a large model, from the lowest, at least 1; default untested. Raising it costs
+    time."""
     unstable: float = 1e-3
-    """A mode with negative stiffness above this circular frequency [rad/s] makes a model unstable."""
+    """unstable [rad/s]: modulus of an imaginary natural frequency from which a model is unstable, above 0; default
+    above rounding. Raising it tolerates negative stiffness."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +29,8 @@ class FrequencyModesSettings:
     """Settings of `vlab.diagnose.predictors.frequency_modes`."""
 
     least_part: float = 0.02
-    """Share of a mode that the structure must have for it to count as one."""
+    """least_part [1]: least participation of the structure in a pole that counts as mode, 0 to 1; default untested.
+    Raising it drops more poles of attachments."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,19 +38,22 @@ class FrequencyResidualSettings:
     """Settings of `vlab.diagnose.predictors.frequency_residual`."""
 
     independent: float = 40.0
-    """Independent numbers that one response counts as, however many lines it has: what a model leaves is its own error, which is
-    alike on neighbouring lines."""
+    """independent [1]: effective sample size of one response, however many lines, above 0; default untested. Model
+    error is correlated over lines; raising it weights responses more against priors."""
     band_error: float = 0.15
-    """Error of the logarithm of the power in a band that the coarse view allows."""
+    """band_error [1]: standard deviation of the log amplitude in a band of the coarse residual, above 0; default
+    untested. Raising it flattens the coarse cost."""
     skipped: float = 6.0
-    """What a mode of the model that the table does not list costs, in standard deviations."""
+    """skipped [sd]: cost of a model mode missing from the table, above 0; default untested. Raising it skips fewer
+    model modes."""
     own_part: float = 0.3
-    """A table lists modes of the structure: one that is mostly the resonance of something on it, less than this share the
-    structure's, costs so many standard deviations for every factor of e that it is below."""
+    """own_part [1]: participation of the structure below which a mode is a resonance of an attachment, 0 to 1; default
+    untested. Raising it penalises more modes."""
     part_cost: float = 3.0
-    """See `own_part`."""
+    """part_cost [sd]: cost per factor of e by which participation falls below `own_part`, above 0; default untested.
+    Raising it pairs attachment resonances less."""
     far: float = 30.0
-    """Difference in standard deviations beyond which a pairing of modes costs no more."""
+    """far [sd]: bound of the cost of a pairing, above 0; default untested. Raising it weights outlying modes more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +61,8 @@ class InnovationsSettings:
     """Settings of `vlab.diagnose.predictors.innovations`."""
 
     forgotten: float = 1e-7
-    """Share of its largest value below which an impulse response has ended: the precision of the columns."""
+    """forgotten [1]: share of its maximum below which an impulse response is truncated, above 0; default untested.
+    Raising it shortens filters at a larger error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,13 +70,17 @@ class KalmanSettings:
     """Settings of `vlab.diagnose.predictors.kalman`."""
 
     most_riccati: int = 4000
-    """Samples after which covariances are taken as settled, and those that there is room for at first: a hundred modes fill 320 kB each."""
+    """most_riccati [samples]: samples after which the covariance counts as stationary, above 0; default untested.
+    Raising it costs time and memory."""
     few: int = 64
-    """See `most_riccati`."""
+    """few [samples]: initially allocated covariances, at least 1; default for 320 kB each at a hundred modes. Raising
+    it costs memory."""
     settled: float = 1e-6
-    """Change of the covariance from one sample to the next, as a share of its largest entry, at which it has settled."""
+    """settled [1]: change of the covariance per sample over its largest entry at stationarity, above 0; default
+    untested. Raising it stops the recursion earlier."""
     tuning_samples: int = 2500
-    """Samples of every run on which the intensity is tuned."""
+    """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
+    default untested. Raising it costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,10 +88,11 @@ class ModalSettings:
     """Settings of `vlab.diagnose.predictors.modal`."""
 
     steps_per_cycle: float = 22.0
-    """Integration steps per cycle of the fastest motion where a nonlinear force acts: of second order, 0.7 % in phase; and how many times
-    more where a law has edges in time: dry friction sticks and breaks away, hysteresis turns round, a gap closes within a step."""
+    """steps_per_cycle [1]: integration steps per cycle of the highest frequency under nonlinear forces, above 2;
+    default for 0.7 % phase error at second order. Raising it costs time."""
     finer: int = 2
-    """See `steps_per_cycle`."""
+    """finer [1]: factor on the steps for nonsmooth laws such as stick-slip, hysteresis and clearance, at least 1;
+    default untested. Raising it locates events better and costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +100,8 @@ class ModalIntegrationSettings:
     """Settings of `vlab.diagnose.predictors.modal_integration`."""
 
     most_alike: float = 1e8
-    """Condition of a step's own directions up to which states are marched along them: half of all digits are left."""
+    """most_alike [1]: largest condition number of the step's eigenvectors for modal integration, above 1; default half
+    of all digits. Raising it integrates worse-conditioned systems in modal form."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +109,8 @@ class ModalProblemSettings:
     """Settings of `vlab.diagnose.predictors.modal_problem`."""
 
     band: float = 1.1
-    """Modes of a structure up to this multiple of the highest frequency recorded have an uncertain frequency of their own."""
+    """band [1]: highest mode with an uncertain frequency over the highest recorded frequency, above 0; default
+    untested. Raising it adds parameters that only compliance identifies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +118,14 @@ class OwnNonlinearitySettings:
     """Settings of `vlab.diagnose.predictors.own_nonlinearity`."""
 
     small: float = 1e-5
-    """Displacements, velocities and accelerations at which the model is taken for linear."""
+    """small [1]: displacement, velocity and acceleration in SI units for the linearisation, above 0; default untested.
+    Raising it adds truncation error."""
     least_omega: float = 1.0
-    """Slower modes that no channel sees stay where they are [rad/s]."""
+    """least_omega [rad/s]: lowest natural frequency of a slave mode, above 0; default untested. Slower unobserved modes
+    stay at rest; raising it fixes more modes."""
     passes: int = 2
-    """The first gives the slaves' motion, the second the forces with it."""
+    """passes [1]: fixed-point passes for slave motion and forces, at least 1; default untested. Raising it converges
+    the forces further."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,22 +133,30 @@ class ScopeSettings:
     """Settings of `vlab.diagnose.predictors.scope`."""
 
     far: float = 0.02
-    """Share of the accelerations that the linear model may miss on the recorded motion; beyond it the search goes along the
-    motion. A pendulum gets there at 20 degrees."""
+    """far [1]: relative error of linear accelerations on the recorded motion from which the model class is
+    trajectory-linearised, above 0. A pendulum reaches the default at 20 degrees; raising it keeps more models
+    time-invariant."""
     exact: float = 1e-7
-    """A model whose accelerations stay linear to this share under large displacements is linear: no recording is needed."""
+    """exact [1]: relative error of linear accelerations under large displacement below which a model is linear, above
+    0; default untested. Raising it accepts weak nonlinearity without a recording."""
     large: float = 0.3
-    """Those displacements [rad or m], and velocities [per second]."""
+    """large [1]: trial displacement in rad or m and velocity per second of the linearity test, above 0; default
+    untested. Raising it detects weaker nonlinearity."""
     slowest: float = 1e-3
-    """Accelerations as small as those of a motion this slow [rad/s] count as none: a mass that nothing holds has no others."""
+    """slowest [rad/s]: frequency whose accelerations count as zero, above 0; default untested. Raising it tolerates
+    errors of unrestrained masses."""
     part: int = 1200
-    """Samples of a recording that its states are found on."""
+    """part [samples]: part of a recording around its peak whose states are estimated, above 0; default untested.
+    Raising it costs time."""
     looks: int = 60
-    """States of a recording at which the accelerations are compared."""
+    """looks [1]: states of a recording at which accelerations are compared, at least 2; default untested. Raising it
+    costs time."""
     most_coordinates: int = 30
-    """Degrees of freedom of a model that the search along the motion takes on."""
+    """most_coordinates [1]: most degrees of freedom of a trajectory-linearised model, at least 1; default untested.
+    Raising it costs time."""
     grown: float = 6.0
-    """An unstable model whose motion grows by this log-factor over a recording was held by something."""
+    """grown [1]: log growth of an unstable mode over a recording from which an unknown control law is assumed, above 0;
+    default untested. Raising it refuses fewer cases."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,12 +164,16 @@ class StepJacobianSettings:
     """Settings of `vlab.diagnose.predictors.step_jacobian`."""
 
     step: float = 1e-6
-    """Step of the forward differences [rad, m, or their rates]."""
+    """step [1]: forward-difference step in rad or m, or per second, above 0; default untested. Raising it adds
+    truncation error."""
     short: float = 1e-4
-    """Length of the step that derivatives of the motion are read off [s]."""
+    """short [s]: time step from which derivatives of the motion are computed, above 0; default untested. Raising it
+    adds truncation error."""
     accurate: float = 1e-5
-    """Change of a sample interval's motion, beside its largest, that a finer step may still make."""
+    """accurate [1]: relative change of an interval's motion by finer substeps that is allowed, above 0; default
+    untested. Raising it takes fewer substeps."""
     most_substeps: int = 64
+    """most_substeps [1]: most substeps of a sample interval, at least 1; default untested. Raising it costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,13 +181,17 @@ class TrajectorySettings:
     """Settings of `vlab.diagnose.predictors.trajectory`."""
 
     fine: int = 4
-    """Steps of a sample interval where dry friction acts: it may stop or reverse anywhere in it."""
+    """fine [1]: substeps of a sample interval under dry friction, at least 1; default untested. Raising it locates
+    stops and reversals better and costs time."""
     tuning_samples: int = 600
-    """Samples of every run on which the intensity of the unknown forces is tuned."""
+    """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
+    default untested. Raising it costs time."""
     at_rest: float = 1e-3
-    """Spread of a first state that is at rest, as a share of the largest motion of its kind."""
+    """at_rest [1]: standard deviation of an initial state at rest over the largest motion of its kind, above 0; default
+    untested. Raising it loosens the initial state."""
     unknown: float = 0.3
-    """Spread of a first state otherwise."""
+    """unknown [1]: standard deviation of an unknown initial state over the largest motion of its kind, above 0; default
+    untested. Raising it loosens the initial state."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,9 +199,11 @@ class TrajectoryDataSettings:
     """Settings of `vlab.diagnose.predictors.trajectory_data`."""
 
     most_samples: int = 2500
-    """The search looks at a part of longer runs, see `liveliest`; the verdict at all of them."""
+    """most_samples [samples]: longest part of a run in the search, above 0; default untested. Raising it costs time;
+    the verdict always uses whole runs."""
     wide: float = 0.5
-    """Spread of an unknown first state, as a share of the largest motion of its kind."""
+    """wide [1]: standard deviation of an unknown initial state of the smoother over the largest motion of its kind,
+    above 0; default untested. Raising it loosens the initial state."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,9 +211,11 @@ class TrajectoryIntegrationSettings:
     """Settings of `vlab.diagnose.predictors.trajectory_integration`."""
 
     far: float = 1e6
-    """Deviations stop growing here: such a trial is worth its large residual, and no more; and steps between two looks for such trials."""
+    """far [1]: magnitude in SI units to which the deviation of a diverged trial is clipped, above 0; default untested.
+    Raising it risks overflow."""
     check_every: int = 8
-    """See `far`."""
+    """check_every [steps]: interval of the divergence check, at least 1; default untested. Raising it saves time and
+    detects divergence later."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,8 +223,9 @@ class TrajectoryPriorsSettings:
     """Settings of `vlab.diagnose.predictors.trajectory_problem`."""
 
     geometry_sd: dict[str, float] = field(default_factory=lambda: {"inertia": 0.03, "length": 0.003})
-    """Relative standard deviations of moments of inertia and of lengths where a case says nothing: drawings are good to that.
-    Near rest they act like masses and stiffnesses; far from it they do not."""
+    """geometry_sd [1]: relative prior standard deviations of inertia and length where a case states none, above 0;
+    default from drawings, untested. Small motion identifies both as mass and stiffness only; raising an entry frees
+    that kind."""
 
 
 FREQUENCY = FrequencySettings()

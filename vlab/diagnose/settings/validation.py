@@ -8,8 +8,11 @@ class FrequencyValidationSettings:
     """Settings of `vlab.diagnose.validation.frequency`."""
 
     neighbours: int = 9
+    """neighbours [lines]: lines of the running median of a response's magnitude, at least 1; default untested. Raising
+    it smooths the signal-to-noise test."""
     drowned: float = 0.3
-    """Lines whose noise is more than this share of the response say nothing of a model."""
+    """drowned [1]: noise over response above which a line is ignored, above 0; default untested. Raising it keeps
+    noisier lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,9 +20,11 @@ class GapSettings:
     """Settings of `vlab.diagnose.validation.gap`."""
 
     no_worse: float = 1.02
-    """A model is no worse than another where it leaves at most this multiple, which is what the fits' own convergence is good for."""
+    """no_worse [1]: residual over another up to which a model is no worse, above 1; default the convergence tolerance
+    of the fits. Raising it tolerates worse models."""
     lost: float = 1.0
-    """An error as large as the recording itself: a model that leaves it there explains nothing, however far off another one is."""
+    """lost [1]: residual over a recording's rms from which a model explains nothing, above 0; default the recording
+    itself. Raising it accepts models that diverge."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +32,11 @@ class ResponseChecksSettings:
     """Settings of `vlab.diagnose.validation.response_checks`."""
 
     share: float = 0.3
-    """A response is early where its phase turns the wrong way by this share of what the model's turns the right way."""
+    """share [1]: reversed phase turn of a response over the modelled turn from which the response is early, above 0;
+    default untested. Raising it reports fewer conjugated responses."""
     turns: float = 0.02
-    """Least turn of a model's phase from line to line, as a share of its power, beside which a measured one says something."""
+    """turns [1]: least modelled phase turn per line over its power for the test, above 0; default untested. Raising it
+    tests fewer responses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +44,11 @@ class ValidationSettings:
     """Settings of `vlab.diagnose.validation.simulation`."""
 
     finer: int = 4
-    """Steps are compared with steps so many times as short; what these change is said where it is this share of what is unexplained."""
+    """finer [1]: factor by which the step of the check simulation is shorter, above 1; default untested. Raising it
+    costs time."""
     coarse: float = 0.2
-    """See `finer`."""
+    """coarse [1]: change by shorter steps over the unexplained residual from which a note is written, above 0; default
+    untested. Raising it writes fewer notes."""
 
 
 FREQUENCY_VALIDATION = FrequencyValidationSettings()

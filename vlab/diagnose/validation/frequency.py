@@ -1,4 +1,7 @@
-"""The verdict on data that were never used: the plant with the physics found, linearised by MuJoCo, beside what was measured."""
+"""Validation on hold-out responses and modal tables.
+
+Nominal, calibrated and extended plants are linearised by MuJoCo and compared with the data.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,14 +28,20 @@ from vlab.signals import Array, ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExtendedFrequencyModel:
-    """A plant with uncertain parameters refitted and physics added, and the gains that are not the plant's.
+    """Calibrated plant with added physics and channel gains.
 
     Parameters
     ----------
+    plant : Plant
+        Plant.
+    wires : Wires
+        Inputs and outputs of the data.
     sensor_gain : (n_outputs,) array
-        Of the outputs, in the order of `names`.
+        Gains of the outputs, in the order of `names`.
     input_gain : (n_columns,) array
-        Of inputs that are forces measured at ports.
+        Gains of the inputs; of forces measured at ports beyond the actuators.
+    offset : None
+        Responses have no offset.
     """
 
     plant: Plant
@@ -47,13 +56,13 @@ class ExtendedFrequencyModel:
         return self.wires.names
 
     def seen(self) -> tuple[View, State]:
-        """Return the plant's linearisation by MuJoCo, and its matrices."""
+        """Return MuJoCo's linearisation of the plant, and its matrices."""
         view = view_of(self.plant, self.wires)
         return view, State(M=view.M, C=view.C, K=view.K, input_gain=self.input_gain, output_gain=self.sensor_gain)
 
 
 def nominal_model(plant: Plant, wires: Wires) -> ExtendedFrequencyModel:
-    """Return a plant as it is."""
+    """Return a plant without calibration."""
     columns = len(plant.actuators) + sum(a is None for a in wires.actuators)
     return ExtendedFrequencyModel(
         plant=plant, wires=wires, sensor_gain=np.ones(len(wires.names)), input_gain=np.ones(columns)
@@ -61,7 +70,20 @@ def nominal_model(plant: Plant, wires: Wires) -> ExtendedFrequencyModel:
 
 
 def extended_by(problem: FrequencyProblem, fit: Fit) -> ExtendedFrequencyModel:
-    """Return a problem's plant as a fit has it."""
+    """Return a problem's plant extended by a fit.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem.
+    fit : Fit
+        Fit.
+
+    Returns
+    -------
+    ExtendedFrequencyModel
+        Extended model.
+    """
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     given = nominal_model(problem.plant, problem.wires)
@@ -81,14 +103,14 @@ def extended_by(problem: FrequencyProblem, fit: Fit) -> ExtendedFrequencyModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModalAnswer:
-    """The modes of a model that a table lists.
+    """Modes of a model in the order of a table.
 
     Parameters
     ----------
     freq, zeta : (n,) array
-        NaN where the model has no such mode.
+        Natural frequencies [Hz] and damping ratios [1]; NaN for a mode missing in the model.
     mac : (n,) array
-        Between measured and own shapes; NaN without shapes.
+        Modal assurance criterion of measured and modelled shapes; NaN without shapes.
     """
 
     freq: Array
@@ -98,16 +120,18 @@ class ModalAnswer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedFrequency(Distance):
-    """How far the models are from responses or from a table of modes.
+    """Errors of the models on frequency data.
 
-    Of responses the errors are root mean squares over lines and outputs of the difference over the mean magnitude of both. Of
-    modes they are root mean squares of relative differences, those of damping ratios and shapes in proportion to their
-    uncertainty beside that of frequencies; their channels are "frequency", "damping" and "shape".
+    Errors of responses are rms over lines and outputs of the difference over the mean magnitude. Errors of modes are
+    rms relative differences. Damping and shape errors are scaled by their uncertainty over that of frequency; the
+    channels are "frequency", "damping" and "shape".
 
     Parameters
     ----------
+    measured : Response or Modes
+        Data.
     answers : tuple
-        Of the nominal, the refitted and the amended model: (n, n_outputs) responses, or modes.
+        Nominal, calibrated and extended model: (n, n_outputs) responses, or modes.
     """
 
     measured: Measured
@@ -115,11 +139,14 @@ class CheckedFrequency(Distance):
 
     @property
     def standing(self) -> ComplexArray | ModalAnswer:
-        """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
+        """Response of the better of nominal and calibrated model.
+
+        Its error is `before`.
+        """
         return self.answers[0 if self.is_spoilt else 1]
 
     def without_findings(self) -> "CheckedFrequency":
-        """Return the same with nothing added to the model that stands."""
+        """Return the errors without any finding."""
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
@@ -133,15 +160,24 @@ def check_frequency(
     unfitted: Mapping[str, float] | None = None,
     ablate: Ablations | None = None,
 ) -> list[CheckedFrequency]:
-    """Compare the nominal, the refitted and the amended plant with data.
+    """Compare nominal, calibrated and extended plant with data.
 
     Parameters
     ----------
+    models : sequence of ExtendedFrequencyModel
+        Nominal, calibrated and extended model.
+    measured : sequence of Response or Modes
+        Data.
     unfitted : mapping of str to float
-        Relative standard deviations of the gains of inputs that nothing was fitted on: the refitted and the amended plant have their
-        likeliest ones, each its own.
-    removed : Removed or None
-        Tells what every finding does.
+        Relative standard deviations of input gains without data to fit. Calibrated and extended plant use their most
+        probable gain each.
+    ablate : Ablations or None
+        Models without single findings.
+
+    Returns
+    -------
+    list of CheckedFrequency
+        Errors of every data set.
     """
     ablate = ablate or Ablations()
     seen = [model.seen() for model in (*models, *ablate.models)]
@@ -158,9 +194,18 @@ def check_frequency(
 
 
 def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
-    """Return the gain of an input under its prior, for responses of a model (n, n_outputs) beside measured ones.
+    """Return the most probable input gain under its prior.
 
-    All lines count alike, as in the error that is told.
+    All lines have equal weight, as in the reported error.
+
+    Parameters
+    ----------
+    H : (n, n_outputs) complex array
+        Modelled response.
+    data : Response
+        Measured response.
+    sd : float
+        Prior standard deviation of the gain [1].
     """
     if sd == 0.0:
         return 1.0
@@ -172,7 +217,20 @@ def _likeliest_gain(H: ComplexArray, data: Response, sd: float) -> float:
 
 
 def checked_again(case: Case, names: Collection[str]) -> float:
-    """Return how far the model of a case is from its data of some names, as `CheckedFrequency.nominal` over all of them."""
+    """Return the nominal error of a case's model.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    names : collection of str
+        Names of the data sets.
+
+    Returns
+    -------
+    float
+        Relative rms error.
+    """
     fit, read_holdout = read_measured(case, ("fit",)), read_measured(case, ("holdout",))
     wires = wires_of(case, [*fit, *read_holdout])
     chosen = [*thinned(fit), *read_holdout]
@@ -181,7 +239,20 @@ def checked_again(case: Case, names: Collection[str]) -> float:
 
 
 def apart(data: Response, own: ComplexArray) -> Array:
-    """Return the squared difference of responses over the mean of their squared magnitudes; NaN where noise drowns them."""
+    """Return the squared relative difference of responses.
+
+    Parameters
+    ----------
+    data : Response
+        Measured response.
+    own : (n, n_outputs) complex array
+        Modelled response.
+
+    Returns
+    -------
+    (n, n_outputs) array
+        Squared difference over the mean squared magnitude; NaN below the noise.
+    """
     measured = data.H
     difference = np.abs(measured) - np.abs(own) if data.is_magnitude else measured - own
     size = 0.5 * (np.abs(measured) ** 2 + np.abs(own) ** 2)
@@ -189,9 +260,19 @@ def apart(data: Response, own: ComplexArray) -> Array:
 
 
 def heard(data: Response) -> Array:
-    """Return on which lines a response stands above its noise; on all where it never does.
+    """Return the mask of lines above the noise.
 
-    Neighbours decide as well: single lines that noise lifts would be the ones that are kept.
+    Neighbouring lines decide as well, since selection of single lines lifted by noise would bias the error.
+
+    Parameters
+    ----------
+    data : Response
+        Measured response.
+
+    Returns
+    -------
+    (n, n_outputs) array of bool
+        Usable lines.
     """
     size = median_filter(np.abs(data.H), size=(FREQUENCY_VALIDATION.neighbours, 1), mode="nearest")
     out = data.noise < FREQUENCY_VALIDATION.drowned * size
@@ -199,7 +280,7 @@ def heard(data: Response) -> Array:
 
 
 def noise_apart(data: Response) -> Array:
-    """Return what `apart` is of a model without error."""
+    """Return the squared relative difference of an exact model."""
     square = np.abs(data.H) ** 2
     return np.where(heard(data), np.minimum(data.noise**2 / np.maximum(square, 1e-300), 2.0), np.nan)
 
@@ -212,7 +293,7 @@ def _checked_response(data: Response, answers: list[ComplexArray], findings: Seq
     size = np.where(heard(data), np.abs(data.H) ** 2, np.nan)
 
     def moved(H: ComplexArray) -> dict[str, float]:
-        """Return by how much the amended model's responses are moved, over the measured ones."""
+        """Return the relative change of the extended model's responses."""
         difference = np.abs(H) - np.abs(answers[2]) if data.is_magnitude else H - answers[2]
         square = np.abs(difference) ** 2 / np.maximum(size, 1e-300)
         return dict(zip(names, np.sqrt(np.nanmean(square, axis=0)), strict=True))
@@ -232,20 +313,26 @@ def _checked(
     moved: Sequence[Mapping[str, float]],
     samples: int,
 ) -> CheckedFrequency:
-    """Return distances from the errors of the nominal, the refitted and the amended model, and of that without findings.
+    """Return the errors of all models.
 
     Parameters
     ----------
+    data : Response or Modes
+        Data.
     total : sequence of float
-        The error of every model over all channels.
+        Error of every model over all channels.
     errors : sequence of mapping
-        The same by channel.
+        Error of every model by channel.
     noise : (mapping, float)
-        By channel and over all of them.
+        Noise by channel and over all channels.
+    answers : sequence
+        Responses or modes of every model.
+    findings : sequence of str
+        Names of the findings.
     moved : sequence of mapping
-        By how much the removal of every finding moves every channel.
+        Change by removal of every finding, by channel.
     samples : int
-        Of a channel.
+        Values per channel.
     """
     stands = 0 if total[1] > total[0] else 1
     names = list(errors[0])
@@ -278,7 +365,22 @@ def _rms(values: Mapping[str, float]) -> float:
 
 
 def modal_answer(view: View, state: State, data: Modes) -> ModalAnswer:
-    """Return the modes of a model that a table lists."""
+    """Return the modes of a model in the order of a table.
+
+    Parameters
+    ----------
+    view : View
+        Linearised plant.
+    state : State
+        Matrices.
+    data : Modes
+        Modal table.
+
+    Returns
+    -------
+    ModalAnswer
+        Modes, NaN where missing.
+    """
     A = state_matrix(state, view.fixed, 2 * np.pi * 2 * float(data.freq[-1]))
     modes: ModelModes = model_modes(A, view.m)
     rows = shape_rows(view, data)
@@ -297,7 +399,20 @@ def modal_answer(view: View, state: State, data: Modes) -> ModalAnswer:
 
 
 def modal_errors(data: Modes, own: ModalAnswer) -> dict[str, Array]:
-    """Return relative differences of every mode by "frequency", "damping" and "shape"; one where the model has no such mode."""
+    """Return the relative errors of every mode.
+
+    Parameters
+    ----------
+    data : Modes
+        Modal table.
+    own : ModalAnswer
+        Modes of the model.
+
+    Returns
+    -------
+    dict of str to (n,) array
+        Errors by "frequency", "damping" and "shape" [1].
+    """
     out = {"frequency": np.abs(np.log(data.freq / own.freq))}
     known = np.isfinite(data.zeta)
     if known.any():

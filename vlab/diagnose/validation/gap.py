@@ -1,4 +1,8 @@
-"""How far models are from data, what every finding does there, and the share of the gap that is closed."""
+"""Errors of models on data, and the closed gap.
+
+The gap is the error of the model without findings minus the noise. Every finding's contribution is the change by its
+removal.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +18,16 @@ D = TypeVar("D", bound="Distance")
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """What one finding does in one set of data.
+    """Contribution of one finding to one data set.
 
     Parameters
     ----------
+    name : str
+        Finding.
     left : float
-        Relative error of the amended model without it.
+        Relative error of the extended model without the finding.
     told : float
-        Log-likelihood by which the data are expected to tell the amended model from that one, were all that either leaves noise.
+        Expected log-likelihood ratio of both models if the residual is noise [nat].
     """
 
     name: str
@@ -30,29 +36,31 @@ class Part:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the finding does nothing there that could be told from nothing at all."""
+        """Whether the finding has no detectable effect on the data."""
         return self.told < MODEL_CHOICE.alike
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distance:
-    """How far the models are from one set of data.
+    """Errors of the models on one data set.
 
     Parameters
     ----------
+    name, role : str
+        Name and role of the data.
     nominal, before, after, noise : float
-        Relative errors of the model as given, of that or the refitted one, whichever is nearer, and of the amended one, and what
-        noise leaves.
+        Relative errors: nominal model, the better of nominal and calibrated, extended model, noise.
     channels : dict
-        The same by channel: (nominal, before, after, noise), `before` of the same model in all of them.
+        (nominal, before, after, noise) by channel, `before` of one model throughout.
     incoherent : float
-        Relative rms of what `before` leaves that neither inputs nor motion explain, the noise at least; 0 where that is not known.
-    refitted : float
-        Relative error of the refitted model; not a number where nothing was compared with it.
+        Relative rms of the residual of `before` that is coherent with neither inputs nor motion, at least the noise; 0
+        where unknown.
+    calibrated : float
+        Relative error of the calibrated model; NaN without one.
     bare : float
-        Relative error of the amended model without any finding: what its own refit does alone.
+        Relative error of the extended model without any finding, that is its calibration alone.
     parts : tuple of Part
-        What every finding does there.
+        Contributions of the findings.
     """
 
     name: str
@@ -69,33 +77,50 @@ class Distance:
 
     @property
     def is_spoilt(self) -> bool:
-        """Whether the refitted model is further off than the model as given, which then stands in its place."""
+        """Whether calibration increases the error; the nominal model then remains."""
         return self.calibrated > self.nominal
 
     @property
     def stands(self) -> str:
-        """Which model that is: ``"nominal"`` or ``"calibrated"``."""
+        """Name of the better model: ``"nominal"`` or ``"calibrated"``."""
         return "nominal" if self.is_spoilt else "calibrated"
 
     @property
     def start(self) -> float:
-        """What the model leaves without the findings, as given, refitted, or refitted together with them: a gap that a refit closes
-        is none that a finding closes."""
+        """Least error without findings.
+
+        The minimum is over nominal, calibrated and extended calibration. A gap closed by calibration is no gap closed
+        by a finding.
+        """
         return float(np.fmin(self.before, self.bare))
 
     @property
     def is_idle(self) -> bool:
-        """Whether no finding does anything in a recording kept aside, which then can verify none."""
+        """Whether no finding has a detectable effect on hold-out data.
+
+        Such data cannot verify a finding.
+        """
         return self.role == "holdout" and bool(self.parts) and all(part.is_idle for part in self.parts)
 
     @property
     def gap_closed(self) -> float | None:
-        """(before - after)/(before - noise); None where before is within the noise, or where no finding does anything."""
+        """Closed share of the gap; None within the noise."""
         return None if self.is_idle else gap_closed(self.before, self.after, self.noise)
 
 
 def gap_closed(before: float, after: float, noise: float) -> float | None:
-    """Return the share of the distance to the noise that was closed; None where there is none."""
+    """Return the closed share of the gap to the noise.
+
+    Parameters
+    ----------
+    before, after, noise : float
+        Relative errors.
+
+    Returns
+    -------
+    float or None
+        Share; None where `before` is within the noise.
+    """
     if not np.isfinite(before):
         return 1.0 if np.isfinite(after) else 0.0
     if before <= 1.1 * noise:
@@ -104,34 +129,41 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
 
 
 def part_of(name: str, left: float, moved: Array, noise: Array, samples: int) -> Part:
-    """Return what a finding does, from what its removal changes.
+    """Return the contribution of a finding.
 
-    What it does is told from nothing by noise alone: where a model leaves more than noise, it still does something.
+    Detectability is relative to the noise alone. A finding acts even where the residual exceeds the noise.
 
     Parameters
     ----------
+    name : str
+        Finding.
     left : float
-        Relative error of the amended model without it.
+        Relative error of the extended model without the finding.
     moved, noise : (n_channels,) array
-        By how much the two models are apart, and the noise, relative to the channels' rms; infinite where one of them cannot follow.
+        Change by removal, and noise, over the channels' rms; infinite after divergence.
     samples : int
-        Of a channel.
+        Samples per channel.
+
+    Returns
+    -------
+    Part
+        Contribution.
     """
     return Part(name=name, left=left, told=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2)))
 
 
 def verifying(checked: Sequence[D]) -> list[D]:
-    """Return the sets of data that can verify a finding; all of them where none can."""
+    """Return the data that can verify a finding, otherwise all."""
     return [c for c in checked if not c.is_idle] or list(checked)
 
 
 def whole_gap(checked: Sequence[Distance]) -> float | None:
-    """Return the share of the gap that is closed on all data that can verify a finding; None where none can, or nothing is to be closed."""
+    """Return the closed share over all verifying data."""
     chosen = [c for c in checked if not c.is_idle]
     return gap_closed(*(total(chosen, key) for key in ("before", "after", "noise"))) if chosen else None
 
 
 def total(checked: Sequence[Distance], which: str) -> float:
-    """Return the root mean square over recordings of one of their errors."""
+    """Return the rms of one error over the recordings."""
     values = np.array([getattr(c, which) for c in checked])
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

@@ -1,7 +1,7 @@
-"""What is wrong with what a case says of its responses, found beside the model as given, before anything is fitted.
+"""Checks of frequency responses against the nominal model.
 
-A response whose phases count the other way answers before it is pushed, which needs no model to see. Signs and units are those of
-`vlab.cases.checks`, with responses in the place of spectra.
+A response with reversed phase precedes its cause, which shows without a model. Signs and units are checked as in
+`vlab.cases.checks`, with responses instead of spectra.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from vlab.signals import ComplexArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Measured:
-    """A response, its description and the model's answer."""
+    """Measured response with its description and the modelled response."""
 
     table: FrfTable
     data: Response
@@ -35,7 +35,18 @@ class _Measured:
 
 
 def check_responses(problem: FrequencyProblem) -> FileCheck:
-    """Say what is wrong with what a case says of its frequency responses."""
+    """Check signs, units and phases of a case's frequency responses.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem with the nominal model.
+
+    Returns
+    -------
+    FileCheck
+        Findings on the case description.
+    """
     case = problem.case
     tables = {f"frf{i + 1}": table for i, table in enumerate(case.table.frf)}
     read = [d for d in read_measured(case, ("fit", "holdout")) if isinstance(d, Response)]
@@ -54,7 +65,7 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
 
 
 def _is_early(one: _Measured) -> bool:
-    """Return whether a response comes before its cause, with the phase of all its outputs taken together."""
+    """Return whether a response precedes its cause, over all outputs."""
     if one.data.is_magnitude:
         return False
     usable = heard(one.data)
@@ -63,10 +74,10 @@ def _is_early(one: _Measured) -> bool:
 
 
 def _turn(H: ComplexArray, usable: ComplexArray) -> float:
-    """Return how a response's phase turns from line to line, weighted by its power: the mean time of its answer to a blow, in phase.
+    """Return the power-weighted phase change of a response per line.
 
-    The frequency's derivative of the phase, weighted by power, is less the mean time of an impulse response; of one that begins with
-    the blow it is negative.
+    The power-weighted derivative of phase by frequency is minus the mean time of the impulse response. A causal
+    response has a negative value.
     """
     pair = usable[1:] & usable[:-1]
     steps = np.where(pair, H[1:] * np.conj(H[:-1]), 0.0)
@@ -101,7 +112,7 @@ def _gives(data: Response) -> Found:
 
 
 def _signs_and_units(case: Case, measured: Sequence[_Measured]) -> list[Found]:
-    """Return one slip of all responses, or those of outputs, or those of inputs, whichever explains more by less."""
+    """Return the simplest sign or unit errors of the responses."""
     inputs = tuple(dict.fromkeys(one.data.input for one in measured))
     outputs = tuple(dict.fromkeys(output for one in measured for output in one.data.outputs))
     groups = (
@@ -118,12 +129,14 @@ def _signs_and_units(case: Case, measured: Sequence[_Measured]) -> list[Found]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Group:
-    """Responses that one slip may be in.
+    """Responses that share one description error.
 
     Parameters
     ----------
     what, where : str
-        The responses, and the tables of the case that a line belongs into, in words.
+        Names of the responses, and of the case's tables to correct.
+    inputs, outputs : tuple of str
+        Inputs and outputs of the responses.
     """
 
     what: str
@@ -169,7 +182,7 @@ def _mended(case: Case, severity: Severity, text: str, line: str, group: _Group)
 
 
 def _bands(one: _Measured, outputs: Sequence[str]) -> list[Bands]:
-    """Return a response beside the model by bands, of those of some outputs that have enough of them."""
+    """Return measured over modelled responses by bands."""
     out = []
     for k, output in enumerate(one.data.outputs):
         usable = heard(one.data)[:, k] & (one.data.H[:, k] != 0.0) & (one.own[:, k] != 0.0)

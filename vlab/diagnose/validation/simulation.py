@@ -1,4 +1,4 @@
-"""The verdict in MuJoCo: the model as given, refitted, and with the physics found, on recordings that were never used."""
+"""Validation in MuJoCo on hold-out recordings."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,22 +29,24 @@ from vlab.signals import Array, Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExtendedModel:
-    """A plant with uncertain parameters refitted and physics added, and what stands between it and the recordings.
+    """Calibrated plant with added physics, and its measurement chain.
 
     Parameters
     ----------
-    sensor_gain, offset, about : (n_channels,) array
-        Of the compared channels, in the order of `Problem.names`; gains count from `about`.
+    plant : Plant
+        Plant.
     names : tuple of str
-        The channels.
+        Compared channels.
+    sensor_gain, offset, about : (n_channels,) array
+        Gain, offset and the value about which the gain acts [SI], in the order of `names`.
     limit : CommandLimit or None
-        On the commands of a law in the loop.
+        Limit on a law's commands.
     stops : tuple of SensorLimit
-        Ends of sensors' ranges.
-    hums : tuple of Hum
-        On sensors, with the amplitude found on the recordings to fit and the phase of each recording.
+        Range limits of sensors.
+    interferences : tuple of MainsInterference
+        Mains interference, with the amplitude of the fitted recordings and each recording's own phase.
     steps : tuple of SensorStep
-        Of coarse readings.
+        Quantisation of sensors.
     """
 
     plant: Plant
@@ -58,12 +60,22 @@ class ExtendedModel:
     steps: tuple[SensorStep, ...] = ()
 
     def simulated(self, run: Run) -> Recording:
-        """Return what a run's channels are with this plant; a run need not have all channels that are corrected.
+        """Simulate a run's channels.
+
+        Parameters
+        ----------
+        run : Run
+            Recording; it may lack corrected channels.
+
+        Returns
+        -------
+        Recording
+            Simulated channels [SI].
 
         Raises
         ------
         Diverged
-            The model runs away.
+            The simulation diverges.
         BadCase
             No initial state was found.
         """
@@ -85,14 +97,14 @@ class ExtendedModel:
         return replace(recording, data=data)
 
     def _moved(self, run: Run) -> Run:
-        """Return a run with its channels as the thing moved: where its first state is read off them, gains and zeros must not be."""
+        """Return a run with calibrated channels, for the initial state."""
         data = run.measured.data.copy()
         for column, gain, offset, about in self._calibration(run.measured):
             data[:, column] = about + (data[:, column] - about - offset) / gain
         return replace(run, measured=replace(run.measured, data=data))
 
     def _calibration(self, recording: Recording) -> Iterator[tuple[int, float, float, float]]:
-        """Yield the column, gain, zero and what the gain counts from of every channel of a recording that is corrected."""
+        """Yield the calibration of every corrected channel."""
         if self.sensor_gain is None or self.offset is None:
             return
         abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
@@ -103,7 +115,22 @@ class ExtendedModel:
 
 
 def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
-    """Return a problem's plant as a fit has it, but for the zeros of the channels named."""
+    """Return a problem's plant extended by a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit.
+    without : collection of str
+        Channels whose offset stays zero.
+
+    Returns
+    -------
+    ExtendedModel
+        Extended model.
+    """
     plant = problem.adjusted(fit.theta)
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     gains = np.ones(len(problem.names))
@@ -121,33 +148,36 @@ def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Exten
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ablations:
-    """An amended model from which findings are taken away, all else as it is.
+    """Extended model with findings removed, otherwise unchanged.
 
     Parameters
     ----------
     names : tuple of str
-        The findings.
+        Findings.
     models : tuple
-        The model without every one of them in this order, and where there are several that without any of them at the end.
+        Model without each finding in this order. With several findings the last model has none.
     """
 
     names: tuple[str, ...] = ()
     models: tuple[Any, ...] = ()
 
     def changed(self, change: Callable[[Any], Any]) -> "Ablations":
-        """Return the same with every model changed."""
+        """Return the ablations with every model changed."""
         return replace(self, models=tuple(change(model) for model in self.models))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checked(Distance):
-    """How far the models are from one recording: root mean squares over channels of the error over the recording's rms about
-    its mean; infinite where a model cannot follow at all.
+    """Errors of the models on one recording.
+
+    Errors are rms over channels of error over the recording's rms about its mean; infinite after divergence.
 
     Parameters
     ----------
+    measured : Recording
+        Recording.
     simulated : tuple of Recording or None
-        Of the nominal, the refitted and the amended model.
+        Nominal, calibrated and extended simulation.
     """
 
     measured: Recording
@@ -155,16 +185,19 @@ class Checked(Distance):
 
     @property
     def standing(self) -> Recording | None:
-        """What the better one of the nominal and the refitted model does: that of which `before` is the error."""
+        """Simulation of the better of nominal and calibrated model.
+
+        Its error is `before`.
+        """
         return self.simulated[0] if self.is_spoilt else self.simulated[1]
 
     @property
     def extended(self) -> Recording | None:
-        """What the amended model does; None where it cannot follow or nothing was added."""
+        """Simulation of the extended model, where available."""
         return None if self.simulated[2] is self.standing else self.simulated[2]
 
     def without_findings(self) -> "Checked":
-        """Return the same with nothing added to the model that stands."""
+        """Return the errors without any finding."""
         channels = {
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
@@ -181,16 +214,27 @@ def check(
     nominal: ExtendedModel | None = None,
     ablate: Ablations | None = None,
 ) -> list[Checked]:
-    """Simulate runs with the refitted, the amended and perhaps the nominal model and measure what is left.
+    """Simulate runs with all models and compare.
 
     Parameters
     ----------
-    hums : sequence of Hum
-        Counted as noise.
-    nominal : Amended or None
-        The model as given; what it leaves is not a number without it.
-    removed : Removed or None
-        Tells what every finding does.
+    runs : sequence of Run
+        Recordings.
+    before : ExtendedModel
+        Calibrated model.
+    after : ExtendedModel or None
+        Extended model; None without findings.
+    interferences : sequence of MainsInterference
+        Interference that counts as noise.
+    nominal : ExtendedModel or None
+        Nominal model; without one its errors are NaN.
+    ablate : Ablations or None
+        Models without single findings.
+
+    Returns
+    -------
+    list of Checked
+        Errors of every recording.
     """
     ablate = ablate or Ablations()
     models = [nominal, before, after, *ablate.models]
@@ -205,19 +249,26 @@ def check(
 
 
 def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
-    """Return a model whose plant takes steps a fraction as long."""
+    """Return a model whose plant has a shorter time step."""
     return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
 
 
 def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
-    """Return what is to be said of a model's own integration where shorter steps change runs by more than their noise; "" else.
+    """Return a note where shorter time steps change runs.
 
-    What steps do to a motion no physics makes up for.
+    The change must exceed the noise. No physics compensates integration error.
 
     Parameters
     ----------
+    model : ExtendedModel
+        Calibrated model.
     checked, finer : sequence of Checked
-        Of the same runs with the refitted model as it is, and with finer steps.
+        Runs with the model's own and with shorter steps.
+
+    Returns
+    -------
+    str
+        Note, or "".
     """
     worst, where = 0.0, ""
     for own, other in zip(checked, finer, strict=True):
@@ -296,7 +347,7 @@ def _checked(
 
 
 def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
-    """Return the rms (n_names,) of what inputs and motion do not explain of what a model leaves."""
+    """Return the incoherent rms (n_names,) of a simulation's residual."""
     if simulated is None:
         return np.zeros(len(names))
     return np.array([incoherent_rms(run, name, run.measured[name] - simulated[name]) for name in names])
@@ -309,5 +360,5 @@ def _rms(x: Array) -> float:
 def _try(model: ExtendedModel | None, run: Run) -> Array | None:
     try:
         return None if model is None else model.simulated(run).data
-    except (Diverged, BadCase):  # or no start was found: it cannot follow this recording at all
+    except (Diverged, BadCase):  # or no initial state was found: the model cannot follow the recording
         return None

@@ -110,7 +110,7 @@ def _motion(done: Diagnosed, group: Group, term: Term) -> tuple[Array, Array, Ar
         return row, middle[..., :m] @ row, middle[..., m:] @ row, rate @ row, command
 
     for other in done.fit.terms:
-        if other is not term and isinstance(other.effect, (PortEffect, LinearPortEffect)):
+        if other is not term and other.effect.kind == "port":
             row, z, v, a, u = port(other)
             asked = asked - _along(other, z, v, a, u, group)[..., None] * row
     row, z, v, a, u = port(term)

@@ -20,7 +20,6 @@ from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.diagnose.validation.simulation import Checked
 from vlab.files.output_folder import finite
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.recordings.files import written_whole
 from vlab.views.figures import to_svg
 from vlab.views.figures.diagnosis import (
@@ -284,7 +283,7 @@ def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
         return done.fit.terms
     attempt = done.diagnosis.attempt
     tried = (done.choice.best, *done.found.hypotheses) if attempt is None else (attempt.fit,)
-    forces = [t for h in tried for t in h.terms if isinstance(t.effect, (PortEffect, LinearPortEffect))]
+    forces = [t for h in tried for t in h.terms if t.effect.kind == "port"]
     return tuple(forces[:1])
 
 
