@@ -6,9 +6,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial_state import InitialState, begins_at_rest, exponentials
+from vlab.cases.clock import plan_clock
+from vlab.cases.initial_state import InitialState, begins_at_rest
+from vlab.cases.linear_start import exponentials
 from vlab.cases.misfit import misfit
-from vlab.cases.replay import _held_means, plan_clock
+from vlab.cases.replay import _held_means
 from vlab.controllers import DirectRateFeedback
 from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadCase, BadRecording, Diverged

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.channel_map import Law, Run, compared_with_sensors
+from vlab.cases.clock import Clock, plan_clock
 from vlab.cases.initial_state import InitialState, find_initial_state
-from vlab.cases.replay import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
+from vlab.cases.replay import Bench, Played, State, at_timestep, bench_for, play
 from vlab.errors import Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording

@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.cases.checks.bands import Bands, bands
-from vlab.cases.replay import plan_clock
+from vlab.cases.clock import plan_clock
 from vlab.cases.simulate import simulate
 from vlab.errors import BadCase, Diverged
 from vlab.plants.base import Plant

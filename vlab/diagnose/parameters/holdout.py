@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
-from vlab.cases.replay import plan_clock
+from vlab.cases.clock import plan_clock
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 

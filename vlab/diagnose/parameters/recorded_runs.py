@@ -8,8 +8,9 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import ORDER, Compared, Law, Run
+from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
-from vlab.cases.replay import bench_for, plan_clock
+from vlab.cases.replay import bench_for
 from vlab.diagnose.data.runs import fastest, uniform
 from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS

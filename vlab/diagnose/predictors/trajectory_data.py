@@ -7,7 +7,8 @@ import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
 from vlab.cases.channel_map import Run
-from vlab.cases.initial_state import begins_at_rest, exponentials, joint_of
+from vlab.cases.initial_state import begins_at_rest, joint_of
+from vlab.cases.linear_start import exponentials
 from vlab.diagnose.data.noise import noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid, uniform
