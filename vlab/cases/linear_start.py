@@ -39,7 +39,15 @@ class StartProblem:
     def state(self, x: Array) -> State:
         """Return the state of scaled modal coordinates.
 
-        Displacements precede velocities.
+        Parameters
+        ----------
+        x : (2 m,) array
+            Modal displacements, then modal velocities, in multiples of `scale`.
+
+        Returns
+        -------
+        State
+            Joint positions and velocities of the model.
         """
         m = self.shapes.shape[1]
         origin = self.bench.rest if self.origin is None else self.origin
@@ -52,6 +60,23 @@ def estimate_linear_start(problem: StartProblem, linear: SecondOrderModel) -> tu
     """Return scaled modal coordinates, mode indices and sum of squares.
 
     The information criterion chooses the number of modes.
+
+    Parameters
+    ----------
+    problem : StartProblem
+        Model and window of the recording; `shapes` and `scale` are set to those of the chosen modes.
+    linear : SecondOrderModel
+        Model about rest.
+
+    Returns
+    -------
+    tuple of ((2 m,) array, (m,) array, float)
+        Coordinates as `StartProblem.state` takes them, indices of the modes, and the weighted sum of squares.
+
+    Raises
+    ------
+    BadCase
+        No mode lies below the band of the recording.
     """
     omega, all_shapes = linear.eigen
     time = problem.run.measured.time
