@@ -9,12 +9,12 @@ from vlab.controllers.lqr import LqrDesign
 from vlab.controllers.mfdrf import MfdrfDesign
 
 from vlab.controllers import lqdrf, lqg, lqr, mfdrf
+from vlab.design.published_tables import published_designs
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_designs
 from vlab.structure.model import Structure
 
 WEIGHTS = ("identity", "energy")
@@ -88,7 +88,7 @@ def default_model(structure: Structure, law: str) -> str:
     return published[0].model
 
 
-def asked_of(structure: Structure, model: str, **changes: Any) -> Asked:
+def requested_of(structure: Structure, model: str, **changes: Any) -> Asked:
     """Return the requirements of the published design on a model.
 
     Parameters
@@ -188,7 +188,7 @@ def published_way(
     `rate` is the loop's sample rate [Hz]; `model` replaces the published model.
     """
     model = model or default_model(structure, law)
-    return design_law(build_reduced_model(structure, model, variant), law, asked_of(structure, model, rate=rate))
+    return design_law(build_reduced_model(structure, model, variant), law, requested_of(structure, model, rate=rate))
 
 
 def as_plain(asked: Asked) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from vlab.controllers.direct_rate_feedback import DirectRateFeedback
 from vlab.controllers.linear import LinearLaw
 
 from vlab.errors import BadController
-from vlab.schema import Reader
+from vlab.files.toml import Reader
 
 FORMAT = "vlab-law-1"
 """Format name in every law file."""

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 
 from vlab.cli import ONE_THREAD
@@ -21,6 +22,19 @@ from vlab.structure.model import Structure
 mpl.use("Agg")
 # a shell that starts the tests in the background has interrupts ignored, and every process that they start inherits that
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+BEGAN = time.monotonic()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--budget", type=float, help="seconds after which slow tests that have not begun are skipped")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    budget = item.config.getoption("--budget")
+    if budget is not None and item.get_closest_marker("slow") and time.monotonic() - BEGAN > budget:
+        pytest.skip(f"the time budget of {budget:g} s is spent")
 
 
 @pytest.fixture(scope="session")

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
+from vlab.diagnose.pipeline import diagnose
 from vlab.errors import VlabError
-from vlab.outputs import finite
+from vlab.files.output_folder import finite
 
 
 def answer_of(folder: Path) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from vlab import bench_designs
+from vlab.benchmark import designs as bench_designs
 from vlab.design import performance
+from vlab.design.published_tables import published_design, published_table
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
-from vlab.published import published_design, published_table
 
 
 def test_python_control_gives_the_same_table_9(fe):

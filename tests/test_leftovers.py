@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from vlab.errors import OutputRefused
-from vlab.inside import NotInside, file_inside, path_inside
-from vlab.leftovers import OLD, PART, WAS, make_held, release, sweep
-from vlab.locks import LOCK, lock, sole_use
-from vlab.outputs import output_folder, write_manifest
+from vlab.files.containment import NotInside, file_inside, path_inside
+from vlab.files.leftovers import OLD, PART, WAS, make_held, release, sweep
+from vlab.files.locks import LOCK, lock, sole_use
+from vlab.files.output_folder import output_folder, write_manifest
 from vlab.recordings.files import written_whole
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there, so nothing is swept")
@@ -20,8 +20,8 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="folders are not lock
 WORKER = """
 import sys, time
 from pathlib import Path
-from vlab.locks import sole_use
-from vlab.outputs import output_folder
+from vlab.files.locks import sole_use
+from vlab.files.output_folder import output_folder
 from vlab.recordings.files import written_whole
 here = Path(sys.argv[1])
 with sole_use(here / "answers", of="vlab prove"), output_folder(here / "run") as fresh, \\
@@ -122,7 +122,7 @@ def test_one_process_at_a_time_has_a_folder_and_a_dead_one_blocks_nobody(worker,
 def test_whoever_waits_gets_the_folder_when_it_is_free(worker, tmp_path):
     begun = time.monotonic()
     waiting = subprocess.Popen(
-        [sys.executable, "-c", "import sys; from pathlib import Path; from vlab.locks import sole_use\n"
+        [sys.executable, "-c", "import sys; from pathlib import Path; from vlab.files.locks import sole_use\n"
          "with sole_use(Path(sys.argv[1]), of='x', wait=True): print('mine')", str(tmp_path / "answers")],
         stdout=subprocess.PIPE,
     )  # fmt: skip

@@ -17,21 +17,21 @@ from mutated import Bound, TooMuchWork, mutated_bytes, mutated_text
 from vlab.controllers.law_file import load_law
 
 import vlab.proof.prove as proving
-from vlab.assets import asset
 from vlab.cases import compare_case, load_case
 from vlab.cli import main
-from vlab.diagnose.frequency.problem import prepare_frequency
+from vlab.diagnose.predictors.frequency_problem import prepare_frequency
 from vlab.errors import VlabError
 from vlab.fe import build_fe_model
+from vlab.files.assets import asset
+from vlab.files.output_folder import finite
 from vlab.lab.plan import load_plan
 from vlab.lab.run_folder import load_run
 from vlab.modal.modal_test import ModalTest, run_modal_test
-from vlab.outputs import finite
 from vlab.plants import build_plant
-from vlab.proof.concealing import conceal_cases
+from vlab.proof.conceal import conceal_cases
 from vlab.proof.manifest import manifest
 from vlab.proof.prove import ANSWERS, MANIFEST, prove
-from vlab.proof.sealing import COMMITMENTS, canonical, read_json, write_json
+from vlab.proof.seal import COMMITMENTS, canonical, read_json, write_json
 from vlab.recordings import write_recording
 from vlab.signals import Channel, Recording
 from vlab.structure import load_structure

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.cli import VERBS, build_parser
 from vlab.errors import OutputRefused
-from vlab.outputs import numbered_folder, output_folder, write_manifest
+from vlab.files.assets import asset
+from vlab.files.output_folder import numbered_folder, output_folder, write_manifest
 
 CASE = str(asset("cases/emps/case.toml"))
 VERB_LINES = {
@@ -68,7 +68,7 @@ def test_a_claim_goes_where_nothing_came_into_it(tmp_path):
 
 
 def test_a_claim_goes_with_its_process(tmp_path):
-    code = "import sys, time; from vlab.outputs import numbered_folder\n"
+    code = "import sys, time; from vlab.files.output_folder import numbered_folder\n"
     code += "with numbered_folder(sys.argv[1]) as claimed: print(claimed.name, flush=True); time.sleep(600)"
     line = [sys.executable, "-c", code, str(tmp_path / "run")]
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as process:

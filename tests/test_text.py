@@ -2,7 +2,7 @@
 
 import pytest
 
-from vlab.text import in_line, one_line, printable
+from vlab.files.text import in_line, one_line, printable
 
 HOSTILE = {
     "colour": "\x1b[31mred\x1b[0m",

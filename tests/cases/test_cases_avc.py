@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from vlab.assets import asset
 from vlab.cases import compare_case, load_case
+from vlab.files.assets import asset
 from vlab.plants.chain import build_chain
 from vlab.plants.mjcf import build_mjcf
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vlab.assets import asset
 from vlab.cases import compare_case, load_case
-from vlab.published import published_table
+from vlab.design.published_tables import published_table
+from vlab.files.assets import asset
 from vlab.recordings import open_table
 
 CASES = sorted(str(p.relative_to(asset("cases"))) for p in asset("cases").rglob("*.toml"))

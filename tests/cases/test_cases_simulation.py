@@ -6,11 +6,13 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial import InitialState, begins_at_rest, exponentials
+from vlab.cases.clock import plan_clock
+from vlab.cases.initial_state import InitialState, begins_at_rest
+from vlab.cases.linear_start import exponentials
 from vlab.cases.misfit import misfit
-from vlab.cases.playback import _held_means, plan_clock
+from vlab.cases.replay import _held_means
 from vlab.controllers import DirectRateFeedback
-from vlab.diagnose.engine import diagnose
+from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadCase, BadRecording, Diverged
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine

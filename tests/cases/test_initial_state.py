@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from vlab.cases import load_case
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.wired import wired_runs
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.parameters.recorded_runs import read_runs
 
 HELD = 4
 
@@ -59,7 +59,7 @@ def test_joints_on_servos_start_where_they_are_told_to_be(tmp_path):
         return centre + swing * np.sin(2.0 * t)
 
     case = recorded(tmp_path, (np.append(0.9, told(0.0)), np.append(0.2, 2.0 * swing)), told)
-    (run,) = wired_runs(case, ("fit",)).runs
+    (run,) = read_runs(case, ("fit",)).runs
     found = find_initial_state(case.plant, run)
     # servos sag by the moment of gravity over their stiffness, 3 N m / 900, and their joints start at speed as told
     np.testing.assert_allclose(found.qpos, np.append(0.9, centre), atol=0.01)

@@ -6,7 +6,9 @@ Of a run one response is drawn, and nothing is moved apart; how figures look is 
 import pytest
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from vlab.views import documents, run_report, run_view
+from vlab.views.reports import run as run_report
+from vlab.views.reports import run_files as run_view
+from vlab.views.rerun import documents
 
 
 @pytest.fixture(scope="module", autouse=True)

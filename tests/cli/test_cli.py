@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.cli import VERBS, build_parser, main
 from vlab.errors import OutputRefused
-from vlab.outputs import output_folder, write_manifest
+from vlab.files.assets import asset
+from vlab.files.output_folder import output_folder, write_manifest
 from vlab.recordings import read_recording
-from vlab.views import modal_test_report
+from vlab.views.reports import modal_test as modal_test_report
 
 QUICK = ("experiment", "beam", *["--plant", "modal", "--seconds", "0.5", "--period", "0.2", "--band", "10", "30"])
 """The shortest experiment there is."""
@@ -59,7 +59,7 @@ def test_reproduce_document_has_cells_and_reasons(capsys):
 
 
 def test_reproduce_says_when_a_cell_is_out(capsys, monkeypatch):
-    monkeypatch.setattr("vlab.reproduce.structure_tables.TABLE_1", 1e-5)
+    monkeypatch.setattr("vlab.reproduce.tables.structure.TABLE_1", 1e-5)
     status, out, _ = run(capsys, "reproduce", "1")
     assert status == 1
     assert "no" in out

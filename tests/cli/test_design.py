@@ -10,13 +10,13 @@ from vlab.controllers.catalogue import LAWS
 from vlab.controllers.law_file import load_law
 
 from vlab.cli import main
+from vlab.design.published_tables import published_table
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import loop_on
 from vlab.lab.robustness import delay_margin
-from vlab.published import published_table
 from vlab.recordings import read_recording
 from vlab.structure import load_structure
-from vlab.views import design_view
+from vlab.views.figures import design as design_view
 
 
 def blank_figures(patch):

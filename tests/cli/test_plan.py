@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.cases import load_case
 from vlab.cli.common import share_bar
+from vlab.files.assets import asset
 from vlab.lab.plan import load_plan, perform_plan
 
 PLAN = """title = "Two records"

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.cli.common import text_table
-from vlab.views.viewer import start_viewer
+from vlab.files.assets import asset
+from vlab.views.rerun.viewer import start_viewer
 
 RIG = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody><body>
 <joint name="x&#10;all is well" type="slide" axis="1 0 0" stiffness="400"/><geom size="0.05" mass="1"/></body></worldbody>

@@ -8,11 +8,11 @@ from toys import toy
 
 from vlab.controllers import lqdrf
 from vlab.design import performance
+from vlab.design.published_tables import published_table
 from vlab.design.state_model import state_model
 from vlab.design.weights import Weights, energy_weights, identity_weights
 from vlab.errors import BadDesign, UnknownName
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_table
 from vlab.structure import load_structure
 
 

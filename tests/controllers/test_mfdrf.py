@@ -7,9 +7,9 @@ from toys import oscillators, toy
 from vlab import units
 from vlab.controllers import mfdrf
 from vlab.design import performance
+from vlab.design.published_tables import published_table
 from vlab.errors import BadDesign
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_table
 from vlab.structure import load_structure
 
 GAMMA = 0.0500

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from vlab.controllers.user_law import GROUP, is_user_law, load_user_law
 
-from vlab.assets import asset
 from vlab.cli import main
 from vlab.controllers import Controller, LinearLaw
 from vlab.errors import BadController, UnknownName
+from vlab.files.assets import asset
 from vlab.lab import Experiment, run_experiment
 
 HEAD = "import numpy as np\n"

@@ -151,7 +151,7 @@ POINTS = ("base", "10in", "20in", "30in", "40in", "50in", "60in", "70in", "top")
 
 def beam_model(hidden: Hidden, rng: np.random.Generator, benign: float):
     """Return the beam's FE model with something hidden in it, and the rows of its points."""
-    from vlab.diagnose.uncertain_structure import edited, structure_parameters
+    from vlab.diagnose.parameters.structure import edited, structure_parameters
 
     structure = load_structure("beam")
     parameters = [p for p in structure_parameters(structure, {}, (), ()) if p.kind in ("stiffness", "mass", "tension")]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vlab.cases.wiring import Compared, Drive, Run
+from vlab.cases.channel_map import Compared, Drive, Run
 from vlab.signals import Channel, Recording
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from vlab.diagnose.causes import commands_changed, port_series, unit_amplitudes
-from vlab.diagnose.group import Cause, Group, convolved, impulses_of, middles
-from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.observer import Gains, filter_gains, run_filter
-from vlab.diagnose.twin import discretise
+from vlab.diagnose.parameters.observation import ChannelRows
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impulses_of, middles
+from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter
+from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import ActuatorEffect, PortEffect, Step
 
@@ -124,7 +124,7 @@ def observed(n=300, runs=2):
     M, C, K = np.eye(2), np.diag([0.5, 2.0]), np.diag([300.0, 4000.0])
     system = discretise(M[None], C[None], K[None], np.eye(2), rows, H)
     gains = filter_gains(system, np.array([1e-4, 1e-2]), 0.1, 1e-4 * np.eye(4))
-    return system, Gains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:]), rng.standard_normal((n, runs, 2))
+    return system, FilterGains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:]), rng.standard_normal((n, runs, 2))
 
 
 def test_a_filter_shows_a_force_that_it_does_not_know_as_the_impulses_say():
@@ -215,13 +215,13 @@ def test_times_count_from_the_starts_of_the_recordings():
 def test_middles_of_a_free_motion_are_those_of_a_cosine():
     """Displacements are off by the third power of the step, speeds by its square, which an analytic motion shows."""
     omega = 12.0
-    twin = SimpleNamespace(m=1, M=np.eye(1), C=np.zeros((1, 1)), K=np.array([[omega**2]]))
+    reduced_model = SimpleNamespace(m=1, M=np.eye(1), C=np.zeros((1, 1)), K=np.array([[omega**2]]))
 
     def off(h):
         t = np.arange(0.0, 1.0, h)[:, None, None]
         known = np.concatenate([np.cos(omega * t), -omega * np.sin(omega * t)], axis=2)
         own = SimpleNamespace(h=h, smoothed=SimpleNamespace(filtered=known), forces=np.zeros(t.shape))
-        p, v, a = middles(twin, own)
+        p, v, a = middles(reduced_model, own)
         mid = t + 0.5 * h
         exact = np.cos(omega * mid), -omega * np.sin(omega * mid), -(omega**2) * np.cos(omega * mid)
         return np.array([np.abs(x - y).max() for x, y in zip((p, v, a), exact, strict=True)])
@@ -233,8 +233,8 @@ def test_middles_of_a_free_motion_are_those_of_a_cosine():
 
 
 def test_the_middle_under_a_constant_force_is_that_of_a_falling_mass():
-    twin = SimpleNamespace(m=1, M=np.array([[2.0]]), C=np.zeros((1, 1)), K=np.zeros((1, 1)))
+    reduced_model = SimpleNamespace(m=1, M=np.array([[2.0]]), C=np.zeros((1, 1)), K=np.zeros((1, 1)))
     known = np.array([[[0.3, -1.0]]])
     own = SimpleNamespace(h=0.1, smoothed=SimpleNamespace(filtered=known), forces=np.array([[[5.0]]]))
-    p, v, a = (float(x[0, 0, 0]) for x in middles(twin, own))
+    p, v, a = (float(x[0, 0, 0]) for x in middles(reduced_model, own))
     assert (p, v, a) == pytest.approx((0.3 - 0.05 + 0.5 * 2.5 * 0.05**2, -1.0 + 2.5 * 0.05, 2.5))

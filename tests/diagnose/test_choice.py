@@ -6,40 +6,51 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.choose import ALIKE, LAPSE, choose, is_of_priors
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis, independent_values, scored, weighed
-from vlab.diagnose.second import OUTLYING, are_far_fetched
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.words import next_measurement
+from vlab.diagnose.advice import next_measurement
+from vlab.diagnose.inference.evidence import Found, Hypothesis, effective_sample_size, scored, weighed
+from vlab.diagnose.inference.model_choice import choose_model, is_prior_driven
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.search.second_effect import violate_priors
+from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE, SECOND_EFFECT
 from vlab.physics.catalogue import EFFECTS
 
 
-def hypothesis(level, *names, price=0.0, worth=WORTH, **values):
+def hypothesis(level, *names, negative_log_prior=0.0, effective_samples=EVIDENCE.model_error_samples, **values):
     place = SimpleNamespace(name="joint:a")
     terms = tuple(Term(effect=EFFECTS[name], place=place, values=values) for name in names)
     none = np.zeros(0)
     fit = Fit(terms=terms, theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd={})
-    return Hypothesis(fit=fit, level=level, misfit=float(np.log(level)), price=price, worth=worth)
+    return Hypothesis(
+        fit=fit,
+        normalised_residual=level,
+        log_rms_residual=float(np.log(level)),
+        negative_log_prior=negative_log_prior,
+        effective_samples=effective_samples,
+    )
 
 
 def chosen(before, *others):
-    return [t.effect.name for t in choose(Found(before=before, hypotheses=others)).best.terms]
+    return [t.effect.name for t in choose_model(Found(before=before, hypotheses=others)).best.terms]
 
 
 def test_noise_averages_out_and_a_models_own_error_does_not():
     noisy = [hypothesis(1.0), hypothesis(1.05)]
-    assert weighed(noisy, 1.0, 0.0, 30_000)[0].worth == pytest.approx(30_000)  # nothing is left but noise
-    assert weighed(noisy, 1.0, 0.025, 30_000)[0].worth == pytest.approx(1.025 / (1 / 30_000 + 0.025 / WORTH))
-    far = weighed([hypothesis(20.0), hypothesis(30.0)], 1.0, 0.0, 30_000)[0].worth
-    assert far == pytest.approx(WORTH, rel=0.01)  # what the best one leaves is the model's error
-    assert weighed(noisy, 1.0, 0.0, WORTH)[0].worth == WORTH  # few values: frequency responses
+    assert weighed(noisy, 1.0, 0.0, 30_000)[0].effective_samples == pytest.approx(30_000)  # nothing is left but noise
+    assert weighed(noisy, 1.0, 0.025, 30_000)[0].effective_samples == pytest.approx(
+        1.025 / (1 / 30_000 + 0.025 / EVIDENCE.model_error_samples)
+    )
+    far = weighed([hypothesis(20.0), hypothesis(30.0)], 1.0, 0.0, 30_000)[0].effective_samples
+    assert far == pytest.approx(EVIDENCE.model_error_samples, rel=0.01)  # what the best one leaves is the model's error
+    assert (
+        weighed(noisy, 1.0, 0.0, EVIDENCE.model_error_samples)[0].effective_samples == EVIDENCE.model_error_samples
+    )  # few values: frequency responses
 
 
 def test_recordings_count_all_samples_of_noise_and_few_of_an_error():
-    assert independent_values(1.0, 0.0, 30_000) == pytest.approx(30_000)
-    assert independent_values(0.0, 1.0, 30_000) == pytest.approx(WORTH)
+    assert effective_sample_size(1.0, 0.0, 30_000) == pytest.approx(30_000)
+    assert effective_sample_size(0.0, 1.0, 30_000) == pytest.approx(EVIDENCE.model_error_samples)
     assert (
-        independent_values(1.0, 0.01, 30_000) < 0.5 * 30_000
+        effective_sample_size(1.0, 0.01, 30_000) < 0.5 * 30_000
     )  # an error of a tenth of the noise is soon all that matters
 
 
@@ -51,26 +62,28 @@ def test_a_second_effect_is_sought_where_the_first_takes_a_parameter_that_nobody
         return replace(found, fit=replace(found.fit, theta=off * prior))
 
     def wants(*fitted):
-        return are_far_fetched(fitted, usual=2, prior=prior)
+        return violate_priors(fitted, usual=2, prior=prior)
 
     assert not wants(single(np.array([1.0, 2.0])))
-    assert wants(single(np.array([0.0, -OUTLYING - 0.1])))
+    assert wants(single(np.array([0.0, -SECOND_EFFECT.outlying - 0.1])))
     assert wants(
-        single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.97)
+        single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=0.97)
     )  # the closest as well as the best
-    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=1.5))
-    assert not wants(single(np.zeros(2)), single(np.array([OUTLYING + 0.1, 0.0]), level=0.995))  # hardly closer
+    assert not wants(single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=1.5))
+    assert not wants(
+        single(np.zeros(2)), single(np.array([SECOND_EFFECT.outlying + 0.1, 0.0]), level=0.995)
+    )  # hardly closer
 
 
 def test_most_of_a_gain_may_be_what_priors_ask_for():
-    plain = hypothesis(1.01, price=30.0)
-    assert is_of_priors(hypothesis(1.0, "added-mass", mass=0.1, price=2.0), plain)
-    assert not is_of_priors(hypothesis(0.5, "added-mass", mass=0.1, price=2.0), plain)
+    plain = hypothesis(1.01, negative_log_prior=30.0)
+    assert is_prior_driven(hypothesis(1.0, "added-mass", mass=0.1, negative_log_prior=2.0), plain)
+    assert not is_prior_driven(hypothesis(0.5, "added-mass", mass=0.1, negative_log_prior=2.0), plain)
 
 
 def test_to_leave_less_than_integration_does_is_no_merit():
     alike = weighed([hypothesis(0.1), hypothesis(0.2), hypothesis(0.4)], 0.01, 0.05, 30_000, 0.06)
-    np.testing.assert_allclose([h.misfit for h in alike], np.log([0.07**0.5, 0.07**0.5, 0.4]))
+    np.testing.assert_allclose([h.log_rms_residual for h in alike], np.log([0.07**0.5, 0.07**0.5, 0.4]))
 
 
 def test_a_law_whose_size_may_as_well_be_none_is_nil():
@@ -79,7 +92,7 @@ def test_a_law_whose_size_may_as_well_be_none_is_nil():
     offset = Term(effect=EFFECTS["force-offset"], place=place, values={"force": -0.2})
     sd = {"jenkins-slip@joint:a:force": 30.0, "jenkins-slip@joint:a:slip": 0.1, "force-offset@joint:a:force": 0.05}
     fit = Fit(terms=(slip, offset), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd=sd)
-    assert fit.nil == ("jenkins-slip@joint:a",)
+    assert fit.unidentified == ("jenkins-slip@joint:a",)
 
 
 def test_a_law_of_which_a_part_is_nothing_is_the_plainer_one():
@@ -90,12 +103,12 @@ def test_a_law_of_which_a_part_is_nothing_is_the_plainer_one():
         spread = {f"{term.label}:{p}": s for p, s in sd.items()}
         return Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd=spread)
 
-    (plain,) = fit({"force": 0.6, "excess": 1e-20, "speed": 0.02}, {}).plainer(list(EFFECTS.values()))
+    (plain,) = fit({"force": 0.6, "excess": 1e-20, "speed": 0.02}, {}).nested_model(list(EFFECTS.values()))
     assert plain.label == "coulomb-friction@joint:a"
     assert plain.values == {"force": 0.6}
     both = fit({"force": 0.6, "excess": 0.1, "speed": 0.02}, {"force": 0.1, "excess": 0.3})
-    assert both.plainer(list(EFFECTS.values())) == both.terms
-    (cubic,) = fit({"k2": 3.0, "k3": 50.0}, {"k2": 5.0, "k3": 2.0}, "quadratic-cubic-stiffness").plainer(
+    assert both.nested_model(list(EFFECTS.values())) == both.terms
+    (cubic,) = fit({"k2": 3.0, "k3": 50.0}, {"k2": 5.0, "k3": 2.0}, "quadratic-cubic-stiffness").nested_model(
         list(EFFECTS.values())
     )
     assert cubic.label == "cubic-stiffness@joint:a"
@@ -111,7 +124,7 @@ def test_one_drive_at_its_limit_comes_before_all_of_them():
         fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0)
         return scored(fit, 100, 100).score
 
-    assert at() > at(1) + ALIKE
+    assert at() > at(1) + MODEL_CHOICE.alike
 
 
 def test_hypotheses_keep_their_order_where_they_have_as_many_parameters():
@@ -128,42 +141,47 @@ def test_a_single_finding_comes_with_a_test_that_could_refute_it():
     for name, effect in EFFECTS.items():
         found = Found(before=hypothesis(900.0), hypotheses=(hypothesis(1.0, name, frequency=3.0),))
         assert chosen(found.before, *found.hypotheses) == [name]
-        said.setdefault(effect.family, set()).add(next_measurement(choose(found), "missing-physics"))
+        said.setdefault(effect.family, set()).add(next_measurement(choose_model(found), "missing-physics"))
     assert all(len(words) == 1 for words in said.values())
     assert len(set.union(*said.values())) == len(said)
 
 
 @pytest.mark.parametrize(("saved", "is_found"), [(5.5, False), (6.5, True)])
 def test_parameters_that_nobody_believes_are_as_good_as_a_misfit(saved, is_found):
-    before, mass = hypothesis(1.0, price=20.0), hypothesis(1.0, "added-mass", price=20.0 - saved)
+    before, mass = (
+        hypothesis(1.0, negative_log_prior=20.0),
+        hypothesis(1.0, "added-mass", negative_log_prior=20.0 - saved),
+    )
     assert chosen(before, mass) == (["added-mass"] if is_found else [])
 
 
 def test_a_force_at_the_mains_frequency_is_not_believed_for_its_likelihood_alone():
-    before = hypothesis(1.02, worth=5000.0)
+    before = hypothesis(1.02, effective_samples=5000.0)
     for hz, is_found in ((50.2, False), (100.0, False), (60.0, False), (47.0, True)):
-        force = hypothesis(1.01, "sinusoidal-force", worth=5000.0, frequency=hz)
+        force = hypothesis(1.01, "sinusoidal-force", effective_samples=5000.0, frequency=hz)
         assert chosen(before, force) == (["sinusoidal-force"] if is_found else [])
-    loud = hypothesis(9.0, worth=5000.0)
-    assert chosen(loud, hypothesis(1.0, "sinusoidal-force", worth=5000.0, frequency=50.0)) == ["sinusoidal-force"]
+    loud = hypothesis(9.0, effective_samples=5000.0)
+    assert chosen(loud, hypothesis(1.0, "sinusoidal-force", effective_samples=5000.0, frequency=50.0)) == [
+        "sinusoidal-force"
+    ]
 
 
 def test_a_spring_that_bends_about_no_rest_position_is_believed_last():
     none = np.zeros(0)
 
-    def price(name, is_held):
+    def negative_log_prior(name, is_held):
         place = SimpleNamespace(name="joint:a", is_held=is_held, also=())
         term = Term(effect=EFFECTS[name], place=place, values={})
         fit = Fit(terms=(term,), theta=none, offsets=none, starts={}, error=none, chi2=1.0, cost=1.0, sd={})
-        return scored(fit, 1.0, 1e4).price
+        return scored(fit, 1.0, 1e4).negative_log_prior
 
     for name, is_odd in (
         ("cubic-stiffness", True),
         ("magnetic-negative-stiffness", True),
         ("stiffness-to-ground", False),
     ):
-        assert price(name, True) == 0.0
-        assert (price(name, False) > 30.0) == is_odd
+        assert negative_log_prior(name, True) == 0.0
+        assert (negative_log_prior(name, False) > 30.0) == is_odd
 
 
 def test_two_effects_are_believed_that_only_explain_together():
@@ -180,8 +198,8 @@ def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
     before = hypothesis(9.0)
     one, two = hypothesis(3.0, "added-mass"), hypothesis(1.0, "added-mass", "cubic-stiffness")
     other = hypothesis(1.01, "added-mass", "stop")
-    choice = choose(Found(before=before, hypotheses=(one, two, other)))
-    assert choice.shares["added-mass"] == pytest.approx(1.0 - LAPSE)  # the rest is for what was not tried
+    choice = choose_model(Found(before=before, hypotheses=(one, two, other)))
+    assert choice.shares["added-mass"] == pytest.approx(1.0 - MODEL_CHOICE.lapse)  # the rest is for what was not tried
     assert choice.shares["cubic-stiffness"] == pytest.approx(choice.probability)
     assert 0.4 < choice.probability < 0.95
 
@@ -189,16 +207,16 @@ def test_every_effect_has_the_probability_of_all_pairs_that_it_is_in():
 def test_two_forms_of_the_same_physics_do_not_compete():
     """Which one it is may be open: that it is dry friction is not."""
     forms = hypothesis(1.0, "smooth-friction"), hypothesis(1.0001, "coulomb-friction")
-    choice = choose(Found(before=hypothesis(9.0), hypotheses=(*forms, hypothesis(3.0, "jenkins-slip"))))
-    assert choice.probability == pytest.approx(1.0 - LAPSE)
-    assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - LAPSE)}
+    choice = choose_model(Found(before=hypothesis(9.0), hypotheses=(*forms, hypothesis(3.0, "jenkins-slip"))))
+    assert choice.probability == pytest.approx(1.0 - MODEL_CHOICE.lapse)
+    assert choice.shares == {"coulomb-friction": pytest.approx(1.0 - MODEL_CHOICE.lapse)}
     assert [h.terms[0].effect.name for h, _ in choice.ranking if h.terms] == ["jenkins-slip"]
 
 
 def test_a_parameter_of_few_values_costs_no_more_than_their_number():
     """A delay is told to a ten thousandth of what it might be; of whole samples that are held there are ten."""
-    hold, delay = (hypothesis(1.0, name, worth=1e4) for name in ("actuator-hold", "actuator-delay"))
+    hold, delay = (hypothesis(1.0, name, effective_samples=1e4) for name in ("actuator-hold", "actuator-delay"))
     assert delay.score == pytest.approx(-0.5 * np.log(1e4))
     assert hold.score == pytest.approx(-np.log(10))
-    few = hypothesis(1.0, "actuator-hold", worth=9.0)
+    few = hypothesis(1.0, "actuator-hold", effective_samples=9.0)
     assert few.score == pytest.approx(-np.log(3))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.cases import load_case
-from vlab.diagnose.commands import Limited, find_limit, limited
+from vlab.diagnose.data.command_limit import Limited, find_limit, limited
+from vlab.files.assets import asset
 
 
 class Doubler:

@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 
 import vlab.diagnose
-from vlab.diagnose import compiling, observer
-from vlab.diagnose.compiling import compiled
+from vlab.diagnose.kernels import compilation as compiling
+from vlab.diagnose.kernels.compilation import compiled
+from vlab.diagnose.predictors import kalman
 
 USE = """
 import sys
 from pathlib import Path
 import numpy as np
 {prepare}
-from vlab.diagnose.compiling import compiled
-from vlab.diagnose import observer, compiled as laws
-double = observer._with_room(np.ones((2, 1, 1)))
+from vlab.diagnose.kernels.compilation import compiled
+from vlab.diagnose.kernels import expression_graph
+from vlab.diagnose.predictors import kalman
+double = kalman._with_room(np.ones((2, 1, 1)))
 assert double.shape == (4, 1, 1)
-print(observer.__file__)
-print(getattr(observer._with_room._cache, "cache_path", None))
+print(kalman.__file__)
+print(getattr(kalman._with_room._cache, "cache_path", None))
 """
 
 
@@ -52,7 +54,7 @@ def sealed_off(tmp_path):
     shutil.copytree(package, tmp_path / "vlab", ignore=ignored)
     if (package.parent / "controllers").is_dir():  # a checkout: `vlab.controllers` leads there
         shutil.copytree(package.parent / "controllers", tmp_path / "controllers", ignore=ignored)
-    (tmp_path / "vlab" / "diagnose" / "__pycache__").write_text("")
+    (tmp_path / "vlab" / "diagnose" / "predictors" / "__pycache__").write_text("")
     return tmp_path
 
 
@@ -69,7 +71,10 @@ def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_
 
 
 def test_nothing_at_all_need_be_writable(sealed_off):
-    assert used(sealed_off, "import vlab.diagnose.compiling as c; c._temporary = lambda: iter(())", **NOWHERE) == "None"
+    assert (
+        used(sealed_off, "import vlab.diagnose.kernels.compilation as c; c._temporary = lambda: iter(())", **NOWHERE)
+        == "None"
+    )
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):
@@ -99,5 +104,5 @@ def test_a_cache_that_goes_away_is_done_without(tmp_path, monkeypatch):
 
 
 def test_what_is_compiled_is_kept():
-    assert observer._with_room(np.ones((1, 1, 1))).shape == (2, 1, 1)
-    assert list(Path(observer._with_room._cache.cache_path).glob("observer._with_room*.nbc"))
+    assert kalman._with_room(np.ones((1, 1, 1))).shape == (2, 1, 1)
+    assert list(Path(kalman._with_room._cache.cache_path).glob("kalman._with_room*.nbc"))

@@ -9,27 +9,25 @@ from test_timing import MODEL, stepped
 from test_timing import case as case_of
 
 from vlab.cases.description import ChannelTable
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.timing import (
-    GAIN,
-    HINT,
-    MUCH_LESS,
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.sampling_convention import (
     WORDS,
-    _asked_for,
     _Convention,
+    _favoured_convention,
     _half_step,
     _hinted_at,
     _leaves_less,
     _shows,
     _skewable,
     _skewed,
-    in_words,
+    describe_hold,
     open_holds,
     said,
-    timed,
+    score_by_timing,
     with_hold,
 )
+from vlab.diagnose.settings import SAMPLING_CONVENTION
 
 STEP = 1.0 / test_timing.RATE
 """As long as a sample, so that a step's half is half a sample."""
@@ -93,12 +91,12 @@ def test_readings_that_were_skewed_stand_so_much_ahead_but_velocities(written):
 
 def test_every_convention_is_said_with_the_word_that_a_case_has_for_it():
     for hold in WORDS:
-        assert f'hold = "{hold}"' in in_words(hold)
+        assert f'hold = "{hold}"' in describe_hold(hold)
         ChannelTable(
             column="u", at="motor", kind="force", unit="N", input=True, hold=hold
         )  # the case's own reader knows it
-    line = said([in_words("past"), "something else"])
-    assert all(part in line for part in (in_words("past"), "something else", "recordings do"))
+    line = said([describe_hold("past"), "something else"])
+    assert all(part in line for part in (describe_hold("past"), "something else", "recordings do"))
 
 
 # ---- what shows -----------------------------------------------------------------------------------------------------
@@ -158,12 +156,12 @@ def told(case):
 
     def again(other, line):
         lines.append(line)
-        return Screen(replace(prepare(other), timing=line))
+        return ScoreTest(replace(prepare(other), timing=line))
 
     def leaves(screen):
         raise AssertionError("no refit is needed where innovations tell")
 
-    done = timed(Screen(prepare(case)), lambda c: prepare(c).signals, again, leaves, ())
+    done = score_by_timing(ScoreTest(prepare(case)), lambda c: prepare(c).signals, again, leaves, ())
     TOLD[id(case)] = case, done, lines
     return done, lines
 
@@ -189,8 +187,8 @@ def test_a_screening_takes_positions_as_the_steps_left_them(written):
 
 
 def test_a_screening_that_cannot_be_made_again_stays_as_it_is(written):
-    screen = Screen(prepare(written("zero")))
-    same = timed(screen, lambda c: prepare(c).signals, lambda c, line: None, lambda s: 1.0, ())
+    screen = ScoreTest(prepare(written("zero")))
+    same = score_by_timing(screen, lambda c: prepare(c).signals, lambda c, line: None, lambda s: 1.0, ())
     assert same is screen
 
 
@@ -204,29 +202,32 @@ def test_what_is_right_is_not_asked_twice(written, truth):
 
 
 def convention(hold, gain, **other):
-    usual = {"case": None, "skew_s": 0.0, "is_near": True, "is_believed": True}
-    return _Convention(hold=hold, gain=gain, **{**usual, **other})
+    usual = {"case": None, "skew_s": 0.0, "is_near": True, "is_conclusive": True}
+    return _Convention(hold=hold, log_likelihood_gain=gain, **{**usual, **other})
 
 
 def test_a_hint_is_a_hold_alone_that_is_asked_for_once():
     """A skew, a hold that is asked for many times over, and what gains next to nothing are none."""
-    weak, strong = convention("zero", 2 * HINT), convention("past", 5 * HINT)
+    weak, strong = convention("zero", 2 * SAMPLING_CONVENTION.hint), convention("past", 5 * SAMPLING_CONVENTION.hint)
     others = [
         convention("past", 50.0, skew_s=1e-3), convention("zero-first", 60.0, is_near=False), convention("", 70.0)
     ]  # fmt: skip
     assert _hinted_at([weak, *others, strong]) is strong
-    assert _hinted_at([*others, convention("zero", 0.5 * HINT)]) is None
+    assert _hinted_at([*others, convention("zero", 0.5 * SAMPLING_CONVENTION.hint)]) is None
 
 
 def test_what_is_believed_is_what_gains_most_of_what_is_asked_for(written):
-    screen = Screen(prepare(written("linear")))
-    believed, more = convention("zero", 2 * GAIN), convention("past", 3 * GAIN)
-    doubtful = convention("zero-first", 9 * GAIN, is_believed=False)
-    assert _asked_for(screen, None, [believed, more, doubtful], ()) is more
-    assert _asked_for(screen, None, [convention("zero", 0.9 * GAIN)], ()) is None
+    screen = ScoreTest(prepare(written("linear")))
+    effective_share, more = (
+        convention("zero", 2 * SAMPLING_CONVENTION.gain),
+        convention("past", 3 * SAMPLING_CONVENTION.gain),
+    )
+    doubtful = convention("zero-first", 9 * SAMPLING_CONVENTION.gain, is_conclusive=False)
+    assert _favoured_convention(screen, None, [effective_share, more, doubtful], ()) is more
+    assert _favoured_convention(screen, None, [convention("zero", 0.9 * SAMPLING_CONVENTION.gain)], ()) is None
 
 
 def test_a_refit_has_the_word_where_it_leaves_much_less():
-    left = {"other": MUCH_LESS - 0.01, "same": 1.0, "near": MUCH_LESS + 0.01}
+    left = {"other": SAMPLING_CONVENTION.much_less - 0.01, "same": 1.0, "near": SAMPLING_CONVENTION.much_less + 0.01}
     assert _leaves_less(left.get, "other", "same")
     assert not _leaves_less(left.get, "near", "same")

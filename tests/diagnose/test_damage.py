@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthetic import run_of
 
-from vlab.diagnose.damage import assess, on_clock, says_something, sensor_limits
-from vlab.diagnose.hum import find_hum, without_hum
-from vlab.diagnose.seen import BEYOND
+from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
+from vlab.diagnose.data.quality import assess_quality, is_informative, on_clock, sensor_limits
+from vlab.diagnose.settings import DATA_FINDINGS
 from vlab.recordings.quality import cut_off
 
 TIME = np.arange(4000) / 500.0
@@ -19,22 +19,22 @@ def motion(seed=0):
 
 def test_sound_recordings_have_no_damage():
     run = run_of(TIME, {"a": motion(), "b": motion(1)})
-    assert assess([run]).lines == ()
-    assert says_something(run, run.compared).all()
+    assert assess_quality([run]).lines == ()
+    assert is_informative(run, run.compared).all()
     assert sensor_limits([run]) == ()
 
 
 def test_samples_at_a_sensors_limit_say_nothing_of_the_structure():
     a = np.clip(motion(), -1.0, 1.0)
     run = run_of(TIME, {"a": a, "b": motion(1)})
-    valid = says_something(run, run.compared)
+    valid = is_informative(run, run.compared)
     np.testing.assert_array_equal(valid[:, 0], np.abs(a) < 1.0)
     assert valid[:, 1].all()
     (stop,) = sensor_limits([run])
     assert stop.channel == "a"
     assert stop.limit == 1.0
     assert stop.share == pytest.approx(np.mean(np.abs(a) == 1.0))
-    assert assess([run]).fatal == ()
+    assert assess_quality([run]).fatal == ()
 
 
 def test_a_coarse_reading_that_stands_still_at_the_top_of_a_small_motion_is_no_other_limit():
@@ -53,14 +53,14 @@ def test_a_range_that_is_reached_seldom_is_told_by_ends_that_agree():
     one = np.clip(motion() + 0.2, -2.0, 1.25)
     (stop,) = sensor_limits([run_of(TIME, {"a": one})])
     assert stop.tops == 1
-    assert stop.beyond > BEYOND  # but no smooth top is as long between ends as fast
+    assert stop.beyond > DATA_FINDINGS.beyond  # but no smooth top is as long between ends as fast
 
 
 def test_a_coarse_reading_of_a_smooth_top_would_have_gone_no_further():
     smooth = np.sin(2 * np.pi * 0.4 * TIME)
     coarse = 0.05 * np.round(smooth / 0.05)
     assert np.count_nonzero(coarse == coarse.max()) > 100
-    assert cut_off(coarse, coarse == coarse.max()) < BEYOND
+    assert cut_off(coarse, coarse == coarse.max()) < DATA_FINDINGS.beyond
 
 
 def test_two_limits_that_differ_are_no_range():
@@ -72,18 +72,18 @@ def test_blocks_that_repeat_a_value_are_left_out():
     a = motion()
     a[1050:1170] = a[1049]
     run = run_of(TIME, {"a": a})
-    valid = says_something(run, run.compared)[:, 0]
+    valid = is_informative(run, run.compared)[:, 0]
     assert not valid[1050:1170].any()
     assert valid[:1050].all()
     assert valid[1170:].all()
-    assert any("repeat the last value" in line for line in assess([run]).warnings)
+    assert any("repeat the last value" in line for line in assess_quality([run]).warnings)
 
 
 def test_a_recording_that_is_mostly_lost_says_nothing():
     a = motion()
     for first in range(100, 3900, 100):
         a[first : first + 40] = a[first]
-    damage = assess([run_of(TIME, {"a": a})])
+    damage = assess_quality([run_of(TIME, {"a": a})])
     assert any("lost" in line for line in damage.fatal)
 
 
@@ -91,7 +91,7 @@ def test_a_clock_has_no_samples_in_a_gap():
     keep = (TIME < 3.0) | (TIME > 3.5)
     run = run_of(TIME[keep], {"a": motion()[keep]})
     grid = np.arange(1000) / 125.0
-    valid = on_clock(run, says_something(run, run.compared), grid)[:, 0]
+    valid = on_clock(run, is_informative(run, run.compared), grid)[:, 0]
     inside = (grid > 3.0) & (grid < 3.5)
     assert not valid[inside].any()
     assert valid[(grid < 2.98) | (grid > 3.52)].all()
@@ -99,19 +99,19 @@ def test_a_clock_has_no_samples_in_a_gap():
 
 def test_dead_and_copied_sensors_are_fatal():
     still = run_of(TIME, {"a": motion(), "b": np.full(TIME.size, 0.2)})
-    assert [line for line in assess([still]).fatal if "b stands still" in line]
+    assert [line for line in assess_quality([still]).fatal if "b stands still" in line]
     twice = run_of(TIME, {"a": motion(), "b": motion()})
-    assert [line for line in assess([twice]).fatal if "same samples" in line]
+    assert [line for line in assess_quality([twice]).fatal if "same samples" in line]
     both = [still, run_of(TIME, {"a": motion(2), "b": motion(3)}, name="other")]
-    assert not assess(both).fatal  # it moves elsewhere
+    assert not assess_quality(both).fatal  # it moves elsewhere
 
 
 def test_hum_taken_off_hides_no_limit():
     buzz = 0.02 * np.sin(2 * np.pi * 50.0 * TIME)
     run = run_of(TIME, {"a": np.clip(motion() + buzz, -1.0, 1.0), "b": motion(1) + buzz})
-    clean = without_hum(run, find_hum([run]))
+    clean = remove_mains_interference(run, find_mains_interference([run]))
     assert not np.array_equal(clean.measured["a"], run.measured["a"])
-    valid = says_something(clean, run.compared)
-    np.testing.assert_array_equal(valid, says_something(run, run.compared))
+    valid = is_informative(clean, run.compared)
+    np.testing.assert_array_equal(valid, is_informative(run, run.compared))
     assert not valid[:, 0].all()
-    np.testing.assert_array_equal(says_something(clean, run.compared[1:]), valid[:, 1:])
+    np.testing.assert_array_equal(is_informative(clean, run.compared[1:]), valid[:, 1:])

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.entries import FURTHEST, PRIOR_BOUND, Entries, inward, limits_of, outward
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference.parameter_vector import ParameterVector, from_unbounded, limits_of, to_unbounded
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.catalogue import EFFECTS
 
 SIZES = [
@@ -23,7 +24,7 @@ def test_a_size_stays_within_the_catalogues_range_wherever_it_starts(name, param
     start = times * parameter.high
     low, high = limits_of(parameter, start, lambda reference: 1.0)
     assert low <= high
-    reached = outward(parameter, np.array([low, np.clip(inward(parameter, start), low, high), high]))
+    reached = from_unbounded(parameter, np.array([low, np.clip(to_unbounded(parameter, start), low, high), high]))
     assert np.all(np.abs(reached) <= parameter.high * (1 + 1e-9))
 
 
@@ -40,7 +41,7 @@ def test_a_value_of_the_catalogue_lies_within_the_limits_that_start_from_it(para
     for share in (least, parameter.low, np.sqrt(abs(parameter.low) * parameter.high), parameter.high):
         for value in (share * size, *([-share * size] if parameter.signed else [])):
             low, high = limits_of(parameter, value, lambda name: reference)
-            assert low <= inward(parameter, value) <= high
+            assert low <= to_unbounded(parameter, value) <= high
 
 
 def test_a_shape_that_is_a_share_of_the_motion_keeps_its_share_however_it_is_counted():
@@ -52,7 +53,7 @@ def test_a_shape_that_is_a_share_of_the_motion_keeps_its_share_however_it_is_cou
             metres = limits_of(p, 0.3 * p.high, lambda name: 1.0)
             millimetres = limits_of(p, 300 * p.high, lambda name: 1e3)
             np.testing.assert_allclose(np.subtract(millimetres, metres), np.log(1e3))
-            assert metres[1] - metres[0] <= 2 * FURTHEST
+            assert metres[1] - metres[0] <= 2 * PARAMETER_VECTOR.furthest
 
 
 # ---- the vector -----------------------------------------------------------------------------------------------------
@@ -61,14 +62,14 @@ VALUES = ({"k2": -30.0, "k3": 4e3}, {"force": 0.4, "slip": 2e-3})
 PRIOR = np.array([0.02, 0.3, 0.05])
 
 
-def entries(r=2, active=(0, 2), n_free=2) -> Entries:
+def entries(r=2, active=(0, 2), n_free=2) -> ParameterVector:
     """Three modes, three uncertain parameters, two channels; a law with signs and one of logarithms."""
     rng = np.random.default_rng(0)
     place = SimpleNamespace(name="joint:a")
     names = ("quadratic-cubic-stiffness", "jenkins-slip")
     terms = [Term(effect=EFFECTS[n], place=place, values=v) for n, v in zip(names, VALUES, strict=True)]
     firsts = rng.standard_normal((n_free, 6))
-    return Entries(
+    return ParameterVector(
         terms=terms,
         limits=[limits_of(p, t.values[p.name], lambda name: 3e-3) for t in terms for p in t.effect.parameters],
         directions=PRIOR[:, None] * np.linalg.qr(rng.standard_normal((3, 3)))[0][:, :r],
@@ -126,7 +127,7 @@ def test_bounds_stop_uncertain_parameters_and_laws_and_nothing_else():
     out = own.bounded(X)
     free = slice(own.r, own.first_effect)
     np.testing.assert_array_equal(out[:, free], X[:, free])
-    assert np.abs(out[:, : own.r]).max() == PRIOR_BOUND
+    assert np.abs(out[:, : own.r]).max() == PARAMETER_VECTOR.prior_bound
     low, high = np.array(own.limits).T
     assert np.all((low <= out[:, own.first_effect :]) & (out[:, own.first_effect :] <= high))
     np.testing.assert_array_equal(own.bounded(out), out)
@@ -156,7 +157,7 @@ def test_a_step_moves_every_value_by_a_hundredth():
 def test_first_states_count_in_speeds_of_the_largest_motion():
     """All times faster and as many times smaller: the same motion in the same entries."""
     own = entries()
-    fast = Entries(**{**{k: getattr(own, k) for k in own.__dataclass_fields__}, "omega": 7.0 * own.omega,
+    fast = ParameterVector(**{**{k: getattr(own, k) for k in own.__dataclass_fields__}, "omega": 7.0 * own.omega,
                       "firsts": np.hstack([own.firsts[:, :3] / 7.0, own.firsts[:, 3:]])})  # fmt: skip
     one, other = (e.packed(np.zeros(3), np.zeros(2), 1.3 * e.firsts, VALUES) for e in (own, fast))
     np.testing.assert_allclose(one[4:12], other[4:12], rtol=1e-12)
@@ -167,5 +168,7 @@ def test_first_states_count_in_speeds_of_the_largest_motion():
 def test_an_entry_is_the_inverse_of_its_value(parameter):
     values = np.array([1e-9, 0.3, 40.0])
     values = np.concatenate([-values, values]) if parameter.signed else values
-    np.testing.assert_allclose(outward(parameter, np.array([inward(parameter, v) for v in values])), values)
-    assert np.all(np.isfinite(outward(parameter, np.array([-1e4, 1e4]))))  # a wild trial as well
+    np.testing.assert_allclose(
+        from_unbounded(parameter, np.array([to_unbounded(parameter, v) for v in values])), values
+    )
+    assert np.all(np.isfinite(from_unbounded(parameter, np.array([-1e4, 1e4]))))  # a wild trial as well

@@ -8,11 +8,11 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.final_fit import final_fit
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.final_fit import final_fit
 from vlab.physics.catalogue import EFFECTS
 
 
@@ -23,7 +23,7 @@ def fitted(tmp_path_factory):
         patch.setattr(rig_oscillator, "SECONDS", 2.0)
         rig = oscillator_case(tmp_path_factory.mktemp("rig"), effect="cubic-stiffness")
         problem = prepare(load_case(rig.folder))
-    refiner = Refiner(Screen(problem))
+    refiner = LeastSquares(ScoreTest(problem))
     place = next(p for p in problem.places if p.name == rig.place)
     term = Term(effect=EFFECTS["cubic-stiffness"], place=place, values={"k3": rig.parameters["k3"]})
     return problem, refiner, refiner.fit([term]), rig.parameters["k3"]
@@ -42,4 +42,4 @@ def test_a_law_that_mujoco_does_not_confirm_is_fitted_there(fitted):
     assert found.terms[0].values["k3"] == pytest.approx(fit.terms[0].values["k3"], rel=0.1)
     # 2 s hold six cycles of the lowest mode: the stiffnesses, 2 % uncertain, share what the law leaves
     assert found.terms[0].values["k3"] == pytest.approx(truth, rel=0.15)
-    assert np.all(np.abs(found.theta) < 3 * problem.twin.prior)
+    assert np.all(np.abs(found.theta) < 3 * problem.reduced_model.prior)

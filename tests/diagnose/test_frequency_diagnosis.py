@@ -16,16 +16,16 @@ from frequency_rigs import (
     write_frf,
 )
 
-from vlab.assets import asset
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.frequency.engine import FrequencyDiagnosed
-from vlab.diagnose.frequency.levels import ONE_LEVEL, level_notes
-from vlab.diagnose.frequency.measured import Response, read_measured
-from vlab.diagnose.frequency.verify import as_given, check_frequency, checked_again
-from vlab.diagnose.verify import Removed
+from vlab.diagnose.data.amplitude_dependence import ONE_LEVEL, level_notes
+from vlab.diagnose.data.responses import Response, read_measured
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.validation.frequency import check_frequency, checked_again, nominal_model
+from vlab.diagnose.validation.simulation import Ablations
+from vlab.files.assets import asset
 from vlab.physics.catalogue import EFFECTS
-from vlab.views.diagnosis_report import write_diagnosis
+from vlab.views.reports.diagnosis import write_diagnosis
 
 FEW = [EFFECTS[n] for n in ("added-mass", "lost-stiffness", "viscous-damping", "sensor-gain", "coulomb-friction")]
 FRACTIONAL = Hidden(effect="fractional", place="", values={"strength": 60.0})
@@ -69,9 +69,9 @@ def test_the_amended_model_runs_by_itself_and_reproduces_the_fit(found):
 def test_an_input_that_drives_held_out_data_alone_has_its_likeliest_gain(found):
     """Eight per cent more of a motor known to five: all but a twentieth of it is taken off, of the given model nothing."""
     done, _ = found
-    (held,) = done.problem.held_out
+    (held,) = done.problem.read_holdout
     louder = replace(held, H=1.08 * held.H)
-    models = [as_given(done.problem.plant, done.problem.wires), done.before, done.after]
+    models = [nominal_model(done.problem.plant, done.problem.wires), done.before, done.after]
     ((own,), (as_before,), (freed,)) = (
         check_frequency(models, data, gains)
         for data, gains in (([held], None), ([louder], None), ([louder], {held.input: 0.05}))
@@ -84,11 +84,11 @@ def test_an_input_that_drives_held_out_data_alone_has_its_likeliest_gain(found):
 
 def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
     done, _ = found
-    given = as_given(done.problem.plant, done.problem.wires)
+    given = nominal_model(done.problem.plant, done.problem.wires)
     worse = replace(done.before, sensor_gain=3 * done.before.sensor_gain)
-    removed = Removed(names=("mass",), models=(done.before,))
-    (held,) = check_frequency([given, worse, done.after], done.problem.held_out, removed=removed)
-    assert held.refitted > held.nominal == held.before == held.unamended().after
+    ablate = Ablations(names=("mass",), models=(done.before,))
+    (held,) = check_frequency([given, worse, done.after], done.problem.read_holdout, ablate=ablate)
+    assert held.calibrated > held.nominal == held.before == held.without_findings().after
     assert held.standing is held.answers[0]
     assert held.bare == held.parts[0].left
     assert not held.is_idle
@@ -97,9 +97,9 @@ def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
 
 def test_what_changes_no_response_is_not_verified_by_it(found):
     done, _ = found
-    given = as_given(done.problem.plant, done.problem.wires)
-    removed = Removed(names=("nothing",), models=(done.after,))
-    (held,) = check_frequency([given, done.before, done.after], done.problem.held_out, removed=removed)
+    given = nominal_model(done.problem.plant, done.problem.wires)
+    ablate = Ablations(names=("nothing",), models=(done.after,))
+    (held,) = check_frequency([given, done.before, done.after], done.problem.read_holdout, ablate=ablate)
     assert held.is_idle
     assert held.gap_closed is None
 

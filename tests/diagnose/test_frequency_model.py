@@ -7,15 +7,15 @@ import pytest
 from frequency_rigs import CHAIN_EFFECTS, write_beam, write_chain
 
 from vlab.cases import load_case
-from vlab.diagnose.frequency.evaluate import answer
-from vlab.diagnose.frequency.fit import Fitter, Point
-from vlab.diagnose.frequency.measured import Modes, _roughness, read_measured, thinned
-from vlab.diagnose.frequency.modes import ModelModes, model_modes, state_matrix
-from vlab.diagnose.frequency.problem import prepare_frequency
-from vlab.diagnose.frequency.residual import tracked
-from vlab.diagnose.frequency.screen import Screen
-from vlab.diagnose.frequency.verify import amended_by, check_frequency
-from vlab.diagnose.terms import Term
+from vlab.diagnose.data.responses import Modes, _roughness, read_measured, thinned
+from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.frequency import answer
+from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
+from vlab.diagnose.predictors.frequency_problem import prepare_frequency
+from vlab.diagnose.predictors.frequency_residual import tracked
+from vlab.diagnose.search.frequency_screening import ScoreTest
+from vlab.diagnose.validation.frequency import check_frequency, extended_by
 from vlab.errors import BadCase
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
@@ -62,10 +62,10 @@ def test_derivatives_are_those_of_finite_differences(chain, hypothesis):
 def test_a_trial_of_low_rank_is_the_model_solved_again(chain):
     fitter = Fitter(chain)
     point = Point(theta=np.zeros(len(fitter.sd)), terms=())
-    lines = Screen(fitter, point).lines[0]
+    lines = ScoreTest(fitter, point).lines[0]
     oscillator = term(chain, "attached-oscillator", "joint:mass2", mass=0.2, frequency=5.0, damping_ratio=0.05)
     data = chain.measured[0]
-    from vlab.diagnose.frequency.evaluate import at_port
+    from vlab.diagnose.predictors.frequency import at_port
 
     z = at_port(oscillator, oscillator.values, float(data.omega[-1])).impedance(1j * data.omega)
     quick = lines.with_port(z, lines.at(oscillator.place)).H
@@ -77,7 +77,7 @@ def test_a_trial_of_low_rank_is_the_model_solved_again(chain):
 def test_mujocos_linearisation_of_the_amended_plant_answers_as_the_search_does(chain, hypothesis):
     terms = tuple(term(chain, name, place, **values) for name, place, values in hypothesis)
     fit = Fitter(chain).fit(terms, np.zeros(len(chain.prior)), iterations=0)
-    model = amended_by(chain, fit)
+    model = extended_by(chain, fit)
     checked = check_frequency([model] * 3, chain.measured)[0]
     own = answer(chain.view, chain.state(fit.theta), chain.measured[0], chain.wires, terms).H
     assert np.allclose(checked.answers[0], own, rtol=1e-5, atol=1e-8 * np.abs(own).max())
@@ -174,10 +174,10 @@ def test_physics_of_the_nominal_model_is_in_its_responses(chain):
         Attached(EFFECTS["attached-oscillator"], "joint:mass2", {"mass": 0.1, "frequency": 6.0, "damping_ratio": 0.02}),
         Attached(EFFECTS["sensor-delay"], "sensor:sensor1", {"delay": 0.002}),
     ]
-    from vlab.diagnose.frequency.verify import as_given
+    from vlab.diagnose.validation.frequency import nominal_model
 
     plant = attach(chain.plant, effects)
-    found = check_frequency([as_given(plant, chain.wires)] * 3, chain.measured)[0].answers[0]
+    found = check_frequency([nominal_model(plant, chain.wires)] * 3, chain.measured)[0].answers[0]
     terms = [
         term(chain, "attached-oscillator", "joint:mass2", mass=0.1, frequency=6.0, damping_ratio=0.02),
         term(chain, "sensor-delay", "sensor:sensor1", delay=0.002),

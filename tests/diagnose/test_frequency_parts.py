@@ -9,17 +9,18 @@ from frequency_rigs import CHAIN_EFFECTS, LINES, SENSORS, chain_response, write_
 from rig_oscillator import CHAIN, DAMPING, MASS, STIFFNESS
 
 from vlab.cases import load_case
-from vlab.diagnose.frequency import search as searching
-from vlab.diagnose.frequency.fit import Fitter, Point
-from vlab.diagnose.frequency.measured import Modes, read_measured
-from vlab.diagnose.frequency.problem import prepare_frequency
-from vlab.diagnose.frequency.screen import Screen, Tried, screened
-from vlab.diagnose.frequency.search import SHORTLIST, _pairs, _places, _quick_fit, _shortlist, search_frequency
-from vlab.diagnose.frequency.trials import candidates, trials
-from vlab.diagnose.frequency.view import MOST_MODES, Wires, view_of, wires_of
-from vlab.diagnose.hypothesis import scored
-from vlab.diagnose.places import admissible
-from vlab.diagnose.terms import Term
+from vlab.diagnose.data.responses import Modes, read_measured
+from vlab.diagnose.inference.evidence import scored
+from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
+from vlab.diagnose.parameters.locations import admissible
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.frequency_model import Wires, view_of, wires_of
+from vlab.diagnose.predictors.frequency_problem import prepare_frequency
+from vlab.diagnose.search import frequency_selection as searching
+from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
+from vlab.diagnose.search.frequency_selection import _pairs, _places, _quick_fit, _shortlist, search_frequency
+from vlab.diagnose.search.trial_values import candidates, trials
+from vlab.diagnose.settings import FREQUENCY_MODEL, FREQUENCY_SELECTION
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.small_signal import is_linear
@@ -48,7 +49,7 @@ def chain(case):
 def screen(chain):
     fitter = Fitter(chain)
     fit = fitter.fit((), np.zeros(len(fitter.sd)))
-    return Screen(fitter, Point(theta=fit.theta, terms=()))
+    return ScoreTest(fitter, Point(theta=fit.theta, terms=()))
 
 
 def place_of(problem, name):
@@ -126,11 +127,11 @@ def test_only_modes_that_are_seen_are_kept(chain):
 def test_of_a_large_model_the_lowest_modes_are_kept():
     bodies = "".join(
         f'<body pos="{i} 0 0"><joint name="j{i}" stiffness="{100 * (i + 1)}"/><geom/></body>'
-        for i in range(MOST_MODES + 4)
+        for i in range(FREQUENCY_MODEL.most_modes + 4)
     )
     text = CHAIN.split("<worldbody>")[0] + f"<worldbody>{bodies}</worldbody></mujoco>"
     view = view_of(build_mjcf(text), Wires())
-    np.testing.assert_allclose(view.omega, np.sqrt(100.0 * np.arange(1, MOST_MODES + 1)), rtol=1e-6)
+    np.testing.assert_allclose(view.omega, np.sqrt(100.0 * np.arange(1, FREQUENCY_MODEL.most_modes + 1)), rtol=1e-6)
 
 
 def test_inputs_and_outputs_are_wired_by_name(case, chain):
@@ -261,12 +262,12 @@ def test_what_is_hidden_has_a_trial_near_it(chain):
 
 def tried(name, place, gain):
     where = SimpleNamespace(name=place)
-    return Tried(term=Term(effect=EFFECTS[name], place=where, values={}), gain=gain)
+    return Trial(term=Term(effect=EFFECTS[name], place=where, values={}), log_likelihood_gain=gain)
 
 
 def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
     """And with every one of them all that was tried of it."""
-    by_lines = [tried("added-mass", f"p{i}", 100.0 - i) for i in range(SHORTLIST + 5)]
+    by_lines = [tried("added-mass", f"p{i}", 100.0 - i) for i in range(FREQUENCY_SELECTION.shortlist + 5)]
     by_lines += [
         tried("viscous-damping", "p0", 1.0),
         tried("viscous-damping", "p1", 0.5),
@@ -274,16 +275,16 @@ def test_a_shortlist_has_the_best_of_both_views_and_of_every_family():
     ]
     by_bands = [tried("lost-stiffness", "p3", 5.0), tried("added-mass", "p0", 4.0)]
     chosen = {own[0].label: own for own in _shortlist(by_lines, by_bands)}
-    masses = {f"added-mass@p{i}" for i in range(SHORTLIST)}
+    masses = {f"added-mass@p{i}" for i in range(FREQUENCY_SELECTION.shortlist)}
     assert set(chosen) == masses | {"viscous-damping@p0", "lost-stiffness@p3"}
-    assert [t.gain for t in chosen["added-mass@p0"]] == [100.0, 4.0]
+    assert [t.log_likelihood_gain for t in chosen["added-mass@p0"]] == [100.0, 4.0]
     assert _shortlist([], []) == []
 
 
 def test_what_gains_most_in_the_screening_is_what_is_hidden(screen, chain):
     ranked = screened(screen, candidates(chain, FEW))
     assert (ranked[0].term.effect.name, ranked[0].term.place.name) == (HIDDEN.effect, HIDDEN.place)
-    assert [t.gain for t in ranked] == sorted((t.gain for t in ranked), reverse=True)
+    assert [t.log_likelihood_gain for t in ranked] == sorted((t.log_likelihood_gain for t in ranked), reverse=True)
 
 
 def test_a_quick_fit_is_the_best_of_its_starts(screen, chain):
@@ -291,10 +292,10 @@ def test_a_quick_fit_is_the_best_of_its_starts(screen, chain):
     fitter, place = screen.fitter, place_of(chain, HIDDEN.place)
     good, bad = (Term(effect=EFFECTS["added-mass"], place=place, values={"mass": m}) for m in (0.2, 1e-4))
     theta = screen.point.theta
-    alone = [fitter.fit([t], theta, iterations=searching.QUICK).chi2 for t in (good, bad)]
-    both = _quick_fit(fitter, [Tried(term=bad, gain=1.0, others=(good,))], theta, ())
+    alone = [fitter.fit([t], theta, iterations=searching.FREQUENCY_SELECTION.quick).chi2 for t in (good, bad)]
+    both = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0, others=(good,))], theta, ())
     assert both.chi2 == pytest.approx(min(alone))
-    afar = _quick_fit(fitter, [Tried(term=bad, gain=1.0)], theta, {bad.label})
+    afar = _quick_fit(fitter, [Trial(term=bad, log_likelihood_gain=1.0)], theta, {bad.label})
     assert afar.chi2 <= alone[1]
 
 
@@ -304,7 +305,7 @@ def test_a_pair_leaves_no_more_than_the_effect_that_it_was_found_beside(screen, 
     pairs = candidates(chain, FEW)
     terms = [Term(effect=EFFECTS["sensor-gain"], place=place_of(chain, "sensor:sensor2"), values={"gain": 0.05})]
     fit = fitter.fit(terms, theta, iterations=3)
-    seed = scored(fit, fitter.worth, fitter.worth)
+    seed = scored(fit, fitter.effective_samples, fitter.effective_samples)
     found = _pairs(fitter, [seed, seed], pairs)
     assert found
     for pair in found:
@@ -321,16 +322,16 @@ def test_the_best_effect_is_compared_at_its_other_places(screen, chain):
     ranked = screened(screen, candidates(chain, [EFFECTS["added-mass"]]))
     fit = fitter.fit([ranked[0].term], theta)
 
-    def priced(fit):
-        return scored(fit, fitter.worth, fitter.worth)
+    def penalised(fit):
+        return scored(fit, fitter.effective_samples, fitter.effective_samples)
 
-    places = _places(fitter, [priced(fit)], ranked, theta, priced)
+    places = _places(fitter, [penalised(fit)], ranked, theta, penalised)
     assert next(iter(places)) == HIDDEN.place
     assert set(places) == {t.term.place.name for t in ranked}
     for name, h in places.items():
         assert [t.place.name for t in h.terms] == [name]
         assert h.score <= places[HIDDEN.place].score
-    assert _places(fitter, [], ranked, theta, priced) == {}
+    assert _places(fitter, [], ranked, theta, penalised) == {}
 
 
 def test_the_search_finds_the_hidden_mass_and_prices_its_trials(chain):
@@ -341,9 +342,9 @@ def test_the_search_finds_the_hidden_mass_and_prices_its_trials(chain):
     best = found.hypotheses[0]
     assert best.label == f"{HIDDEN.effect}@{HIDDEN.place}"
     assert best.terms[0].values["mass"] == pytest.approx(HIDDEN.values["mass"], rel=0.15)
-    assert best.level < 1.3 < found.before.level
+    assert best.normalised_residual < 1.3 < found.before.normalised_residual
     assert best.score > found.before.score
     scores = [h.score for h in found.hypotheses]
     assert scores == sorted(scores, reverse=True)
     assert found.tried == len(candidates(chain, [EFFECTS["added-mass"]]))  # a stop is not linear
-    assert best.price >= np.log(found.tried)
+    assert best.negative_log_prior >= np.log(found.tried)

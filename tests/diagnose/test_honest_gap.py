@@ -11,27 +11,28 @@ from rig_stop import GAP, STOP, stop_case
 
 from vlab.cases import load_case
 from vlab.cli.diagnose import _text
-from vlab.diagnose.attempt import MOST_ATTEMPTS, best_attempt
-from vlab.diagnose.choose import ALIKE, LAPSE, choose
+from vlab.diagnose.advice import format_probability, spoilt_note
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
-from vlab.diagnose.distance import Distance, Part, part_of, whole_gap
-from vlab.diagnose.engine import diagnose
 from vlab.diagnose.findings import alternatives, by_what_they_explain
-from vlab.diagnose.hypothesis import WORTH, Found, Hypothesis
-from vlab.diagnose.settle import Settling
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.verdict import closes, verdict_on
-from vlab.diagnose.verify import Amended, Removed, check
-from vlab.diagnose.words import probability_in_words, spoilt
+from vlab.diagnose.inference.evidence import Found, Hypothesis
+from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.attempt import best_attempt
+from vlab.diagnose.search.confirmation import Confirmation
+from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
+from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
+from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
+from vlab.diagnose.verdict import closes_gap, decide_verdict
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 
 
-def distance(*, nominal=0.5, refitted=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
+def distance(*, nominal=0.5, calibrated=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
     """How far three models are from one recording, as `check` has it."""
-    before = min(nominal, refitted)
+    before = min(nominal, calibrated)
     return Distance(
-        name=name, role=role, nominal=nominal, before=before, after=after, noise=noise, refitted=refitted,
+        name=name, role=role, nominal=nominal, before=before, after=after, noise=noise, calibrated=calibrated,
         channels={"y": (nominal, before, after, noise)}, **others,
     )  # fmt: skip
 
@@ -58,58 +59,58 @@ def finding(effect="stop", place="joint:a", **values):
 
 
 @pytest.fixture(scope="module")
-def quiet(tmp_path_factory) -> tuple[Rig, Amended, list]:
+def quiet(tmp_path_factory) -> tuple[Rig, ExtendedModel, list]:
     """The case whose hold-out does not reach the stop, its model as given, and its runs by role."""
     rig = stop_case(tmp_path_factory.mktemp("stop") / "quiet")
     case = load_case(rig.folder)
-    return rig, Amended(plant=case.plant), list(case.runs(("fit", "holdout")))
+    return rig, ExtendedModel(plant=case.plant), list(case.runs(("fit", "holdout")))
 
 
 def with_stop(model, rig):
     one = Attached(effect=EFFECTS[rig.effect], place=rig.place, values=rig.parameters)
-    return Amended(plant=attach(model.plant, [one], channels=[]))
+    return ExtendedModel(plant=attach(model.plant, [one], channels=[]))
 
 
 def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet):
     rig, nominal, runs = quiet
     worse = with_stop(nominal, replace(rig, parameters={"stiffness": STOP, "gap": 0.002}))  # a refit that went wrong
     (second,) = check(runs[1:], worse, with_stop(nominal, rig), nominal=nominal)
-    assert second.refitted > 2 * second.nominal == 2 * second.before
+    assert second.calibrated > 2 * second.nominal == 2 * second.before
     assert second.is_spoilt
     assert second.standing is second.simulated[0]
     assert {name: errors[1] for name, errors in second.channels.items()} == {
         name: errors[0] for name, errors in second.channels.items()
     }
-    unamended = second.unamended()
-    assert unamended.after == second.nominal
-    assert unamended.amended is None
+    without_findings = second.without_findings()
+    assert without_findings.after == second.nominal
+    assert without_findings.extended is None
     (good,) = check(runs[1:], nominal, None, nominal=worse)
     assert not good.is_spoilt
-    assert good.before == good.refitted == good.after
+    assert good.before == good.calibrated == good.after
 
 
-@pytest.mark.parametrize(("nominal", "refitted"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
-def test_before_is_never_worse_than_nominal(nominal, refitted):
-    document = errors_to_json([distance(nominal=nominal, refitted=refitted), distance(nominal=0.3, refitted=0.2)])
+@pytest.mark.parametrize(("nominal", "calibrated"), [(0.1, 0.9), (0.9, 0.1), (np.inf, 0.1), (0.1, np.inf), (0.1, 0.1)])
+def test_before_is_never_worse_than_nominal(nominal, calibrated):
+    document = errors_to_json([distance(nominal=nominal, calibrated=calibrated), distance(nominal=0.3, calibrated=0.2)])
     for errors in (document, *document["per_recording"]):
         assert errors["nrmse_nominal"] is None or errors["nrmse_before"] <= errors["nrmse_nominal"]
-    assert document["per_recording"][0]["nrmse_before"] == min(nominal, refitted)
+    assert document["per_recording"][0]["nrmse_before"] == min(nominal, calibrated)
     json.dumps(document, allow_nan=False)
 
 
 def test_that_a_refit_spoils_recordings_is_said_once():
     runs = [
-        distance(nominal=0.0072, refitted=0.953, name="r1"),
-        distance(nominal=0.1, refitted=np.inf, name="r2"),
+        distance(nominal=0.0072, calibrated=0.953, name="r1"),
+        distance(nominal=0.1, calibrated=np.inf, name="r2"),
         distance(name="r3"),
-        distance(nominal=0.1, refitted=0.1005, name="r4"),  # no more than fits converge to
+        distance(nominal=0.1, calibrated=0.1005, name="r4"),  # no more than fits converge to
     ]
-    (line,) = spoilt(runs)
-    assert "r1 (error 0.953, as given 0.0072)" in line
+    (line,) = spoilt_note(runs)
+    assert "r1 (error 0.953, nominal 0.0072)" in line
     assert "r2" in line
     assert "r3" not in line
     assert "r4" not in line
-    assert spoilt(runs[2:]) == ()
+    assert spoilt_note(runs[2:]) == ()
 
 
 # ---- what a finding does in a recording -----------------------------------------------------------------------------
@@ -117,10 +118,10 @@ def test_that_a_refit_spoils_recordings_is_said_once():
 
 def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     rig, nominal, runs = quiet
-    removed = Removed(names=("stop",), models=(nominal,))
-    loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, removed=removed)
+    ablate = Ablations(names=("stop",), models=(nominal,))
+    loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, ablate=ablate)
     assert (aside.parts[0].told, aside.is_idle, aside.gap_closed) == (0.0, True, None)
-    assert loud.parts[0].told > 10 * ALIKE
+    assert loud.parts[0].told > 10 * MODEL_CHOICE.alike
     assert not loud.is_idle
     assert whole_gap([aside]) is None
     assert whole_gap([loud, aside]) == loud.gap_closed
@@ -136,30 +137,32 @@ def test_a_finding_is_told_from_nothing_by_the_energy_of_what_it_does_over_that_
 
 def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     """The stop is grazed: of what is better with it its removal takes away a tenth."""
-    grazed = distance(nominal=0.072, refitted=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
+    grazed = distance(nominal=0.072, calibrated=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
     assert grazed.gap_closed > 0.8
-    assert not closes([grazed], is_structure=False)
-    assert closes([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
+    assert not closes_gap([grazed], is_structure=False)
+    assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
 
 
 def verdict(checked, fitted):
-    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_of_priors=False)
+    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_prior_driven=False)
     seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
-    return verdict_on(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
+    return decide_verdict(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
 
 
 def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     fitted = [distance(role="fit", after=0.011)]
-    idle = distance(nominal=0.0072, refitted=0.95, after=0.005, noise=0.0046, bare=0.005, parts=(part(0.0, 0.005),))
+    idle_note = distance(
+        nominal=0.0072, calibrated=0.95, after=0.005, noise=0.0046, bare=0.005, parts=(part(0.0, 0.005),)
+    )
     near = replace(
-        idle, nominal=0.006, before=0.006
+        idle_note, nominal=0.006, before=0.006
     )  # within one and a half times the noise: nothing else would be said
-    assert verdict([idle], fitted) == verdict([near], fitted) == "none-of-these"
+    assert verdict([idle_note], fitted) == verdict([near], fitted) == "none-of-these"
     assert (
         verdict([near], [distance(role="fit", after=0.39)]) == "nothing-missing"
     )  # the fit does not ask for it, either
     told = distance(bare=0.5, parts=(part(500.0, 0.5),))
-    assert verdict([told, idle], fitted) == "missing-physics"  # the other one can
+    assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
     assert verdict([told], fitted) == "missing-physics"
 
 
@@ -183,11 +186,11 @@ def test_a_fit_that_ran_away_is_no_attempt():
     assert attempt(distance(after=0.2)).holds
     assert not attempt(distance(after=0.41)).holds  # worse than before
     assert not attempt(distance(after=np.inf)).holds
-    assert not attempt(distance(nominal=68.0, refitted=68.0, after=66.0)).holds
-    idle = distance(nominal=0.02, after=0.03, parts=(part(0.0),))
-    assert attempt(idle).holds  # it is the refit that is worse there
-    assert attempt(idle).is_of_the_fit_alone
-    assert not attempt(idle, distance(after=0.41)).holds
+    assert not attempt(distance(nominal=68.0, calibrated=68.0, after=66.0)).holds
+    idle_note = distance(nominal=0.02, after=0.03, parts=(part(0.0),))
+    assert attempt(idle_note).holds  # it is the refit that is worse there
+    assert attempt(idle_note).is_of_the_fit_alone
+    assert not attempt(idle_note, distance(after=0.41)).holds
 
 
 def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
@@ -195,7 +198,7 @@ def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
     assert best_attempt(good, iter([better])) is good
     assert best_attempt(ran, iter([ran, good, better])) is good
     assert best_attempt(replace(good, findings=()), iter([ran, better])) is better
-    assert best_attempt(ran, iter([ran] * MOST_ATTEMPTS + [good])) is None
+    assert best_attempt(ran, iter([ran] * ATTEMPT.most_attempts + [good])) is None
 
 
 def keys(document):
@@ -218,7 +221,7 @@ def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
         checked=(distance(after=0.21),),
         fit=fit_of(),
     )
-    choice = choose(Found(before=hypothesis(9.0), hypotheses=(hypothesis(3.0, "added-mass"),)))
+    choice = choose_model(Found(before=hypothesis(9.0), hypotheses=(hypothesis(3.0, "added-mass"),)))
     tried = alternatives(choice, SimpleNamespace(case=SimpleNamespace(structure=1), places=()), "none-of-these", 9.0)
     shown = diagnosis("none-of-these", attempt=two, alternatives=tried)
     document = json.loads(json.dumps(shown.to_json(), allow_nan=False))["attempt"]
@@ -245,20 +248,28 @@ def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
 # ---- probabilities --------------------------------------------------------------------------------------------------
 
 
-def hypothesis(level, *names, worth=WORTH):
+def hypothesis(level, *names, effective_samples=EVIDENCE.model_error_samples):
     terms = tuple(Term(effect=EFFECTS[n], place=SimpleNamespace(name="joint:a", index=0), values={}) for n in names)
-    return Hypothesis(fit=fit_of(*terms), level=level, misfit=float(np.log(level)), price=0.0, worth=worth)
+    return Hypothesis(
+        fit=fit_of(*terms),
+        normalised_residual=level,
+        log_rms_residual=float(np.log(level)),
+        negative_log_prior=0.0,
+        effective_samples=effective_samples,
+    )
 
 
 def test_probabilities_of_what_was_tried_leave_room_for_what_was_not():
     found = Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(1.02, "stop")))
-    choice = choose(found)
-    assert choice.probability + sum(p for _, p in choice.ranking) == pytest.approx(1.0 - LAPSE)
+    choice = choose_model(found)
+    assert choice.probability + sum(p for _, p in choice.ranking) == pytest.approx(1.0 - MODEL_CHOICE.lapse)
 
 
 def test_probabilities_are_printed_as_far_as_they_are_told():
-    assert [probability_in_words(p) for p in (0.96, 0.0123, 6.6e-46)] == ["0.960", "0.012", "< 0.001"]
-    choice = choose(Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(8.0, "stop"))))
+    assert [format_probability(p) for p in (0.96, 0.0123, 6.6e-46)] == ["0.960", "0.012", "< 0.001"]
+    choice = choose_model(
+        Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(8.0, "stop")))
+    )
     problem = SimpleNamespace(case=SimpleNamespace(structure=None), places=())
     tried = alternatives(choice, problem, "missing-physics", 9.0)
     assert 0 < tried[0]["probability"] < 1e-6
@@ -273,7 +284,7 @@ def test_probabilities_are_printed_as_far_as_they_are_told():
 class Whole:
     """Fits whose costs are looked up by their effects' names."""
 
-    worth, noise_share, runs = 1000.0, 0.0, (SimpleNamespace(y=np.zeros(100)),)
+    effective_samples, noise_share, runs = 1000.0, 0.0, (SimpleNamespace(y=np.zeros(100)),)
 
     def __init__(self, **costs):
         self.costs = costs
@@ -297,18 +308,18 @@ STRIBECK = {"force": 0.6, "excess": 0.2, "speed": 1e-5}
 def test_a_law_at_values_where_it_is_a_plainer_one_gives_way_to_it(values, coulomb, left):
     place = SimpleNamespace(name="joint:a", is_held=True, also=())
     own = fit_of(Term(effect=EFFECTS["stribeck-friction"], place=place, values=values), cost=100.0)
-    best = Hypothesis(fit=own, level=1.0, misfit=0.0, price=0.0)
+    best = Hypothesis(fit=own, normalised_residual=1.0, log_rms_residual=0.0, negative_log_prior=0.0)
     known = fit_of(Term(effect=EFFECTS["coulomb-friction"], place=place, values={"force": 0.1}), cost=300.0)
-    fitted_worse = Hypothesis(fit=known, level=2.0, misfit=0.7, price=0.0)
-    settling = Settling(
+    fitted_worse = Hypothesis(fit=known, normalised_residual=2.0, log_rms_residual=0.7, negative_log_prior=0.0)
+    confirmation = Confirmation(
         problem=None, whole=Whole(coulomb_friction=coulomb), start=own, seen=None, effects=list(EFFECTS.values()),
         is_linear=True,
     )  # fmt: skip
     found = SearchFound(before=hypothesis(9.0), hypotheses=(best, fitted_worse))
-    after = settling._simpler(found, best, own)
+    after = confirmation._simpler(found, best, own)
     assert after.hypotheses[0].terms[0].effect.name == left
     assert [h.label for h in after.hypotheses].count("coulomb-friction@joint:a") == 1
-    assert after.hypotheses[0].level == pytest.approx(1.0, rel=0.01)
+    assert after.hypotheses[0].normalised_residual == pytest.approx(1.0, rel=0.01)
 
 
 class SearchFound(Found):
@@ -342,5 +353,5 @@ def test_a_stop_that_the_hold_out_does_not_reach_is_named_from_the_fit_alone(qui
     assert tried["parameters"]["stiffness"]["value"] == pytest.approx(STOP, rel=0.1)
     assert tried["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.05)
     assert tried["per_recording"][0]["can_verify"] is False
-    assert any("of the fit alone" in note for note in document["notes"])
+    assert any("the fit recordings alone" in note for note in document["notes"])
     assert "nothing is verified" in _text(found.diagnosis)

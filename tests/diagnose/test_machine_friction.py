@@ -6,14 +6,15 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.nonlinear.course import sampled
-from vlab.diagnose.nonlinear.scope import EXACT, _departure, _large
-from vlab.diagnose.own_nonlinearity import Inverse, ModalMotion
-from vlab.diagnose.places import Place
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.simulation import mix
-from vlab.diagnose.terms import Term
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.predictors.modal import mix
+from vlab.diagnose.predictors.own_nonlinearity import Inverse, ModalMotion
+from vlab.diagnose.predictors.scope import _departure, _large
+from vlab.diagnose.predictors.trajectory_data import sampled
+from vlab.diagnose.settings import SCOPE
 from vlab.errors import Diverged
 from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf
@@ -33,7 +34,7 @@ FREE, ON_A_STOP = SLIDE.format(limits=""), SLIDE.format(limits=' limited="true" 
 
 def test_a_mass_that_nothing_holds_is_linear():
     plant = build_mjcf(FREE)
-    assert _departure(plant, plant.linearise(), *_large(plant)) < EXACT
+    assert _departure(plant, plant.linearise(), *_large(plant)) < SCOPE.exact
 
 
 def test_a_stop_at_rest_is_no_spring():

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vlab.diagnose import march as marching
-from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.march import _remember, acting_order, march
-from vlab.diagnose.places import Place
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.terms import Term
-from vlab.diagnose.twin import discretise
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.observation import ChannelRows
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors import integration as marching
+from vlab.diagnose.predictors.integration import _remember, acting_order, integrate
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
 
@@ -34,7 +34,7 @@ def place(name: str, row: list[float]) -> Place:
     return Place(name=name, kind="port", rows=np.array([row]), coil=0)
 
 
-def marched(names: list[str], substeps: int) -> np.ndarray:
+def integrated(names: list[str], substeps: int) -> np.ndarray:
     """Two modes seen by a displacement, a velocity and an accelerometer, in a whole run and one that starts in motion."""
     rng = np.random.default_rng(1)
     spread = np.linspace(0.9, 1.1, SETS)[:, None, None]
@@ -63,7 +63,7 @@ def marched(names: list[str], substeps: int) -> np.ndarray:
     starts = np.zeros((SETS, 2, 4))
     starts[:, 1] = rng.standard_normal(4)
     forces = np.repeat(10 * rng.standard_normal((N, 1, 2, 1)), SETS, axis=1)
-    return march(system, forces, 1, terms, values, ports, starts, runs, substeps)
+    return integrate(system, forces, 1, terms, values, ports, starts, runs, substeps)
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
@@ -82,16 +82,16 @@ def marched(names: list[str], substeps: int) -> np.ndarray:
 def test_laws_folded_into_the_twin_move_it_as_they_do_step_by_step(names, substeps, monkeypatch):
     """What stands for a force that is not known yet is its last value there and a first guess here: both are of second order. Of
     a law in the loop those folded into the twin know nothing in its step, which is of first order."""
-    folded, finer = marched(names, substeps), marched(names, 2 * substeps)
+    folded, finer = integrated(names, substeps), integrated(names, 2 * substeps)
     given = (
         [n for n in names if type(EFFECTS[n]).response == "none"] if len(names) == 1 else []
     )  # beside others it comes first
     for name in [*given, *(n for n in names if type(EFFECTS[n]).response == "linear")]:
         monkeypatch.setattr(type(EFFECTS[name]), "response", "any")
-    off, less = (np.abs(marched(names, n * substeps) - f).max() for n, f in ((1, folded), (2, finer)))
+    off, less = (np.abs(integrated(names, n * substeps) - f).max() for n, f in ((1, folded), (2, finer)))
     assert off < 2e-3 * np.abs(folded).max() / substeps
     assert less < 0.6 * off + 1e-11 * np.abs(folded).max()
-    assert np.abs(folded - marched([], substeps)).max() > 1e-3 * np.abs(folded).max()
+    assert np.abs(folded - integrated([], substeps)).max() > 1e-3 * np.abs(folded).max()
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
@@ -107,11 +107,11 @@ def test_laws_folded_into_the_twin_move_it_as_they_do_step_by_step(names, subste
 )
 def test_laws_played_from_tapes_move_the_twin_as_those_written(names, substeps, monkeypatch):
     """To rounding, which friction that sticks or slips makes a little more of."""
-    played = marched(names, substeps)
-    monkeypatch.setattr(marching, "tape_of", lambda *given: None)
-    written = marched(names, substeps)
-    assert np.abs(written - marched([], substeps)).max() > 1e-3 * np.abs(written).max()
-    np.testing.assert_allclose(played, written, atol=1e-8 * np.abs(written).max())
+    evaluated = integrated(names, substeps)
+    monkeypatch.setattr(marching, "trace_expression", lambda *given: None)
+    written = integrated(names, substeps)
+    assert np.abs(written - integrated([], substeps)).max() > 1e-3 * np.abs(written).max()
+    np.testing.assert_allclose(evaluated, written, atol=1e-8 * np.abs(written).max())
 
 
 def test_a_mass_that_nothing_holds_or_brakes_falls():
@@ -121,7 +121,7 @@ def test_a_mass_that_nothing_holds_or_brakes_falls():
     system = discretise(one, 0 * one, 0 * one, np.ones((1, 1)), rows, H)
     empty = {"load": np.zeros((n, 0)), "noise": np.ones(1), "scale": np.ones(1)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 1)), u=np.zeros((n, 1)), at_rest=True, **empty)
-    y = march(system, np.full((n, 1, 1, 1), a), 1, [], [], [], np.zeros((2, 1, 2)), [run], 1)
+    y = integrate(system, np.full((n, 1, 1, 1), a), 1, [], [], [], np.zeros((2, 1, 2)), [run], 1)
     np.testing.assert_allclose(y[:, 1, 0, 0], 0.5 * a * (H * np.arange(n)) ** 2, rtol=1e-9, atol=1e-12)
 
 
@@ -132,7 +132,7 @@ def test_a_trial_that_no_number_holds_is_marched_without_a_word():
     empty = {"load": np.zeros((9, 0)), "noise": np.ones(1), "scale": np.ones(1)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((9, 1)), u=np.zeros((9, 1)), at_rest=True, **empty)
     with np.errstate(all="ignore"):
-        y = march(system, np.ones((9, 1, 1, 1)), 1, [], [], [], np.zeros((1, 1, 2)), [run], 1)
+        y = integrate(system, np.ones((9, 1, 1, 1)), 1, [], [], [], np.zeros((1, 1, 2)), [run], 1)
     assert not np.isfinite(y[-1]).any()
 
 
@@ -147,13 +147,13 @@ def test_modes_are_marched_as_their_matrices_say():
     u, x = rng.standard_normal((n, 1, 1, 2)), rng.standard_normal(6)
     empty = {"load": np.zeros((n, 0)), "noise": np.ones(2), "scale": np.ones(2)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 2)), u=u[:, 0, 0], at_rest=False, **empty)
-    y = march(system, u, 2, [], [], [], x[None, None], [run], 1)[:, 0, 0]
+    y = integrate(system, u, 2, [], [], [], x[None, None], [run], 1)[:, 0, 0]
     for k in range(n):
         np.testing.assert_allclose(y[k], system.C[0] @ x + system.D[0] @ u[k, 0, 0], atol=1e-9)
         x = system.A[0] @ x + system.B[0] @ u[k, 0, 0]
 
 
-def played(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, command: float = 0.0) -> np.ndarray:
+def evaluated(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, command: float = 0.0) -> np.ndarray:
     values = {p.name: float(np.sqrt(p.low * p.high)) for p in effect.parameters}
     memory, out = effect.memory(z.shape[1:]), []
     for k in range(len(z)):
@@ -166,14 +166,14 @@ def played(effect: PortEffect, z: np.ndarray, v: np.ndarray, t0: float = 0.0, co
 def test_what_a_law_says_of_its_response_is_true(effect):
     rng = np.random.default_rng(2)
     z, v = rng.standard_normal((2, 50, 1)), rng.standard_normal((2, 50, 1))
-    one, two = (played(effect, z[i], v[i]) for i in range(2))
+    one, two = (evaluated(effect, z[i], v[i]) for i in range(2))
     if effect.response == "none":
         np.testing.assert_array_equal(one, two)
         return
     np.testing.assert_allclose(
-        played(effect, z[0] - 2 * z[1], v[0] - 2 * v[1]), one - 2 * two, atol=1e-9 * np.abs(one).max()
+        evaluated(effect, z[0] - 2 * z[1], v[0] - 2 * v[1]), one - 2 * two, atol=1e-9 * np.abs(one).max()
     )
-    np.testing.assert_array_equal(played(effect, z[0], v[0], t0=3.0, command=2.0), one)
+    np.testing.assert_array_equal(evaluated(effect, z[0], v[0], t0=3.0, command=2.0), one)
 
 
 def test_some_laws_of_every_response_are_in_the_catalogue():
@@ -198,7 +198,7 @@ def test_a_force_of_the_velocity_takes_off_the_energy_that_it_should(name):
         empty = {"load": np.zeros((n, 0)), "noise": np.ones(1), "scale": np.ones(1)}
         run = Signals(name="r", role="fit", h=h, y=np.zeros((n, 1)), u=np.zeros((n, 0)), at_rest=False, **empty)
         own = [{k: np.array([v]) for k, v in values[name].items()}]
-        y = march(system, np.zeros((n, 1, 1, 0)), 0, [term], own, [0], np.array([[[1.0, 0.0]]]), [run], substeps)
+        y = integrate(system, np.zeros((n, 1, 1, 0)), 0, [term], own, [0], np.array([[[1.0, 0.0]]]), [run], substeps)
         return float(np.abs(y[-16:, 0, 0, 0]).max())
 
     assert last_amplitude(1) == pytest.approx(last_amplitude(16), rel=0.02)

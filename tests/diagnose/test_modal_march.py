@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 
-from vlab.diagnose.modal_march import LoopLaw, Marched, march_modes, modes_of
+from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, integrate_modes, modes_of
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.tape import tape_of
+from vlab.physics.expression import trace_expression
 
 
 def steps(seed=0, n_sets=2) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_a_march_is_the_recursion_that_its_matrices_say(substeps, is_dense):
     own = system(step)
     part, given = rng.standard_normal((n, 1, 2, 1)), rng.standard_normal((n, substeps, 2, 2, 2))
     starts = rng.standard_normal((2, 2, step.shape[1]))
-    y = march_modes(own, [], part, given, starts, np.zeros(2), 0.01)
+    y = integrate_modes(own, [], part, given, starts, np.zeros(2), 0.01)
     x = starts.copy()
     for k in range(n):
         u = [np.concatenate([np.broadcast_to(part[k], (2, 2, 1)), given[k, j]], axis=-1) for j in range(substeps)]
@@ -86,11 +86,11 @@ def test_marches_add_up():
     none = np.zeros((n, 1, 2, 2, 0))
     starts = rng.standard_normal((2, 2, 2, 5))
 
-    def march(part, start):
-        return march_modes(own, [], part, none, start, np.zeros(2), 0.01)
+    def integrate(part, start):
+        return integrate_modes(own, [], part, none, start, np.zeros(2), 0.01)
 
-    whole = march(parts[0] - 2 * parts[1], starts[0] - 2 * starts[1])
-    np.testing.assert_allclose(whole, march(parts[0], starts[0]) - 2 * march(parts[1], starts[1]), atol=1e-9)
+    whole = integrate(parts[0] - 2 * parts[1], starts[0] - 2 * starts[1])
+    np.testing.assert_allclose(whole, integrate(parts[0], starts[0]) - 2 * integrate(parts[1], starts[1]), atol=1e-9)
 
 
 # ---- laws in the loop -----------------------------------------------------------------------------------------------
@@ -119,10 +119,10 @@ def swung(name, h, late=(0.0, 0.35), sizes=(1.0, 0.5)):
     effect, size = EFFECTS[name], np.array(sizes)[:, None]
     amplitudes = {p.name for p in effect.amplitudes}
     values = {k: v * (size if k in amplitudes else np.ones_like(size)) for k, v in LAWS[name].items()}
-    tape = tape_of(effect, h)
-    assert tape is not None
+    graph = trace_expression(effect, h)
+    assert graph is not None
     law = LoopLaw(
-        tape=tape,
+        graph=graph,
         values=[values[p.name] for p in effect.parameters],
         memory=effect.memory((len(sizes), len(late))) or [],
         push=np.array([whole[:2, 2]] * len(sizes)),
@@ -133,7 +133,7 @@ def swung(name, h, late=(0.0, 0.35), sizes=(1.0, 0.5)):
     start = np.array([1.0, -2.0])
     starts = np.broadcast_to(start, (len(sizes), len(late), 2))
     none = np.zeros((n, 1, len(sizes), len(late), 0))
-    y = march_modes(own, [law], np.zeros((n, 1, len(late), 0)), none, starts, np.array(late), h)[..., 0]
+    y = integrate_modes(own, [law], np.zeros((n, 1, len(late), 0)), none, starts, np.array(late), h)[..., 0]
     exact = np.zeros_like(y)
     for s in range(len(sizes)):
         p = {k: v[s, 0] for k, v in values.items()}

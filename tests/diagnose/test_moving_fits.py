@@ -11,15 +11,15 @@ from scipy.integrate import solve_ivp
 from test_nonlinear import shorter
 
 from vlab.cases import load_case
-from vlab.diagnose.choose import is_of_priors
-from vlab.diagnose.nonlinear import search as searching
-from vlab.diagnose.nonlinear.force import asked_force
-from vlab.diagnose.nonlinear.polish import SimulatedRefiner
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.refine import MovingRefiner
-from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.nonlinear.search import search_moving
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference.model_choice import is_prior_driven
+from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
+from vlab.diagnose.search import trajectory_selection as searching
+from vlab.diagnose.search.restoring_force import estimate_restoring_force
+from vlab.diagnose.search.trajectory_selection import search_moving
 from vlab.physics.catalogue import EFFECTS
 
 SAMPLES = 220
@@ -34,8 +34,8 @@ def screen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rig_swinging, "BENIGN", 0.0)
         swinging_pendulum(folder, EFFECT, noise=0.001)
-    problem, moving = prepare_moving(shorter(load_case(folder), SAMPLES))
-    return MovingScreen(problem, moving)
+    problem, moving = prepare_trajectory(shorter(load_case(folder), SAMPLES))
+    return TrajectoryScoreTest(problem, moving)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def place(screen):
 
 def fit_of(screen, *terms):
     """Return a fit that has these terms as they are, and nothing refitted."""
-    whole = MovingRefiner(screen, whole=True)
+    whole = TrajectoryLeastSquares(screen, whole=True)
     plain = whole.fit((), iterations=0)
     return replace(plain, theta=np.zeros(len(screen.problem.parameters)), terms=terms)
 
@@ -61,7 +61,7 @@ def inner(series):
 def test_the_force_that_a_motion_asks_for_is_the_one_that_is_hidden(screen, place):
     """A straight line through the speed, whose slope is the damper's constant."""
     term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": SIZE})
-    asked, _, v, _, _ = asked_force(screen, fit_of(screen), term)
+    asked, _, v, _, _ = estimate_restoring_force(screen, fit_of(screen), term)
     force, speed = inner(asked), inner(v)
     slope = -float(force @ speed) / float(speed @ speed)
     assert slope == pytest.approx(SIZE, rel=0.15)
@@ -71,7 +71,7 @@ def test_the_force_that_a_motion_asks_for_is_the_one_that_is_hidden(screen, plac
 def test_the_motion_beside_it_is_one_motion(screen, place):
     """The speed is the rate of the displacement, and the acceleration that of the speed."""
     term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": SIZE})
-    _, z, v, a, command = asked_force(screen, fit_of(screen), term)
+    _, z, v, a, command = estimate_restoring_force(screen, fit_of(screen), term)
     h = 1.0 / rig_swinging.RATE
     for series, rate, share in ((z, v, 1e-3), (v, a, 5e-2)):
         found = (series[2:] - series[:-2]) / (2 * h)
@@ -86,12 +86,12 @@ def test_what_other_effects_do_is_taken_off(screen, place, name):
     parameter = EFFECTS[name].parameters[0].name
     known = Term(effect=EFFECTS[name], place=place, values={parameter: SIZE})
     sought = Term(effect=EFFECTS["stiffness-to-ground"], place=place, values={"stiffness": 1.0})
-    bare = asked_force(screen, fit_of(screen), sought)
-    less = asked_force(screen, fit_of(screen, known, sought), sought)
+    bare = estimate_restoring_force(screen, fit_of(screen), sought)
+    less = estimate_restoring_force(screen, fit_of(screen, known, sought), sought)
     v = bare[2]
     law = -SIZE * v if name == "viscous-damping" else -SIZE * np.abs(v) * v
     np.testing.assert_allclose(inner(less[0]), inner(bare[0] - law), atol=1e-6 * np.abs(law).max())
-    own = asked_force(screen, fit_of(screen, known), known)
+    own = estimate_restoring_force(screen, fit_of(screen, known), known)
     np.testing.assert_allclose(inner(own[0]), inner(bare[0]))  # not what is sought itself
 
 
@@ -102,8 +102,8 @@ def test_what_uncertain_parameters_do_is_taken_off(screen, place):
     which = next(i for i, p in enumerate(screen.problem.parameters) if any(n == "dof_damping" for n, _ in p.fields))
     theta = np.zeros(len(plain.theta))
     theta[which] = np.log(3.0)
-    bare = asked_force(screen, plain, term)
-    more = asked_force(screen, replace(plain, theta=theta), term)
+    bare = estimate_restoring_force(screen, plain, term)
+    more = estimate_restoring_force(screen, replace(plain, theta=theta), term)
     taken, own = inner(bare[0] - more[0]), -0.001 * 2.0 * inner(bare[2])
     np.testing.assert_allclose(taken, own, atol=0.05 * np.abs(own).max())
 
@@ -115,9 +115,13 @@ def test_what_uncertain_parameters_do_is_taken_off(screen, place):
 def polished(screen, place):
     """Return a refiner, its last fit of the hidden law from half its size, and the fit without MuJoCo."""
     term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": 0.5 * SIZE})
-    refiner = SimulatedRefiner(screen)
+    refiner = SimulatorLeastSquares(screen)
     start = replace(refiner.fit((), iterations=0), terms=(term,))
-    return refiner, refiner.fit((term,), start), MovingRefiner.fit(SimulatedRefiner(screen), (term,), start)
+    return (
+        refiner,
+        refiner.fit((term,), start),
+        TrajectoryLeastSquares.fit(SimulatorLeastSquares(screen), (term,), start),
+    )
 
 
 def test_the_last_fit_misses_the_recordings_in_mujoco_no_more_than_the_first(polished):
@@ -136,7 +140,7 @@ def test_the_last_fit_finds_the_hidden_size(polished):
 
 def test_the_last_fit_is_that_of_mujocos_run_whatever_the_system_along_the_motion_does(screen, place):
     """MuJoCo's plant brakes by half the hidden damper already: the other half is all that is left to find."""
-    refiner = SimulatedRefiner(screen)
+    refiner = SimulatorLeastSquares(screen)
     plant = screen.problem.plant
     model = copy.copy(plant.model)
     model.dof_damping[0] += 0.5 * SIZE
@@ -161,18 +165,18 @@ def test_the_difference_that_is_taken_off_is_that_of_mujoco_and_the_system_along
     along, states = refiner._along(fit)
     damping = 0.001 * np.exp(_log_factor(refiner, fit, "dof_damping")) + fit.terms[0].values["damping"]
     longest = int(np.argmax([len(y) for y in along]))
-    course = refiner.moving.moving.courses[longest]
+    trajectory = refiner.moving.moving.trajectories[longest]
     plant = refiner.problem.adjusted(fit.theta)
     mass, arm = float(plant.model.body_mass[1]), -float(plant.model.body_ipos[1, 2])
     inertia = float(plant.model.body_inertia[1, 1]) + mass * arm**2
     gain = np.exp(
-        sum(v for change, v in zip(refiner.twin.changes, fit.theta, strict=True) if change.sensor is not None)
+        sum(v for change, v in zip(refiner.reduced_model.changes, fit.theta, strict=True) if change.sensor is not None)
     )  # of the only sensor
 
     def rate(_, x):
         return [x[1], (-mass * 9.80665 * arm * np.sin(x[0]) - damping * x[1]) / inertia]
 
-    state, time = states[longest], course.time - course.time[0]
+    state, time = states[longest], trajectory.time - trajectory.time[0]
     angle = solve_ivp(
         rate, (0, time[-1]), [float(state.qpos[0]), float(state.qvel[0])], "DOP853", time, rtol=1e-10, atol=1e-11
     ).y[0]
@@ -203,7 +207,7 @@ def found(screen):
     said = []
     effects = [EFFECTS[n] for n in (EFFECT, "stiffness-to-ground", "sensor-gain")]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(searching, "SEEDS", 1)
+        patch.setattr(searching, "SECOND_EFFECT", replace(searching.SECOND_EFFECT, seeds=1))
         return search_moving(screen, effects, lambda share, what: said.append(share)), said
 
 
@@ -212,7 +216,9 @@ def test_the_search_along_a_motion_finds_what_is_hidden(found):
     best = out.hypotheses[0]
     assert best.label == f"{EFFECT}@{PIVOT}"
     assert best.score > out.before.score
-    assert is_of_priors(best, out.before)  # a refitted damper does as well, with a factor of six that nobody believes
+    assert is_prior_driven(
+        best, out.before
+    )  # a refitted damper does as well, with a factor of six that nobody believes
     assert said == sorted(said)
 
 
@@ -228,14 +234,14 @@ def test_hypotheses_come_by_score_and_the_best_has_its_place(found):
     scores = [h.score for h in out.hypotheses]
     assert scores == sorted(scores, reverse=True)
     assert PIVOT in out.places
-    assert isinstance(out.whole, SimulatedRefiner)
+    assert isinstance(out.whole, SimulatorLeastSquares)
     assert out.screen is not None
     assert out.screen.theta.shape == out.hypotheses[0].fit.theta.shape
 
 
 def test_a_second_effect_stands_beside_another_one(screen, place):
     """Pairs are of two effects, whose first one is the seed."""
-    narrow = MovingRefiner(screen)
+    narrow = TrajectoryLeastSquares(screen)
     effects = [EFFECTS[n] for n in (EFFECT, "stiffness-to-ground", "quadratic-drag")]
     candidates = screen.candidates(effects)
     start = narrow.fit()
@@ -248,4 +254,4 @@ def test_a_second_effect_stands_beside_another_one(screen, place):
         assert len({t.effect.name for t in pair.terms}) == 2
     best = max(pairs, key=lambda h: h.score)
     assert best.terms[1].effect.name in (EFFECT, "quadratic-drag")
-    assert best.level < singles[0].level
+    assert best.normalised_residual < singles[0].normalised_residual

@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from vlab.diagnose.nonlinear.laws import Law, path_of
-from vlab.diagnose.nonlinear.march import FAR, march_with, tapes_of
-from vlab.diagnose.terms import Term
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
+from vlab.diagnose.predictors.trajectory_laws import Law, path_of
+from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import PortEffect
 
@@ -59,10 +60,10 @@ def moved(name, motion, h, *, steps=1, starts=None, row=ROW, values=None, weight
     start = np.zeros((1, 1, 4)) if starts is None else (starts - motion[0])[None, None]
     still = np.zeros((n, 1, 1, 4))
     if compiled:
-        tapes = tapes_of([law])
-        assert tapes is not None
+        graphs = trace_laws([law])
+        assert graphs is not None
         system = np.broadcast_to(A, (n, 1, 4, 4))
-        states = march_with([law], tapes, system, still, defect, start, np.zeros((0, 1, 1, 2)), steps)
+        states = integrate_trajectory([law], graphs, system, still, defect, start, np.zeros((0, 1, 1, 2)), steps)
     else:
         states, x = still, start.copy()
         for k in range(n):
@@ -296,11 +297,11 @@ def test_uneven_steps_have_no_tapes_and_linear_laws_need_none():
         own = {k: np.array([v]) for k, v in LAWS[name].items()}
         return Law(term_of(name), own, path, np.zeros((n, 1)), None, None)
 
-    assert tapes_of([law("viscous-damping", None)]) == [None]
-    assert tapes_of([law("viscous-damping", None), law("cubic-stiffness", None)]) is None
-    tapes = tapes_of([law("viscous-damping", h), law("cubic-stiffness", h)])
-    assert tapes is not None
-    assert [tape is None for tape in tapes] == [True, False]
+    assert trace_laws([law("viscous-damping", None)]) == [None]
+    assert trace_laws([law("viscous-damping", None), law("cubic-stiffness", None)]) is None
+    graphs = trace_laws([law("viscous-damping", h), law("cubic-stiffness", h)])
+    assert graphs is not None
+    assert [graph is None for graph in graphs] == [True, False]
 
 
 def test_a_march_without_laws_is_the_recursion_of_its_matrices():
@@ -311,7 +312,7 @@ def test_a_march_without_laws_is_the_recursion_of_its_matrices():
         rng.standard_normal((n, 3, 4)),
         rng.standard_normal((2, 3, 4)),
     )
-    states = march_with([], [], A, drive, defect, starts, np.zeros((0, 2, 3, 2)), 2)
+    states = integrate_trajectory([], [], A, drive, defect, starts, np.zeros((0, 2, 3, 2)), 2)
     x = starts
     for k in range(n):
         np.testing.assert_allclose(states[k], x, atol=1e-9)
@@ -324,9 +325,11 @@ def test_what_runs_away_in_one_set_stays_finite_and_leaves_the_others_alone():
     n = 400
     A = np.broadcast_to(np.diag([1.5, 0.5, 1.0, 1.0]), (n, 1, 4, 4))
     starts = np.array([[[1.0, 1.0, 1.0, 0.0]], [[0.0, 1.0, 1.0, 0.0]]])
-    states = march_with([], [], A, np.zeros((n, 2, 1, 4)), np.zeros((n, 1, 4)), starts, np.zeros((0, 2, 1, 2)), 1)
+    states = integrate_trajectory(
+        [], [], A, np.zeros((n, 2, 1, 4)), np.zeros((n, 1, 4)), starts, np.zeros((0, 2, 1, 2)), 1
+    )
     assert np.isfinite(states).all()
-    assert np.abs(states).max() <= FAR * 1.5**8
+    assert np.abs(states).max() <= TRAJECTORY_INTEGRATION.far * 1.5**8
     np.testing.assert_allclose(states[:, 1, 0, 1], 0.5 ** np.arange(n))
 
 
@@ -340,7 +343,9 @@ def test_the_forces_that_a_sensor_sees_are_those_of_the_first_step():
     law = Law(term_of("cubic-stiffness"), {"k3": np.array([30.0])}, path, np.zeros((n, 1)), None, None)
     forces, starts = np.zeros((n, 1, 1, 2)), np.array([[[0.4, -0.2, 1.0, 0.5]]])
     system = np.broadcast_to(A, (n, 1, 4, 4))
-    states = march_with([law], tapes_of([law]), system, np.zeros((n, 1, 1, 4)), np.zeros((n, 1, 4)), starts, forces, 1)
+    states = integrate_trajectory(
+        [law], trace_laws([law]), system, np.zeros((n, 1, 1, 4)), np.zeros((n, 1, 4)), starts, forces, 1
+    )
     beyond = states[1:, 0, 0] - states[:-1, 0, 0] @ A.T
     np.testing.assert_allclose(beyond, forces[:-1, 0, 0] @ G.T, atol=1e-12)
     assert np.abs(forces).max() > 0.1

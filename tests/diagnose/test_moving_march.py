@@ -5,12 +5,12 @@ import pytest
 from rig_swinging import driven_arm
 
 from vlab.cases import load_case
-from vlab.diagnose.nonlinear import refine
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.refine import MovingRefiner
-from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.places import admissible
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference import trajectory_least_squares as refine
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.parameters.locations import admissible
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import LinearPortEffect
 
@@ -33,8 +33,8 @@ LAWS = {
 def refiner(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     driven_arm(folder)
-    problem, moving = prepare_moving(load_case(folder))
-    return MovingRefiner(MovingScreen(problem, moving))
+    problem, moving = prepare_trajectory(load_case(folder))
+    return TrajectoryLeastSquares(TrajectoryScoreTest(problem, moving))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_compiled_laws_move_a_model_as_they_do_as_written(refiner, names, monkey
     theta = np.repeat(refiner.moving.theta[None], 2, axis=0)
     starts = np.repeat(np.array([run.start for run in refiner.runs])[None], 2, axis=0)
     fast = refiner.simulate(refiner.runs, terms, theta, values, starts)
-    monkeypatch.setattr(refine, "tapes_of", lambda laws: None)
+    monkeypatch.setattr(refine, "trace_laws", lambda laws: None)
     slow = refiner.simulate(refiner.runs, terms, theta, values, starts)
     bare = refiner.simulate(refiner.runs, (), theta, [], starts)
     size = np.abs(slow).max()

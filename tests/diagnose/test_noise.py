@@ -8,8 +8,8 @@ from rigs import oscillator_case
 from scipy import signal
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.noise import noise_level, noise_rms
+from vlab.diagnose.data.noise import noise_level, noise_rms
+from vlab.diagnose.pipeline import diagnose
 
 NOISE = 0.003
 N = 12000

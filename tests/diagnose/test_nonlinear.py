@@ -14,17 +14,17 @@ from scipy.linalg import expm
 from test_twin_inputs import ENCODER, VELOCITY, recorded
 
 from vlab.cases import load_case
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.choose import choose
-from vlab.diagnose.noise import uneven_noise
-from vlab.diagnose.nonlinear.lagging import actuator_states
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.refine import MovingRefiner
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.nonlinear.screen import MovingScreen
-from vlab.diagnose.nonlinear.stepper import Stepper
-from vlab.diagnose.roads import road_of
-from vlab.diagnose.terms import Term
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.data.noise import uneven_noise
+from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.actuator_states import actuator_states
+from vlab.diagnose.predictors.scope import linear_problem
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
+from vlab.diagnose.search.model_class import choose_model_class
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 
@@ -73,14 +73,14 @@ def test_what_cannot_be_handled_is_said_at_once(tmp_path):
         )
     )
     with pytest.raises(BadCase, match="bird.*free flight"):
-        road_of(load_case(tmp_path))
+        choose_model_class(load_case(tmp_path))
     path.write_text(
         whole.replace('<flag contact="disable"/>', "").replace(
             "</worldbody>", '<geom name="wall" type="box" size=".02 1 1" pos=".3 0 .5"/></worldbody>'
         )
     )
     with pytest.raises(BadCase, match="wall.*touch.*contact-rich"):
-        road_of(load_case(tmp_path))
+        choose_model_class(load_case(tmp_path))
 
 
 def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):
@@ -91,7 +91,7 @@ def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):
     for file in tmp_path.glob("*.parquet"):
         pq.write_table(pa.table({"angle": balanced}), file)
     with pytest.raises(BadCase, match="unstable in the model.*record the commands"):
-        road_of(load_case(tmp_path))
+        choose_model_class(load_case(tmp_path))
 
 
 def test_a_muscle_is_refused(tmp_path):
@@ -100,7 +100,7 @@ def test_a_muscle_is_refused(tmp_path):
     muscle = '<actuator><muscle name="biceps" joint="pivot"/></actuator><sensor>'
     path.write_text(path.read_text().replace("<sensor>", muscle).replace('type="hinge"', 'type="hinge" range="-3 3"'))
     with pytest.raises(BadCase, match="biceps.*muscle"):
-        road_of(load_case(tmp_path))
+        choose_model_class(load_case(tmp_path))
 
 
 # ---- the linear system along the motion -------------------------------------------------------------------------------
@@ -155,9 +155,9 @@ def test_a_step_and_its_derivative_agree(tmp_path):
 def test_the_system_along_the_motion_gives_what_mujoco_gives(tmp_path):
     swinging_pendulum(tmp_path, "none", noise=0.001)
     case = shorter(load_case(tmp_path), 300)
-    problem, moving = prepare_moving(case)
-    screen = MovingScreen(problem, moving).at(np.zeros(len(problem.parameters)))
-    refiner = MovingRefiner(screen, whole=True)
+    problem, moving = prepare_trajectory(case)
+    screen = TrajectoryScoreTest(problem, moving).at(np.zeros(len(problem.parameters)))
+    refiner = TrajectoryLeastSquares(screen, whole=True)
     place = next(p for p in problem.places if p.name == PIVOT)
     term = Term(effect=EFFECTS["cubic-stiffness"], place=place, values={"k3": 0.05})
     starts = np.zeros((1, len(refiner.runs), 2))
@@ -204,18 +204,18 @@ def test_a_start_far_from_rest_is_found(tmp_path, is_even, monkeypatch):
 def answers(folder, rig, effect, samples=None, **given):
     WRITE[rig](folder, effect, **given)
     case = load_case(folder)
-    along = road_of(case if samples is None else shorter(case, samples))
+    along = choose_model_class(case if samples is None else shorter(case, samples))
     assert not along.is_linear
     names = {e for hidden in CASES[rig].values() for e, _ in hidden.right} | {"sensor-gain", "lugre-friction"}
     found = along.search([EFFECTS[name] for name in sorted(names)], lambda share, what: None)
-    choice = choose(found)
+    choice = choose_model(found)
     return [(t.effect.name, t.place.name) for t in choice.best.terms], choice, found
 
 
 def test_the_screening_sees_the_hidden_effect(tmp_path):
     rig = swinging_pendulum(tmp_path, "quadratic-drag")
-    problem, moving = prepare_moving(shorter(load_case(tmp_path), 500))
-    screen = MovingScreen(problem, moving)
+    problem, moving = prepare_trajectory(shorter(load_case(tmp_path), 500))
+    screen = TrajectoryScoreTest(problem, moving)
     some = ("quadratic-drag", "coulomb-friction", "viscous-damping", "stop", "dead-band", "stiffness-to-ground")
     best = screen.candidates([EFFECTS[n] for n in some])[0]
     assert best.label == f"quadratic-drag@{PIVOT}"
@@ -250,23 +250,23 @@ def test_what_an_actuator_with_a_state_does_is_known(tmp_path, dynamics):
     """Its state follows its command as in MuJoCo, and a unit of it pushes as hard as its gain says."""
     actuator = f'<general name="drive" joint="a" dyntype="{dynamics}" dynprm="0.02" gainprm="3"/>'
     case = recorded(tmp_path, actuator=actuator, kind="command", reads=(ENCODER, VELOCITY))
-    problem, moving = prepare_moving(case)
-    screen = MovingScreen(problem, moving)
+    problem, moving = prepare_trajectory(case)
+    screen = TrajectoryScoreTest(problem, moving)
     assert screen.driven_force(0)[10:-10, 0] == pytest.approx(
-        np.tile([3.0, 0.0], (len(moving.courses[0]) - 20, 1)), rel=1e-4
+        np.tile([3.0, 0.0], (len(moving.trajectories[0]) - 20, 1)), rel=1e-4
     )
-    (course,) = moving.courses
-    np.testing.assert_array_equal(screen.commands(0)[:, 0], course.act[:, 0])
+    (trajectory,) = moving.trajectories
+    np.testing.assert_array_equal(screen.commands(0)[:, 0], trajectory.act[:, 0])
     data, model = case.plant.new_data(), copy.copy(case.plant.model)
-    model.opt.timestep, states = course.h[0] / 64, []
+    model.opt.timestep, states = trajectory.h[0] / 64, []
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # with Runge and Kutta's method its exact filter is not
-    for command in course.u[:200, 0]:
+    for command in trajectory.u[:200, 0]:
         states.append(data.act[0])
         data.ctrl[:] = command
         mujoco.mj_step(model, data, 64)
     # the exact filter and the integral are exact; the other goes on by Euler's method, off by half a step over its time constant
     tolerance = {"filterexact": 1e-9, "integrator": 1e-9, "filter": 1e-3}[dynamics] * np.abs(states).max()
-    np.testing.assert_allclose(course.act[:200, 0], states, atol=tolerance)
+    np.testing.assert_allclose(trajectory.act[:200, 0], states, atol=tolerance)
     lag, change = screen.stepper.lags[0], np.sin(np.arange(200.0))[:, None, None]
-    both = actuator_states(case.plant, course.u[:200] + change[:, 0], course.h[:200]) - course.act[:200]
+    both = actuator_states(case.plant, trajectory.u[:200] + change[:, 0], trajectory.h[:200]) - trajectory.act[:200]
     np.testing.assert_allclose(screen.acted(0, change)[:, 0, 0], both[:, lag.address], atol=1e-12 * np.abs(both).max())

@@ -4,7 +4,7 @@ import pytest
 from null_rigs import NOISES, RIGS, null_case
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
+from vlab.diagnose.pipeline import diagnose
 
 QUICK = [("carriages", "pink"), ("carriages", "white on the input")]
 

@@ -7,10 +7,10 @@ from rigs import oscillator_case
 from scipy.linalg import expm
 
 from vlab.cases import load_case
-from vlab.diagnose.observer import filter_gains, run_filter
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.twin import Discrete
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.predictors.kalman import filter_gains, run_filter
+from vlab.diagnose.predictors.modal_problem import prepare
 
 H, NOISE, INTENSITY = 0.01, np.array([2e-3, 0.3]), 4.0
 
@@ -111,7 +111,7 @@ def test_no_other_intensity_is_more_likely_by_much():
 
 def correlations(folder):
     """Return the innovations' largest correlations over lags 1 to 20, in standard deviations of white noise; variances."""
-    screen = Screen(prepare(load_case(folder)))
+    screen = ScoreTest(prepare(load_case(folder)))
     (group,) = screen.groups
     e = np.einsum("pq,nrq->nrp", group.white, group.smoothed.e)[group.first :]
     e = (e - e.mean(axis=0)).reshape(len(e), -1)

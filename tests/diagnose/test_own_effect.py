@@ -8,7 +8,7 @@ from command import run
 from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
-from vlab.assets import asset
+from vlab.files.assets import asset
 
 RIG = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><worldbody>
 <body name="cart"><joint name="slide" type="slide" axis="1 0 0" stiffness="{k}" damping="{c}"/><geom size="0.1" mass="{m}"/></body>

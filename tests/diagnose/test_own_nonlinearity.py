@@ -6,13 +6,14 @@ from rigs import PENDULUM
 
 from vlab.cases import load_case
 from vlab.cli import main
-from vlab.diagnose.mesh import SOFT, with_modes_of_fe, with_soft_cables
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.roads import UNSTRETCHED, road_of
-from vlab.diagnose.screen import Screen
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe, with_soft_cables
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.predictors.own_nonlinearity import Inverse, ModalMotion, with_own_nonlinearity
+from vlab.diagnose.predictors.scope import linear_problem
+from vlab.diagnose.search.model_class import UNSTRETCHED, choose_model_class
+from vlab.diagnose.settings import MESH_CORRECTION
 from vlab.plants.mjcf import build_mjcf
 
 PLAN = """
@@ -66,7 +67,7 @@ def test_the_twin_of_a_loud_beam_follows_mujoco(tmp_path):
     case = run_of(PLAN, tmp_path)
     plain, own = prepare(case), linear_problem(case)
     missed = [_missed(problem) for problem in (plain, own)]
-    assert own.twin.loads.shape[1] == own.twin.m
+    assert own.reduced_model.loads.shape[1] == own.reduced_model.m
     assert missed[0] > 0.1  # the tension that the deflection adds: .2 % of a frequency, tens of cycles
     assert missed[1] < 0.03  # the smoothed states, samples of 1.5 ms, and the twin's own .7 % of velocities
 
@@ -79,11 +80,11 @@ def test_cables_stretch_where_recordings_show_it(tmp_path, plant):
         "[model]", '[model]\nplant = "composite"'
     )
     given = with_modes_of_fe(run_of(plan, tmp_path))
-    road = road_of(given)
-    case = road.problem.case
-    assert road.notes == ((UNSTRETCHED,) if plant == "modal" else ())
+    model_class = choose_model_class(given)
+    case = model_class.problem.case
+    assert model_class.notes == ((UNSTRETCHED,) if plant == "modal" else ())
     share = case.structure.cable[0].youngs_modulus / given.structure.cable[0].youngs_modulus
-    assert share == (SOFT if plant == "modal" else 1.0)
+    assert share == (MESH_CORRECTION.soft if plant == "modal" else 1.0)
 
 
 def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
@@ -102,7 +103,7 @@ def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
         motion = ModalMotion(np.ones((2, 1)), np.zeros((2, 1)), np.zeros((2, 1)))
         tightened.append(own.extra(motion, np.zeros((2, own.slaves.shape[1])), 0.01)[0, 0])
     assert omega[1][:10] == pytest.approx(omega[0][:10], rel=1e-6)
-    assert 0 < tightened[1] < 2 * SOFT * tightened[0]  # what is left is the weight that a swing lifts
+    assert 0 < tightened[1] < 2 * MESH_CORRECTION.soft * tightened[0]  # what is left is the weight that a swing lifts
 
 
 @pytest.mark.slow
@@ -110,7 +111,7 @@ def test_quiet_motion_gets_no_loads_worth_naming(tmp_path):
     plan = PLAN.replace("level = 0.2", "level = 0.002").replace("noise = 1e-5", "noise = 1e-7")
     problem = prepare(run_of(plan, tmp_path))
     (run,) = with_own_nonlinearity(problem).signals
-    driven = run.u @ problem.twin.forces.T
+    driven = run.u @ problem.reduced_model.forces.T
     assert np.sqrt(np.mean(run.load**2)) < 1e-3 * np.sqrt(np.mean(driven**2))
 
 
@@ -123,8 +124,8 @@ def run_of(plan, folder):
 
 def _missed(problem):
     """Return by which share of its rms the twin with nominal parameters misses the worst channel."""
-    refiner = Refiner(Screen(problem), problem.in_role("fit"))
+    refiner = LeastSquares(ScoreTest(problem), problem.in_role("fit"))
     (run,) = refiner.runs
-    starts = np.zeros((1, 1, 2 * problem.twin.m))
-    y = refiner.simulate([run], (), np.zeros((1, len(problem.twin.changes))), (), starts)[:, 0, 0]
+    starts = np.zeros((1, 1, 2 * problem.reduced_model.m))
+    y = refiner.simulate([run], (), np.zeros((1, len(problem.reduced_model.changes))), (), starts)[:, 0, 0]
     return float(np.max(np.std(y - run.y, axis=0) / run.scale))

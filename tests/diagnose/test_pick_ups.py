@@ -5,12 +5,12 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.places import Place, admissible, reported_name
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Term
-from vlab.diagnose.verify import amended
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.locations import Place, admissible, reported_name
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.validation.simulation import extended
 from vlab.physics.catalogue import EFFECTS
 
 SHARE = {"crosstalk": 5e-4, "cross-axis": 0.2, "misplaced-sensor": 0.2}
@@ -22,13 +22,13 @@ def screen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rig_oscillator, "SECONDS", 2.0)
         rig = oscillator_case(tmp_path_factory.mktemp("rig"))
-        return Screen(prepare(load_case(rig.folder)))
+        return ScoreTest(prepare(load_case(rig.folder)))
 
 
 @pytest.mark.parametrize("name", sorted(SHARE))
 def test_twin_and_mujoco_pick_up_the_same(screen, name):
     problem, effect = screen.problem, EFFECTS[name]
-    refiner = Refiner(screen)
+    refiner = LeastSquares(screen)
     place = next(p for p in problem.places if p.kind == "pick-up" and admissible(effect, p) and p.index == 1)
     fit = refiner.fit()
     term = Term(effect=effect, place=place, values={"share": SHARE[name]})
@@ -38,7 +38,7 @@ def test_twin_and_mujoco_pick_up_the_same(screen, name):
     )[:, 0, 0, 1]
     without = refiner.simulate([run], (), fit.theta[None], (), refiner_start(refiner))[:, 0, 0, 1]
     plain, picked = (
-        amended(problem, fit if terms is None else type(fit)(**{**vars(fit), "terms": terms})).simulated(recorded)
+        extended(problem, fit if terms is None else type(fit)(**{**vars(fit), "terms": terms})).simulated(recorded)
         for terms in (None, (term,))
     )
     column = recorded.measured.index(problem.names[1])

@@ -8,9 +8,9 @@ from rig_folder import multisine
 from scipy import signal
 from test_timing import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFNESS, case, recorded
 
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.readings import other_readings
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.alternative_conventions import list_conventions
+from vlab.diagnose.search.model_class import choose_model_class
 
 DELAY = 0.030
 
@@ -39,12 +39,12 @@ def begun_anyhow(case):
 
 
 def test_what_a_case_leaves_open_may_be_read_otherwise(tmp_path):
-    problem = road_of(begun_anyhow(case(tmp_path, "linear"))).problem
-    inputs, starts = other_readings(problem)
+    problem = choose_model_class(begun_anyhow(case(tmp_path, "linear"))).problem
+    inputs, starts = list_conventions(problem)
     assert {c.hold for t in inputs.of(problem.case).table.recording for c in t.channel if c.input} == {"zero"}
     assert {t.initial for t in starts.of(problem.case).table.recording} == {"estimated"}
     stated = dataclasses.replace(problem, case=starts.of(inputs.of(problem.case)))
-    assert other_readings(stated) == []
+    assert list_conventions(stated) == []
 
 
 @pytest.mark.slow

@@ -6,11 +6,11 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import load_case
-from vlab.diagnose.choose import choose
-from vlab.diagnose.fits import ENOUGH
-from vlab.diagnose.readings import other_readings, read_otherwise
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.search.alternative_conventions import choose_convention, list_conventions
+from vlab.diagnose.search.model_class import choose_model_class
+from vlab.diagnose.settings import HYPOTHESIS_FITS
 from vlab.physics.catalogue import EFFECTS
 
 RATE, SECONDS, NOISE = 100.0, 4.0, 1e-4
@@ -62,39 +62,41 @@ def pendulum(folder, torque, *, hold, initial):
 
 def searched(case):
     effects = [EFFECTS["viscous-damping"]]
-    road = road_of(case, effects)
-    return road, road.search(effects, lambda share, what: None)
+    model_class = choose_model_class(case, effects)
+    return model_class, model_class.search(effects, lambda share, what: None)
 
 
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 @pytest.mark.parametrize(("hold", "initial"), [("", "rest"), ("zero", "auto")])
 def test_what_nothing_explains_is_read_in_the_ways_that_its_case_leaves_open(tmp_path, torque, hold, initial):
-    road, found = searched(pendulum(tmp_path, torque, hold=hold, initial=initial))
-    assert road.is_linear == (torque == NEAR)
-    assert choose(found).best.level > ENOUGH  # so every other way to read the case is tried
-    (other,) = other_readings(road.problem)
-    assert read_otherwise(road, found) is None  # and no reading makes a wrong torque the right one
-    assert road.whole_runs_of(other.of(road.problem.case), found.whole.model_error) is not None
+    model_class, found = searched(pendulum(tmp_path, torque, hold=hold, initial=initial))
+    assert model_class.is_linear == (torque == NEAR)
+    assert (
+        choose_model(found).best.normalised_residual > HYPOTHESIS_FITS.enough
+    )  # so every other way to read the case is tried
+    (other,) = list_conventions(model_class.problem)
+    assert choose_convention(model_class, found) is None  # and no reading makes a wrong torque the right one
+    assert model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error) is not None
 
 
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 def test_fits_of_whole_runs_offer_what_a_refiner_does(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="zero", initial="rest")
-    near = Refiner(road_of(pendulum(tmp_path / "near", NEAR, hold="zero", initial="rest"), []).screen)
-    road = road_of(case, [])
-    whole = road.whole_runs_of(case, road.problem.model_error)
+    near = LeastSquares(choose_model_class(pendulum(tmp_path / "near", NEAR, hold="zero", initial="rest"), []).screen)
+    model_class = choose_model_class(case, [])
+    whole = model_class.whole_runs_of(case, model_class.problem.model_error)
     needed = {name for name in vars(near) if not name.startswith("_")} - {"highest"}  # of a twin's own frequencies
     assert needed <= set(vars(whole)) | {"is_rough"}
-    assert whole.model_error == road.problem.model_error
+    assert whole.model_error == model_class.problem.model_error
 
 
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 def test_a_fit_of_recordings_that_tell_nothing_of_the_model_ends(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="zero", initial="rest")
-    road = road_of(case, [])
-    whole = road.whole_runs_of(case, 1e9)  # an error allowed for beside which no parameter moves anything
+    model_class = choose_model_class(case, [])
+    whole = model_class.whole_runs_of(case, 1e9)  # an error allowed for beside which no parameter moves anything
     whole.directions = whole.directions[:, :0]
-    whole.loose = {}
+    whole.free_starts = {}
     fit = whole.fit()
     assert np.isfinite(fit.cost)
     assert fit.terms == ()

@@ -8,8 +8,8 @@ from null_rigs import CHAINS, DURATION, NOISES, RATE, add_noise, autoregressive,
 from rig_folder import multisine
 from scipy.integrate import solve_ivp
 
-from vlab.cases.wiring import Compared, Drive, Run
-from vlab.diagnose.residual_noise import incoherent_rms, noise_share
+from vlab.cases.channel_map import Compared, Drive, Run
+from vlab.diagnose.data.residual_noise import incoherent_rms, noise_share
 from vlab.signals import Channel, Recording
 
 CHAIN = CHAINS["carriages"]

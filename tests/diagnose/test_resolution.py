@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic import run_of
 
-from vlab.diagnose.resolution import sensor_steps
+from vlab.diagnose.data.quantisation import sensor_steps
 
 TIME = np.arange(6000) / 500.0
 

@@ -9,7 +9,7 @@ from rigs import EFFECTS, oscillator_case, pendulum_case, two_link_case
 from scipy.integrate import solve_ivp
 
 from vlab.cases import compare_case, load_case, simulate
-from vlab.cases.initial import InitialState
+from vlab.cases.initial_state import InitialState
 
 
 def samples(rig, column, record):
@@ -96,11 +96,11 @@ def test_a_nonlinear_chain_moves_as_scipy_says():
 def test_dry_friction_holds_and_then_lets_go():
     chain = rig_oscillator._built(np.random.default_rng(0), 0.0)
     row = rig_oscillator._row("joint:mass1")
-    held, loose = (
+    held, free_starts = (
         rig_oscillator._integrate(chain, np.full((500, 1), force), row, None, 1.0)[:, 0, 0] for force in (0.99, 1.01)
     )
     assert np.abs(held).max() < 1e-12
-    assert loose.max() > 0
+    assert free_starts.max() > 0
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

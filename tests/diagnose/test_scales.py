@@ -6,11 +6,11 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.scales import exponent, motion_scale
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.terms import Term
+from vlab.diagnose.inference.impedance_scale import exponent, motion_scale
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.physics.catalogue import EFFECTS
 
 LAWS = {
@@ -29,7 +29,7 @@ def refiner(tmp_path_factory):
         patch.setattr(rig_oscillator, "SECONDS", 2.0)
         folder = tmp_path_factory.mktemp("scales")
         oscillator_case(folder, effect="none")
-        return Refiner(Screen(prepare(load_case(folder))))
+        return LeastSquares(ScoreTest(prepare(load_case(folder))))
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -43,7 +43,7 @@ def test_readings_stay_where_motions_are_larger_and_sensors_show_less(refiner, l
         for p in effect.parameters
     }
     run = max(refiner.runs, key=lambda run: np.ptp(run.u))
-    starts = np.zeros((2, 1, 2 * refiner.twin.m))
+    starts = np.zeros((2, 1, 2 * refiner.reduced_model.m))
     term = Term(effect=effect, place=place, values=LAWS[law])
     alone = refiner.simulate([run], [], theta[:1], [], starts[:1])
     usual, same = np.moveaxis(refiner.simulate([run], [term], theta, [values], starts), 1, 0)

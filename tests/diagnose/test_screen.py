@@ -7,9 +7,9 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.shortlist import shortlisted
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.shortlist import shortlisted
 from vlab.physics.catalogue import EFFECTS
 
 SOME = (
@@ -30,7 +30,7 @@ SOME = (
 def screened(folder, **given):
     """Return the rig, its screening and the candidates, best first."""
     rig = oscillator_case(folder, **given)
-    screen = Screen(prepare(load_case(folder)))
+    screen = ScoreTest(prepare(load_case(folder)))
     return rig, screen, screen.candidates([EFFECTS[name] for name in SOME])
 
 
@@ -53,11 +53,11 @@ def test_the_names_are_the_catalogues():
 )
 def test_the_hidden_effect_comes_first_at_its_place(tmp_path, effect, tolerance):
     rig, _, candidates = screened(tmp_path, effect=effect)
-    assert all(a.gain >= b.gain for a, b in pairwise(candidates))
+    assert all(a.log_likelihood_gain >= b.log_likelihood_gain for a, b in pairwise(candidates))
     first = shortlisted(candidates)[0]  # laws that contain another one gain as much as it and are left out
     assert first.label == f"{effect}@{rig.place}"
     elsewhere = [c for c in candidates if c.effect.name == effect and c.place.name != rig.place]
-    assert all(c.gain < first.gain - 20 for c in elsewhere)  # odds of e^20 for the place
+    assert all(c.log_likelihood_gain < first.log_likelihood_gain - 20 for c in elsewhere)  # odds of e^20 for the place
     if tolerance is not None:
         for name, true in rig.parameters.items():
             assert first.values[name] == pytest.approx(true, rel=tolerance)
@@ -67,7 +67,7 @@ def test_a_shape_is_found_between_the_values_of_its_grid(tmp_path):
     rig, screen, candidates = screened(tmp_path, effect="actuator-clipping")
     first = next(c for c in candidates if c.effect.name == "actuator-clipping")
     sharp = screen.zoomed(first)
-    assert sharp.gain >= first.gain
+    assert sharp.log_likelihood_gain >= first.log_likelihood_gain
     true = rig.parameters["limit"]
     # two seconds with half a per cent of noise; the motor's gain alone, in proportion to which it is, is 2 % uncertain
     assert sharp.values["limit"] == pytest.approx(true, rel=0.02)
@@ -79,7 +79,7 @@ def test_the_effect_taken_as_present_leaves_nothing_to_the_others(tmp_path):
     first = next(c for c in candidates if c.effect.name == "cubic-stiffness")
     rest = screen.given([first])
     others = [c for c in rest.candidates([EFFECTS[name] for name in SOME]) if c.label != first.label]
-    assert others[0].gain < 0.05 * first.gain
+    assert others[0].log_likelihood_gain < 0.05 * first.log_likelihood_gain
     _, (values,) = rest.estimate
     assert values["k3"] == pytest.approx(4e6, rel=0.1)
 
@@ -87,5 +87,5 @@ def test_the_effect_taken_as_present_leaves_nothing_to_the_others(tmp_path):
 @pytest.mark.slow
 def test_no_effect_of_the_whole_catalogue_comes_before_the_hidden_one(tmp_path):
     oscillator_case(tmp_path, effect="coulomb-friction")
-    candidates = Screen(prepare(load_case(tmp_path))).candidates(list(EFFECTS.values()))
+    candidates = ScoreTest(prepare(load_case(tmp_path))).candidates(list(EFFECTS.values()))
     assert shortlisted(candidates)[0].label == "coulomb-friction@joint:mass2"

@@ -5,10 +5,10 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.choose import choose
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import search
+from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.selection import search
 from vlab.physics.catalogue import EFFECTS
 
 SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "actuator-clipping", "sensor-gain")
@@ -16,7 +16,7 @@ SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "
 
 def found(folder, **given):
     rig = oscillator_case(folder, **given)
-    return rig, search(Screen(prepare(load_case(folder))), [EFFECTS[name] for name in SOME])
+    return rig, search(ScoreTest(prepare(load_case(folder))), [EFFECTS[name] for name in SOME])
 
 
 @pytest.fixture(autouse=True)
@@ -27,24 +27,24 @@ def _short(monkeypatch):
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_nothing_is_said_where_nothing_is_missing(tmp_path, seed):
     _, result = found(tmp_path, effect="none", seed=seed)
-    choice = choose(result)
+    choice = choose_model(result)
     assert choice.best is result.before
     assert choice.places == {}
-    assert result.before.level < 1.3  # the refitted model leaves the noise
+    assert result.before.normalised_residual < 1.3  # the refitted model leaves the noise
     # The likeliest of some 100 columns of noise gains about ln(100) = 5, wrong priors some more; hidden effects hundreds.
-    assert result.candidates[0].gain < 20
+    assert result.candidates[0].log_likelihood_gain < 20
 
 
 @pytest.mark.slow
 def test_the_hidden_effect_is_chosen_at_its_place_with_its_value(tmp_path):
     rig, result = found(tmp_path, effect="coulomb-friction")
-    choice = choose(result)
+    choice = choose_model(result)
     assert [t.label for t in choice.best.terms] == [f"coulomb-friction@{rig.place}"]
     # the motor's gain alone is 2 % uncertain, and friction is in proportion to it
     assert choice.best.terms[0].values["force"] == pytest.approx(rig.parameters["force"], rel=0.05)
-    assert result.before.level > 1.3
+    assert result.before.normalised_residual > 1.3
     assert (
-        choice.best.level < 1.7
+        choice.best.normalised_residual < 1.7
     )  # 0.9 % of the motion, where the noise is half a per cent; the rig sticks between samples, too
     assert next(iter(choice.places)) == rig.place
     assert sum(choice.places.values()) == pytest.approx(1.0)

@@ -8,16 +8,16 @@ import rig_oscillator
 from rigs import oscillator_case
 
 from vlab.cases import load_case
-from vlab.diagnose.damage import Damage
-from vlab.diagnose.fits import by_score, scored_by
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.search import TimeFound
-from vlab.diagnose.seen import Seen
-from vlab.diagnose.settle import Settling, _dropped, _instead, _without
-from vlab.diagnose.terms import Term
-from vlab.diagnose.verify import check
+from vlab.diagnose.data.quality import DataQuality
+from vlab.diagnose.data_findings import DataFindings
+from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.confirmation import Confirmation, _dropped, _instead, _without
+from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.validation.simulation import check
 from vlab.physics.catalogue import EFFECTS
 
 K3 = rig_oscillator.EFFECTS["cubic-stiffness"].parameters["k3"]
@@ -30,16 +30,23 @@ def rig(tmp_path_factory):
         patch.setattr(rig_oscillator, "SECONDS", 2.0)
         rig = oscillator_case(tmp_path_factory.mktemp("rig"), effect="cubic-stiffness")
         problem = prepare(load_case(rig.folder))
-    screen = Screen(problem)
-    whole = Refiner(screen, problem.in_role("fit"))
+    screen = ScoreTest(problem)
+    whole = LeastSquares(screen, problem.in_role("fit"))
     return problem, screen, whole, whole.fit(())
 
 
 @pytest.fixture(scope="module")
-def settling(rig):
+def confirmation(rig):
     problem, _, whole, plain = rig
-    seen = Seen(limit=None, stops=(), steps=(), hums=(), benign_hums=(), damage=Damage(fatal=(), warnings=(), notes=()))
-    return Settling(
+    seen = DataFindings(
+        limit=None,
+        stops=(),
+        steps=(),
+        interferences=(),
+        benign_interferences=(),
+        damage=DataQuality(fatal=(), warnings=(), notes=()),
+    )
+    return Confirmation(
         problem=problem, whole=whole, start=plain, seen=seen, effects=tuple(EFFECTS.values()), is_linear=True
     )
 
@@ -78,65 +85,71 @@ def found_of(rig, *hypotheses) -> TimeFound:
 
 def misled(hypothesis, by):
     """Return a hypothesis that a search believes by so much more than its fit deserves."""
-    return replace(hypothesis, misfit=hypothesis.misfit - by, level=hypothesis.level * float(np.exp(-by)))
+    return replace(
+        hypothesis,
+        log_rms_residual=hypothesis.log_rms_residual - by,
+        normalised_residual=hypothesis.normalised_residual * float(np.exp(-by)),
+    )
 
 
 # ---- what is settled ------------------------------------------------------------------------------------------------
 
 
-def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, settling, fitted):
+def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, confirmation, fitted):
     problem = rig[0]
     cubic = fitted(term(problem, "cubic-stiffness", k3=K3))
-    done = settling.settled(found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3))))
+    done = confirmation.confirm(found_of(rig, cubic, fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3))))
     assert done.choice.best.label == cubic.label
     assert done.rejected == ()
     assert done.after.terms[0].values["k3"] == pytest.approx(K3, rel=0.15)
-    (run,) = check(problem.runs[-1:], *settling._models(done))
+    (run,) = check(problem.runs[-1:], *confirmation._models(done))
     assert run.after < 0.3 * run.before  # MuJoCo's own run of it, beside that of the refitted model
 
 
-def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, settling, fitted):
+def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirmation, fitted):
     """The same law at the wrong spring leaves most of the gap in MuJoCo."""
     problem = rig[0]
     wrong = misled(fitted(term(problem, "cubic-stiffness", "tendon:spring3", k3=K3)), by=6.0)
     right = fitted(term(problem, "cubic-stiffness", k3=K3))
-    done = settling.settled(found_of(rig, wrong, right))
+    done = confirmation.confirm(found_of(rig, wrong, right))
     assert done.choice.best.label == right.label
-    assert done.rejected == (f"{wrong.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
+    assert done.rejected == (f"{wrong.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
-def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_dropped(rig, settling, fitted):
+def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_dropped(rig, confirmation, fitted):
     problem = rig[0]
     first, second = (
         misled(fitted(term(problem, "cubic-stiffness", place, k3=K3)), by)
         for place, by in (("tendon:spring3", 8.0), ("joint:mass1", 5.0))
     )
-    done = settling.settled(found_of(rig, first, second))
+    done = confirmation.confirm(found_of(rig, first, second))
     assert done.choice.best.label == first.label
     assert done.after.terms[0].label == first.label
-    assert done.rejected == (f"{second.label}: its law fits on the linear twin, but not in MuJoCo; dropped",)
+    assert done.rejected == (f"{second.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
-def test_a_law_of_which_the_last_fit_leaves_nothing_is_dropped(rig, settling, fitted):
+def test_a_law_of_which_the_last_fit_leaves_nothing_is_dropped(rig, confirmation, fitted):
     """Of a drag that the rig does not have, however much the search believes in it."""
     drag = misled(fitted(term(rig[0], "quadratic-drag", "joint:mass1", coefficient=0.1)), by=6.0)
-    done = settling.settled(found_of(rig, drag))
+    done = confirmation.confirm(found_of(rig, drag))
     assert done.choice.best.terms == ()
     assert done.rejected == (f"{drag.label}: of {drag.label} the last fit leaves nothing; dropped",)
 
 
-def test_nothing_is_settled_as_nothing(rig, settling, fitted):
+def test_nothing_is_settled_as_nothing(rig, confirmation, fitted):
     """Its model before and after is the same one."""
     weak = fitted(term(rig[0], "quadratic-drag", "joint:mass1", coefficient=0.1))
     found = found_of(rig)
-    done = settling.settled(replace(found, hypotheses=(replace(weak, misfit=9.0, level=float(np.exp(9.0))),)))
+    done = confirmation.confirm(
+        replace(found, hypotheses=(replace(weak, log_rms_residual=9.0, normalised_residual=float(np.exp(9.0))),))
+    )
     assert done.choice.best is found.before
     assert done.after is done.before
     assert done.after.terms == ()
     assert done.rejected == ()
 
 
-def test_a_part_of_a_pair_that_is_nothing_is_dropped_and_the_rest_stays(rig, settling, fitted):
+def test_a_part_of_a_pair_that_is_nothing_is_dropped_and_the_rest_stays(rig, confirmation, fitted):
     """Dry friction that the rig does not have, beside the spring that it has."""
     problem = rig[0]
     both = fitted(
@@ -144,33 +157,43 @@ def test_a_part_of_a_pair_that_is_nothing_is_dropped_and_the_rest_stays(rig, set
     )
     alone = fitted(term(problem, "cubic-stiffness", k3=K3))
     pair = misled(both, by=8.0)
-    done = settling.settled(found_of(rig, replace(alone, misfit=alone.misfit + 1.0, level=alone.level * np.e), pair))
+    done = confirmation.confirm(
+        found_of(
+            rig,
+            replace(
+                alone,
+                log_rms_residual=alone.log_rms_residual + 1.0,
+                normalised_residual=alone.normalised_residual * np.e,
+            ),
+            pair,
+        )
+    )
     assert done.choice.best.label == alone.label
     assert any(line.startswith(both.label) for line in done.rejected)
     assert done.after.terms[0].values["k3"] == pytest.approx(K3, rel=0.15)
 
 
-def test_the_plainer_of_two_laws_that_explain_as_much_is_kept(rig, settling, fitted):
+def test_the_plainer_of_two_laws_that_explain_as_much_is_kept(rig, confirmation, fitted):
     """The square of the displacement adds nothing to its cube here."""
     problem = rig[0]
     wider = fitted(term(problem, "quadratic-cubic-stiffness", k2=10.0, k3=K3))
-    done = settling.settled(found_of(rig, wider))
+    done = confirmation.confirm(found_of(rig, wider))
     assert done.choice.best.label == "cubic-stiffness@tendon:spring2"
     assert [t.effect.name for t in done.after.terms] == ["cubic-stiffness"]
 
 
-def test_the_plainer_law_takes_the_place_of_the_wider_one(rig, settling, fitted):
+def test_the_plainer_law_takes_the_place_of_the_wider_one(rig, confirmation, fitted):
     """It is not left to the scores which of two equals is kept."""
     wider = fitted(term(rig[0], "quadratic-cubic-stiffness", k2=10.0, k3=K3))
-    out = settling._simpler(found_of(rig, wider), wider, settling._exactly(wider))
+    out = confirmation._simpler(found_of(rig, wider), wider, confirmation._exactly(wider))
     assert [h.label for h in out.hypotheses] == ["cubic-stiffness@tendon:spring2"]
 
 
-def test_a_law_that_needs_all_its_parts_is_not_made_plainer(rig, settling, fitted):
+def test_a_law_that_needs_all_its_parts_is_not_made_plainer(rig, confirmation, fitted):
     """The cube alone stays a cube: of a plainer law the recordings would leave much more."""
     cubic = fitted(term(rig[0], "cubic-stiffness", k3=K3))
     found = found_of(rig, cubic)
-    assert settling._simpler(found, cubic, cubic.fit) is found
+    assert confirmation._simpler(found, cubic, cubic.fit) is found
 
 
 # ---- its parts ------------------------------------------------------------------------------------------------------
@@ -198,7 +221,7 @@ def test_what_is_left_out_takes_along_what_adds_to_the_rest_of_it(rig, fitted):
     found = found_of(rig, single, pair, other)
     assert set(_without(found, pair).hypotheses) == {single, other}
     assert set(_without(found, pair, [slip.label]).hypotheses) == {single, other}
-    again = replace(pair, gain=1.0)
+    again = replace(pair, log_likelihood_gain=1.0)
     both = replace(found, hypotheses=(single, pair, again, other))
     assert set(_without(both, pair).hypotheses) == {single, again, other}
     assert set(_without(both, pair, [slip.label]).hypotheses) == {single, other}

@@ -2,14 +2,14 @@
 
 from types import SimpleNamespace
 
-from vlab.diagnose.second import best_of_families
-from vlab.diagnose.shortlist import shortlisted
-from vlab.diagnose.terms import Candidate
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.search.second_effect import best_of_families
+from vlab.diagnose.search.shortlist import shortlisted
 from vlab.physics.catalogue import EFFECTS
 
 
 def candidate(name, gain, place="joint:a"):
-    return Candidate(effect=EFFECTS[name], place=SimpleNamespace(name=place), values={}, gain=gain)
+    return Candidate(effect=EFFECTS[name], place=SimpleNamespace(name=place), values={}, log_likelihood_gain=gain)
 
 
 def names(candidates):

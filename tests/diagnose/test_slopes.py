@@ -5,10 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.entries import Entries, limits_of
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.slopes import by_period, carried_on, is_edged, slopes_at, slopes_by_strength, with_scale
-from vlab.diagnose.terms import Term
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.jacobian import (
+    by_period,
+    differences_by_strength,
+    forward_differences,
+    is_nonsmooth,
+    update_broyden,
+    with_scale,
+)
+from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
+from vlab.diagnose.parameters.terms import Term
 from vlab.physics.catalogue import EFFECTS
 
 PRIOR, OFFSET_SD = np.array([0.02, 0.3]), np.array([1e-3, 0.2])
@@ -22,7 +29,7 @@ class Answers:
 
     def __init__(self, periods=(0.02, 0.01), counts=(30, 40)) -> None:
         rng = np.random.default_rng(5)
-        self.loose: dict = {}
+        self.free_starts: dict = {}
         self.sigma = np.array([[0.01, 0.5], [0.02, 0.7]])
         self.runs, self.shapes = [], []
         for i, (h, n) in enumerate(zip(periods, counts, strict=True)):
@@ -55,10 +62,10 @@ class Answers:
         return np.array([self.parts(entries, x)[0] for x in X])
 
 
-def entries_of(effect="viscous-damping", **values) -> Entries:
+def entries_of(effect="viscous-damping", **values) -> ParameterVector:
     values = values or {"damping": 0.7}
     term = Term(effect=EFFECTS[effect], place=SimpleNamespace(name="joint:a"), values=values)
-    return Entries(
+    return ParameterVector(
         terms=[term],
         limits=[limits_of(p, values[p.name], lambda name: 1.0) for p in term.effect.parameters],
         directions=np.diag(PRIOR),
@@ -80,7 +87,7 @@ def test_slopes_are_those_of_the_formula():
     """
     of, entries = Answers(), entries_of()
     raw, exact = of.parts(entries, X)
-    found = slopes_at(of, entries, X, raw)
+    found = forward_differences(of, entries, X, raw)
     size = np.abs(exact).max(axis=0)
     assert np.abs(found - exact)[:, :2].max() < 1e-4 * size[:2].max()
     assert np.abs(found - exact)[:, 4].max() < 0.51e-2 * size[4]
@@ -92,9 +99,9 @@ def test_slopes_by_offsets_are_differences_where_starts_are_loose(periods):
     """A loose start explains a part of an offset, which no formula knows; without that part both agree."""
     of, entries = Answers(periods), entries_of()
     raw = of.residual(entries, X[None])[0]
-    known = slopes_at(of, entries, X, raw)[:, 2:4]
-    of.loose = {0: (np.zeros(0),) * 3}
-    by_steps = slopes_at(of, entries, X, raw)[:, 2:4]
+    known = forward_differences(of, entries, X, raw)[:, 2:4]
+    of.free_starts = {0: (np.zeros(0),) * 3}
+    by_steps = forward_differences(of, entries, X, raw)[:, 2:4]
     assert np.abs(known).max() > 0.1
     np.testing.assert_allclose(by_steps, known, atol=1e-9 * np.abs(known).max())
 
@@ -102,18 +109,18 @@ def test_slopes_by_offsets_are_differences_where_starts_are_loose(periods):
 def test_a_law_with_edges_takes_wide_steps():
     """Chatter of a hundredth of a step's change drowns a step of a ten thousandth, and not one of a hundredth."""
     smooth, edged = entries_of(), entries_of("coulomb-friction", force=0.7)
-    assert not is_edged(smooth)
-    assert is_edged(edged)
+    assert not is_nonsmooth(smooth)
+    assert is_nonsmooth(edged)
 
     class Linear:
-        runs, sigma, loose = (), np.zeros((0, 2)), {0: None}
+        runs, sigma, free_starts = (), np.zeros((0, 2)), {0: None}
 
         def residual(self, entries, trials):
             rng = np.random.default_rng(1)
             return np.array([MATRIX @ x + 1e-4 * rng.standard_normal(len(MATRIX)) for x in trials])
 
     def off(entries):
-        return np.abs(slopes_at(Linear(), entries, X, MATRIX @ X) - MATRIX)[:, :2].max()
+        return np.abs(forward_differences(Linear(), entries, X, MATRIX @ X) - MATRIX)[:, :2].max()
 
     assert off(edged) < 0.1
     assert off(smooth) > 10 * off(edged)
@@ -129,7 +136,7 @@ def test_slopes_by_strength_tell_what_cancels_where_single_steps_drown_in_chatte
     matrix[4:, 1] = -matrix[4:, 0] + 1e-3 * matrix[4:, 1]
 
     class Chattering:
-        runs, sigma, loose = (), np.zeros((0, 2)), {0: None}
+        runs, sigma, free_starts = (), np.zeros((0, 2)), {0: None}
 
         def residual(self, entries, trials):
             rng = np.random.default_rng(2)
@@ -138,8 +145,8 @@ def test_slopes_by_strength_tell_what_cancels_where_single_steps_drown_in_chatte
             return trials @ matrix.T + 1e-4 * noise
 
     raw, weak = matrix @ X, np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    single = slopes_at(Chattering(), entries, X, raw)
-    found = slopes_by_strength(Chattering(), entries, X, raw, single)
+    single = forward_differences(Chattering(), entries, X, raw)
+    found = differences_by_strength(Chattering(), entries, X, raw, single)
     true = np.linalg.norm((matrix @ weak)[4:])
 
     def miss(slopes):
@@ -151,13 +158,13 @@ def test_slopes_by_strength_tell_what_cancels_where_single_steps_drown_in_chatte
 
 def test_slopes_by_strength_of_a_linear_residual_are_its_matrix_wherever_they_began():
     class Linear:
-        runs, sigma, loose = (), np.zeros((0, 2)), {}
+        runs, sigma, free_starts = (), np.zeros((0, 2)), {}
 
         def residual(self, entries, trials):
             return trials @ MATRIX.T
 
     began = np.random.default_rng(8).standard_normal(MATRIX.shape)
-    found = slopes_by_strength(Linear(), entries_of(), X, MATRIX @ X, began)
+    found = differences_by_strength(Linear(), entries_of(), X, MATRIX @ X, began)
     np.testing.assert_allclose(found, MATRIX, atol=1e-9)
 
 
@@ -183,20 +190,20 @@ def test_the_part_along_the_common_scale_is_exact_whatever_the_slopes_say_of_it(
     scale = 1.0 / PRIOR  # in standard deviations
     along = np.zeros(5)
     along[:2] = scale / np.linalg.norm(scale)
-    spoilt = exact + np.outer(np.random.default_rng(3).standard_normal(len(exact)), along)
-    assert np.abs(spoilt - exact).max() > 1.0
-    np.testing.assert_allclose(with_scale(entries, X, spoilt, scale), exact, atol=1e-12)
+    spoilt_note = exact + np.outer(np.random.default_rng(3).standard_normal(len(exact)), along)
+    assert np.abs(spoilt_note - exact).max() > 1.0
+    np.testing.assert_allclose(with_scale(entries, X, spoilt_note, scale), exact, atol=1e-12)
 
 
 def test_carried_slopes_agree_with_the_last_step_and_keep_the_rest():
     rng = np.random.default_rng(4)
     slopes, step, change = rng.standard_normal((30, 5)), rng.standard_normal(5), rng.standard_normal(30)
-    found = carried_on(slopes, step, change)
+    found = update_broyden(slopes, step, change)
     np.testing.assert_allclose(found @ step, change, rtol=1e-12)
     across = np.linalg.svd(step[None])[2][1:]
     np.testing.assert_allclose(found @ across.T, slopes @ across.T, atol=1e-12)
-    np.testing.assert_allclose(carried_on(slopes, step, slopes @ step), slopes, atol=1e-12)
-    assert np.isfinite(carried_on(slopes, 0 * step, 0 * change)).all()
+    np.testing.assert_allclose(update_broyden(slopes, step, slopes @ step), slopes, atol=1e-12)
+    assert np.isfinite(update_broyden(slopes, 0 * step, 0 * change)).all()
 
 
 def test_runs_come_by_sample_period_and_then_as_they_are():

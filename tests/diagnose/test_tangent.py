@@ -10,21 +10,21 @@ from scipy.stats import multivariate_normal
 from test_nonlinear import shorter
 
 from vlab.cases import load_case
-from vlab.diagnose.nonlinear.course import Motion
-from vlab.diagnose.nonlinear.prepare import prepare_moving
-from vlab.diagnose.nonlinear.tangent import (
-    FINE,
-    Stack,
+from vlab.diagnose.predictors.trajectory import (
+    SystemBatch,
     filtered,
     gains_of,
     innovations,
     linearise_along,
+    pad_and_stack,
     smoothed,
     smoothed_motions,
     stack,
-    stacked,
     tuned,
 )
+from vlab.diagnose.predictors.trajectory_data import Motion
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
+from vlab.diagnose.settings import TRAJECTORY
 
 INTENSITY = 0.3
 LENGTHS = (9, 6)
@@ -33,7 +33,7 @@ LENGTHS = (9, 6)
 # ---- a made-up system that varies -----------------------------------------------------------------------------------
 
 
-def varying(lengths=LENGTHS, seed=0, direct=1.0) -> Stack:
+def varying(lengths=LENGTHS, seed=0, direct=1.0) -> SystemBatch:
     """Return runs of one degree of freedom with two channels, whose matrices are drawn anew for every sample."""
     rng, n, r = np.random.default_rng(seed), max(lengths), len(lengths)
     alive = (np.arange(n)[:, None] < np.array(lengths)).astype(float)
@@ -42,7 +42,7 @@ def varying(lengths=LENGTHS, seed=0, direct=1.0) -> Stack:
         return rng.standard_normal((n, r, *shape)) * alive.reshape(n, r, *(1,) * len(shape))
 
     A = 0.6 * drawn(2, 2)
-    return Stack(
+    return SystemBatch(
         A=A,
         G=drawn(2, 1),
         fine_A=A,
@@ -162,7 +162,7 @@ def test_a_sample_that_says_nothing_is_as_good_as_one_of_endless_noise():
 # ---- the intensity --------------------------------------------------------------------------------------------------
 
 
-def shaken(intensity, size=1.0, n=400) -> Stack:
+def shaken(intensity, size=1.0, n=400) -> SystemBatch:
     """Return a mass on a spring that an unknown force of some intensity shakes, seen with noise."""
     rng, h = np.random.default_rng(4), 0.02
     A, G = np.array([[1.0, h], [-30.0 * h, 1.0 - 0.5 * h]]), np.array([[h * h / 4.0], [h / 2.0]])
@@ -173,7 +173,7 @@ def shaken(intensity, size=1.0, n=400) -> Stack:
     whole = {
         name: np.broadcast_to(v, (n, 1, *v.shape)) for name, v in (("A", A), ("G", G), ("fine_A", A), ("fine_G", G))
     }
-    return Stack(
+    return SystemBatch(
         **whole,
         C=np.broadcast_to(np.array([[1.0, 0.0]]), (n, 1, 1, 2)),
         D=np.zeros((n, 1, 1, 1)),
@@ -205,7 +205,7 @@ def test_an_intensity_goes_with_the_square_of_the_motion():
 
 def test_shorter_runs_end_in_zeros():
     parts = [np.ones((3, 2)), np.full((5, 2), 2.0)]
-    out = stacked(parts)
+    out = pad_and_stack(parts)
     assert out.shape == (5, 2, 2)
     for i, part in enumerate(parts):
         np.testing.assert_array_equal(out[: len(part), i], part)
@@ -221,7 +221,7 @@ def arm(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     driven_arm(folder)
     case = shorter(load_case(folder), 120)
-    problem, moving = prepare_moving(case)
+    problem, moving = prepare_trajectory(case)
     stepper = moving.stepper(problem.plant, problem.channels)
     stepper.substeps = 4
     return moving, stepper
@@ -229,17 +229,17 @@ def arm(tmp_path_factory):
 
 def test_a_motion_of_the_model_itself_has_no_defect(arm):
     moving, stepper = arm
-    course = moving.courses[0]
+    trajectory = moving.trajectories[0]
     q, v = [np.array([0.4, -0.7])], [np.array([1.0, 2.0])]
-    for k in range(len(course) - 1):
-        after = stepper.advance(q[-1], v[-1], *course.inputs(k), float(course.h[k]))
+    for k in range(len(trajectory) - 1):
+        after = stepper.advance(q[-1], v[-1], *trajectory.inputs(k), float(trajectory.h[k]))
         q.append(after[0])
         v.append(after[1])
     motion = Motion(q=np.array(q), v=np.array(v))
-    along = linearise_along(course, motion, stepper, moving.driven)
+    along = linearise_along(trajectory, motion, stepper, moving.driven)
     np.testing.assert_allclose(along.defect, 0.0, atol=1e-12)
     np.testing.assert_allclose(along.read, motion.q, atol=1e-12)  # its sensors are its joints
-    s = stack([course], [along])
+    s = stack([trajectory], [along])
     gains = gains_of(s, 1e-3)
     left, predicted = innovations(s, gains, np.zeros_like(s.e))
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
@@ -249,11 +249,11 @@ def test_a_motion_of_the_model_itself_has_no_defect(arm):
 def test_deviations_from_a_motion_follow_the_model(arm):
     """To first order: of a tenth of the deviation a hundredth of what is missed is left."""
     moving, stepper = arm
-    course, motion = moving.courses[2], moving.motions[2]
-    along = linearise_along(course, motion, stepper, moving.driven)
+    trajectory, motion = moving.trajectories[2], moving.motions[2]
+    along = linearise_along(trajectory, motion, stepper, moving.driven)
     rng = np.random.default_rng(2)
     for k in range(5, 115, 10):
-        u, load, h = *course.inputs(k), float(course.h[k])
+        u, load, h = *trajectory.inputs(k), float(trajectory.h[k])
         here = stepper.advance(motion.q[k], motion.v[k], u, load, h)
         move, push = rng.standard_normal(4), np.diag(along.M[k]) * rng.standard_normal(2)
 
@@ -270,10 +270,10 @@ def test_deviations_from_a_motion_follow_the_model(arm):
 
 def test_a_sample_interval_is_its_equal_parts_one_after_the_other(arm):
     moving, stepper = arm
-    along = linearise_along(moving.courses[0], moving.motions[0], stepper, moving.driven)
-    power = np.array([np.linalg.matrix_power(a, FINE) for a in along.fine_A])
+    along = linearise_along(moving.trajectories[0], moving.motions[0], stepper, moving.driven)
+    power = np.array([np.linalg.matrix_power(a, TRAJECTORY.fine) for a in along.fine_A])
     np.testing.assert_allclose(along.A, power, atol=1e-12)
-    held = sum(np.linalg.matrix_power(along.fine_A[7], i) @ along.fine_G[7] for i in range(FINE))
+    held = sum(np.linalg.matrix_power(along.fine_A[7], i) @ along.fine_G[7] for i in range(TRAJECTORY.fine))
     np.testing.assert_allclose(along.G[7], held, atol=1e-14)
     np.testing.assert_allclose(along.drives, np.broadcast_to(np.eye(2), along.drives.shape), rtol=1e-4, atol=1e-4)
     first = moving.motions[0].q[0]  # two rods: the inertia about both joints, written out
@@ -285,17 +285,17 @@ def test_smoothing_brings_a_motion_nearer_to_the_true_one(tmp_path, monkeypatch)
     """From a first guess that noise of two hundredths has bent; the model lacks nothing."""
     monkeypatch.setattr(rig_swinging, "BENIGN", 0.0)
     swinging_pendulum(tmp_path, noise=0.01)
-    problem, moving = prepare_moving(shorter(load_case(tmp_path), 150))
+    problem, moving = prepare_trajectory(shorter(load_case(tmp_path), 150))
     stepper = moving.stepper(problem.plant, problem.channels)
     rng = np.random.default_rng(0)
     bent = [Motion(q=m.q + 0.02 * rng.standard_normal(m.q.shape), v=m.v + 0.2 * rng.standard_normal(m.v.shape))
             for m in moving.motions]  # fmt: skip
-    alongs, s, gains, intensity = smoothed_motions(moving.courses, bent, stepper, moving.driven, 1)
-    for along, course, first in zip(alongs, moving.courses, bent, strict=True):
+    systems, s, gains, intensity = smoothed_motions(moving.trajectories, bent, stepper, moving.driven, 1)
+    for along, trajectory, first in zip(systems, moving.trajectories, bent, strict=True):
         energy = _energy(along.motion.q[:, 0], along.motion.v[:, 0])
         was = _energy(first.q[:, 0], first.v[:, 0])
         assert np.std(np.diff(energy)) < 0.1 * np.std(np.diff(was))  # a pendulum keeps nearly all of it
-        assert np.std(along.motion.q[:, 0] - course.y[:, 0]) < 1.2 * course.noise[0]
+        assert np.std(along.motion.q[:, 0] - trajectory.y[:, 0]) < 1.2 * trajectory.noise[0]
     assert intensity > 0
     assert gains.K.shape[:2] == s.e.shape[:2]
 

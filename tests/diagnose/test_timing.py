@@ -7,8 +7,8 @@ from rig_folder import Channel, Record, multisine, write_case
 from scipy import signal
 
 from vlab.cases import load_case
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.roads import road_of
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.model_class import choose_model_class
 
 RATE, SECONDS, NOISE = 500.0, 8.0, 0.003
 MASS, STIFFNESS, DAMPING = 1.02, 2510.0, 1.1
@@ -100,7 +100,7 @@ def case(folder, truth, *, kind="displacement", given="force", hold="", rows=rec
     ],
 )
 def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, found):
-    problem = road_of(case(tmp_path, truth, kind=kind, given=given)).problem
+    problem = choose_model_class(case(tmp_path, truth, kind=kind, given=given)).problem
     channel = problem.case.table.recording[0].channel[0]
     assert channel.hold == found
     assert bool(problem.timing) == bool(found)
@@ -108,7 +108,7 @@ def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, fou
 
 
 def test_what_a_case_states_is_kept(tmp_path):
-    problem = road_of(case(tmp_path, "past", hold="linear")).problem
+    problem = choose_model_class(case(tmp_path, "past", hold="linear")).problem
     assert problem.case.table.recording[0].channel[0].hold == "linear"
     assert not problem.timing
 
@@ -121,7 +121,7 @@ def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
         rows["y"] = np.interp(time - samples / RATE, time, rows["y"])
         return rows
 
-    problem = road_of(case(tmp_path, "linear", rows=late)).problem
+    problem = choose_model_class(case(tmp_path, "linear", rows=late)).problem
     assert problem.case.table.recording[0].channel[0].hold == ("zero" if samples == 0.5 else "")
 
 
@@ -139,7 +139,9 @@ def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
 def test_steps_of_a_simulation_leave_positions_ahead(tmp_path, every, given):
     step = 1.0 / RATE / every
     model = MODEL.replace('timestep="0.0005"', f'timestep="{step}"')
-    problem = road_of(case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)).problem
+    problem = choose_model_class(
+        case(tmp_path, "", given=given, rows=stepped(every), model=model, velocity=True)
+    ).problem
     _, position, velocity = problem.case.table.recording[0].channel
     assert position.delay_s == pytest.approx(-0.5 * step, rel=0.05)
     assert velocity.delay_s == 0.0
@@ -192,9 +194,9 @@ def arm(folder, step, every, *, integrator="Euler", hold="", friction=0.0, highe
 
 
 def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
-    road = road_of(arm(tmp_path, 0.004, 1, hold="zero"))
-    problem = road.problem
-    assert not road.is_linear
+    model_class = choose_model_class(arm(tmp_path, 0.004, 1, hold="zero"))
+    problem = model_class.problem
+    assert not model_class.is_linear
     assert "ms ahead" in problem.timing
     # about a motion that is itself found from the skewed readings a fifth of it may be lost
     assert problem.case.table.recording[0].channel[1].delay_s == pytest.approx(-0.5 * 0.004, rel=0.25)
@@ -202,13 +204,13 @@ def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
 
 @pytest.mark.parametrize("friction", [0.0, 0.06])
 def test_inputs_stand_far_from_rest_too(tmp_path, friction):
-    road = road_of(arm(tmp_path, 0.0005, 20, integrator="RK4", friction=friction))
-    assert not road.is_linear
-    assert road.problem.case.table.recording[0].channel[0].hold == "zero"
+    model_class = choose_model_class(arm(tmp_path, 0.0005, 20, integrator="RK4", friction=friction))
+    assert not model_class.is_linear
+    assert model_class.problem.case.table.recording[0].channel[0].hold == "zero"
 
 
 def test_a_refit_to_whole_recordings_tells_when_slow_inputs_act(tmp_path):
     """Up to 1.2 Hz the filter takes half of 5 ms for a force that it does not know."""
-    road = road_of(arm(tmp_path, 0.0005, 10, integrator="RK4", highest=1.2))
-    assert not road.is_linear
-    assert road.problem.case.table.recording[0].channel[0].hold == "zero"
+    model_class = choose_model_class(arm(tmp_path, 0.0005, 10, integrator="RK4", highest=1.2))
+    assert not model_class.is_linear
+    assert model_class.problem.case.table.recording[0].channel[0].hold == "zero"

@@ -8,14 +8,15 @@ from rigs import oscillator_case
 from scipy import linalg
 
 from vlab.cases import load_case, simulate
-from vlab.diagnose.linear_view import channel_rows
-from vlab.diagnose.mesh import with_modes_of_fe
-from vlab.diagnose.modes import as_stepped
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.twin import discretise
-from vlab.diagnose.uncertain import adjusted
-from vlab.diagnose.uncertain_structure import OF_FE_SD, adjusted_structure
-from vlab.diagnose.wired import wired_runs
+from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
+from vlab.diagnose.parameters.mjcf import adjusted
+from vlab.diagnose.parameters.mode_selection import as_stepped
+from vlab.diagnose.parameters.observation import channel_rows
+from vlab.diagnose.parameters.recorded_runs import read_runs
+from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.structure import adjusted_structure
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.settings import STRUCTURE_PRIORS
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -53,26 +54,26 @@ NESTED = """<mujoco><option timestep="0.002" integrator="implicitfast" gravity="
 </body></worldbody></mujoco>"""
 
 
-def marched(problem, signals):
+def integrated(problem, signals):
     """March the twin from rest by its sampled matrices alone, its uncertain parameters at zero; (n, n_channels)."""
-    twin = problem.twin
-    M, C, K, gain, sensor = (part[0] for part in twin.matrices(np.zeros((1, len(twin.changes)))))
-    inputs = np.hstack([twin.forces * gain, twin.loads])
-    system = discretise(M[None], C[None], K[None], inputs, twin.rows, signals.h)
+    reduced_model = problem.reduced_model
+    M, C, K, gain, sensor = (part[0] for part in reduced_model.matrices(np.zeros((1, len(reduced_model.changes)))))
+    inputs = np.hstack([reduced_model.forces * gain, reduced_model.loads])
+    system = discretise(M[None], C[None], K[None], inputs, reduced_model.rows, signals.h)
     f = np.hstack([signals.u, signals.load])
-    x, out = np.zeros(2 * twin.m), []
+    x, out = np.zeros(2 * reduced_model.m), []
     for row in f:
         out.append(sensor * (system.C[0] @ x + system.D[0] @ row))
         x = system.A[0] @ x + system.B[0] @ row
     return np.array(out)
 
 
-def twin_and_mujoco(problem):
+def reduced_model_and_mujoco(problem):
     """Return the largest error of the twin over channels and runs, relative to what MuJoCo's run has as rms."""
     errors = []
     for run, signals in zip(problem.runs, problem.signals, strict=True):
         exact = simulate(problem.plant, run).recording
-        ours = marched(problem, signals)
+        ours = integrated(problem, signals)
         assert len(ours) == len(exact)  # not thinned
         theirs = np.column_stack([exact[name] for name in problem.names])
         errors.append(np.sqrt(np.mean((ours - theirs) ** 2, axis=0)) / theirs.std(axis=0))
@@ -100,8 +101,8 @@ def short(tmp_path, monkeypatch):
 @pytest.mark.parametrize("sensors", ["displacement", "velocity"])
 def test_the_twin_of_a_chain_moves_as_in_mujoco(short, integrator, tolerance, sensors):
     problem = prepare(short(integrator, sensors=sensors))
-    assert problem.twin.m == 3
-    assert twin_and_mujoco(problem) < tolerance
+    assert problem.reduced_model.m == 3
+    assert reduced_model_and_mujoco(problem) < tolerance
 
 
 @pytest.mark.parametrize(
@@ -117,7 +118,7 @@ def test_the_twin_of_the_beam_moves_as_in_mujoco(beam, tmp_path, plant, kind):
     problem = prepare(load_case(tmp_path))
     # The ten modes below twice the fastest motion are kept; what is left is the motion of those above (0.3 % measured on
     # the FE plant) and the semi-implicit step.
-    assert twin_and_mujoco(problem) < 5e-3
+    assert reduced_model_and_mujoco(problem) < 5e-3
 
 
 def stepped_eigenvalues(plant):
@@ -142,12 +143,12 @@ def eigenvalues(M, C, K):
 )
 def test_the_twin_has_the_eigenvalues_of_mujocos_step(short, integrator, joint_damping):
     case = short(integrator, joint_damping)
-    twin = prepare(case).twin
-    exact, ours = stepped_eigenvalues(case.plant), eigenvalues(twin.M, twin.C, twin.K)
+    reduced_model = prepare(case).reduced_model
+    exact, ours = stepped_eigenvalues(case.plant), eigenvalues(reduced_model.M, reduced_model.C, reduced_model.K)
     nearest = [exact[np.argmin(np.abs(exact - s))] for s in ours]
     # what is left is the finite differences' rounding, 1e-16/1e-6 beside omega h of 0.02
     np.testing.assert_allclose(ours, nearest, rtol=1e-6)
-    plain = np.sqrt(np.abs(twin.omega) ** 2)
+    plain = np.sqrt(np.abs(reduced_model.omega) ** 2)
     assert np.abs(np.abs(ours) - plain).max() > 1e-5 * plain.max()  # the step does change something
 
 
@@ -165,11 +166,11 @@ def test_the_twin_has_the_eigenvalues_of_an_implicit_step_within_a_tree(tmp_path
     np.testing.assert_allclose(ours, nearest, rtol=1e-6)
 
 
-def twin_differences(twin, theta, step=1e-5):
+def reduced_model_differences(reduced_model, theta, step=1e-5):
     """Return the derivatives of M, C and K by every uncertain parameter by central differences, lists of each."""
     sets = np.concatenate([theta + step * np.eye(len(theta)), theta - step * np.eye(len(theta))])
     n = len(theta)
-    return [(part[:n] - part[n:]) / (2 * step) for part in twin.matrices(sets)[:3]]
+    return [(part[:n] - part[n:]) / (2 * step) for part in reduced_model.matrices(sets)[:3]]
 
 
 @pytest.mark.parametrize("of_fe", [False, True])
@@ -179,17 +180,17 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
     case = load_case(tmp_path)
     problem = prepare(with_modes_of_fe(case) if of_fe else case)
-    twin = problem.twin
-    theta = 0.5 * twin.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(twin.prior))
-    theta[[c.actuator is not None or c.sensor is not None for c in twin.changes]] = 0.0
-    stepped = as_stepped(problem.plant, problem.plant.linearise(), twin.shapes, problem.plant.timestep)
+    reduced_model = problem.reduced_model
+    theta = 0.5 * reduced_model.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(reduced_model.prior))
+    theta[[c.actuator is not None or c.sensor is not None for c in reduced_model.changes]] = 0.0
+    stepped = as_stepped(problem.plant, problem.plant.linearise(), reduced_model.shapes, problem.plant.timestep)
     row = problem.plant.port_rows(["20in"])
     for set_of, tolerance in ((theta, 5e-4), (0 * theta, 1e-9)):
         structure, variant = problem.case.structure, problem.case.table.model.variant
         linear = adjusted_structure(structure, problem.plant, variant, problem.parameters, set_of).linearise()
-        M, C, K = (part[0] for part in twin.matrices(set_of[None])[:3])
+        M, C, K = (part[0] for part in reduced_model.matrices(set_of[None])[:3])
         M, C, K = (part - more for part, more in zip((M, C, K), stepped, strict=True))
-        ours = SecondOrderModel(M=M, C=C, K=K, coordinates=("",) * twin.m)
+        ours = SecondOrderModel(M=M, C=C, K=K, coordinates=("",) * reduced_model.m)
         seen = np.abs(row @ linear.eigen[1])[0] > 1e-3
         # first order in what moves the frequencies by up to 1.5 %: its square and the mesh's own derivative are left
         np.testing.assert_allclose(ours.eigen[0][:6], linear.eigen[0][seen][:6], rtol=tolerance)
@@ -202,9 +203,9 @@ def test_what_is_fitted_on_the_twin_has_its_frequencies_in_the_rebuilt_plant(bea
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
     problem = prepare(with_modes_of_fe(load_case(tmp_path)))
-    twin, step = problem.twin, problem.plant.timestep
-    theta = twin.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(twin.prior))
-    M, _, K = (part[0] for part in twin.matrices(theta[None])[:3])
+    reduced_model, step = problem.reduced_model, problem.plant.timestep
+    theta = reduced_model.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(reduced_model.prior))
+    M, _, K = (part[0] for part in reduced_model.matrices(theta[None])[:3])
     wanted = np.sqrt(linalg.eigh(K, M, eigvals_only=True))
     off = []
     for set_of in (theta, problem.for_plant(theta)):
@@ -225,15 +226,17 @@ def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_p
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
     problem = prepare(with_modes_of_fe(load_case(tmp_path)))
-    twin, theta = problem.twin, np.zeros(len(problem.parameters))
+    reduced_model, theta = problem.reduced_model, np.zeros(len(problem.parameters))
     places = [i for i, p in enumerate(problem.parameters) if p.kind == "place"]
-    assert len(places) == len(twin.shifts) > 0
+    assert len(places) == len(reduced_model.shifts) > 0
     theta[places] = 1e-3 * np.resize([1.0, -2.0], len(places))
-    moved = channel_rows(problem.adjusted(theta), problem.channels).onto(twin.shapes)
-    ours, before = twin.rows_at(theta), twin.rows
+    moved = channel_rows(problem.adjusted(theta), problem.channels).onto(reduced_model.shapes)
+    ours, before = reduced_model.rows_at(theta), reduced_model.rows
     for part in ("at_q", "at_v"):
         change = getattr(moved, part) - getattr(before, part)
-        in_band = np.abs(twin.omega) < 2 * np.pi * problem.highest_hz  # the FE model's modes, and the mesh's own above
+        in_band = (
+            np.abs(reduced_model.omega) < 2 * np.pi * problem.highest_hz
+        )  # the FE model's modes, and the mesh's own above
         np.testing.assert_allclose(
             (getattr(ours, part) - getattr(before, part))[:, in_band],
             change[:, in_band],
@@ -251,13 +254,13 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
         meshed = with_modes_of_fe(case)
         assert (meshed is case) == (plant == "modal")
         if plant == "composite":
-            top = 2 * wired_runs(case, ("fit",)).highest_hz
+            top = 2 * read_runs(case, ("fit",)).highest_hz
             fe = build_fe_model(beam)
             freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
             assert meshed.structure.tuning.of_fe == np.sum(freq <= top) > 3
             own = {p.name: p.sd for p in prepare(meshed).parameters if p.kind == "frequency"}
             assert len(own) == np.sum(freq <= 0.55 * top)  # 1.1 times the highest frequency recorded
-            assert set(own.values()) == {OF_FE_SD}
+            assert set(own.values()) == {STRUCTURE_PRIORS.of_fe_sd}
             assert with_modes_of_fe(meshed) is meshed
     rig = short()
     assert with_modes_of_fe(rig) is rig
@@ -266,24 +269,26 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
 def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
     case = short()
     problem = prepare(case)
-    twin, basis = problem.twin, problem.twin.shapes
+    reduced_model, basis = problem.reduced_model, problem.reduced_model.shapes
     rng = np.random.default_rng(0)
-    theta = 0.1 * rng.standard_normal(len(twin.changes))
+    theta = 0.1 * rng.standard_normal(len(reduced_model.changes))
     linear = adjusted(case.plant, problem.parameters, theta).linearise()
-    M, C, K, gain, _ = (part[0] for part in twin.matrices(theta[None]))
+    M, C, K, gain, _ = (part[0] for part in reduced_model.matrices(theta[None]))
     together = [basis.T @ part @ basis for part in (linear.M, linear.C, linear.K)]
     for ours, rebuilt in zip((M, C, K), together, strict=True):
         # an element under two factors has their product; central differences as below
         np.testing.assert_allclose(ours, rebuilt, atol=1e-6 * np.abs(rebuilt).max())
-    for part, after in zip(zip(*twin.slopes(theta), strict=True), twin_differences(twin, theta), strict=True):
+    for part, after in zip(
+        zip(*reduced_model.slopes(theta), strict=True), reduced_model_differences(reduced_model, theta), strict=True
+    ):
         for slope, difference in zip(part, after, strict=True):
             np.testing.assert_allclose(
                 0.0 if slope is None else slope, difference, atol=1e-5 * np.abs(together[2]).max()
             )
-    names = [c.name for c in twin.changes]
+    names = [c.name for c in reduced_model.changes]
     alone = np.zeros(len(theta))
     alone[names.index("tendon:spring2:stiffness")] = 0.3
-    K = twin.matrices(alone[None])[2][0]
+    K = reduced_model.matrices(alone[None])[2][0]
     # independent of all of the project's editing: another stiffness in the file
     text = (case.folder / "rig.xml").read_text()
     text = text.replace('<fixed name="spring2">', f'<fixed name="spring2" stiffness="{2000 * np.exp(0.3):.12g}">')
@@ -297,15 +302,15 @@ def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
 def test_every_single_parameter_changes_the_twin_as_it_changes_the_model(short):
     case = short(joint_damping=1.0)
     problem = prepare(case)
-    twin, basis = problem.twin, problem.twin.shapes
+    reduced_model, basis = problem.reduced_model, problem.reduced_model.shapes
     seen = set()
     for i, parameter in enumerate(problem.parameters):
         if parameter.actuator is not None or parameter.sensor is not None:
             continue
-        theta = np.zeros(len(twin.changes))
+        theta = np.zeros(len(reduced_model.changes))
         theta[i] = 0.2
         linear = adjusted(case.plant, [parameter], np.array([0.2])).linearise()
-        parts = twin.matrices(theta[None])[:3]
+        parts = reduced_model.matrices(theta[None])[:3]
         for ours, rebuilt in zip(parts, (linear.M, linear.C, linear.K), strict=True):
             rebuilt = basis.T @ rebuilt @ basis
             np.testing.assert_allclose(ours[0], rebuilt, atol=1e-5 * np.abs(rebuilt).max(), err_msg=parameter.name)
@@ -315,10 +320,10 @@ def test_every_single_parameter_changes_the_twin_as_it_changes_the_model(short):
 
 def test_a_gain_multiplies_force_or_reading(short):
     problem = prepare(short())
-    theta = np.zeros(len(problem.twin.changes))
-    names = [c.name for c in problem.twin.changes]
+    theta = np.zeros(len(problem.reduced_model.changes))
+    names = [c.name for c in problem.reduced_model.changes]
     theta[names.index("gain:motor")], theta[names.index(f"sensor:{problem.names[1]}")] = 0.1, -0.2
-    *_, gain, sensor = problem.twin.matrices(theta[None])
+    *_, gain, sensor = problem.reduced_model.matrices(theta[None])
     np.testing.assert_allclose(gain[0], [np.exp(0.1)])
     np.testing.assert_allclose(sensor[0], [1.0, np.exp(-0.2), 1.0])
 
@@ -328,16 +333,16 @@ def test_the_beams_uncertain_parameters_shift_its_modes_as_a_rebuilt_beam_has_th
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="fe", kind="excitation"))
     problem = prepare(load_case(tmp_path))
-    twin = problem.twin
+    reduced_model = problem.reduced_model
     tried = 0
     for i, parameter in enumerate(problem.parameters):
         if parameter.kind not in ("stiffness", "mass", "tension"):
             continue
-        theta = np.zeros(len(twin.changes))
+        theta = np.zeros(len(reduced_model.changes))
         theta[i] = 0.02
-        M, _, K = (part[0] for part in twin.matrices(theta[None])[:3])
+        M, _, K = (part[0] for part in reduced_model.matrices(theta[None])[:3])
         ours = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.clip(0.0))
-        base = np.sqrt(np.linalg.eigvals(np.linalg.solve(twin.M, twin.K)).real.clip(0.0))
+        base = np.sqrt(np.linalg.eigvals(np.linalg.solve(reduced_model.M, reduced_model.K)).real.clip(0.0))
         rebuilt = problem.adjusted(theta).linearise().eigen[0]
         nominal = problem.plant.linearise().eigen[0]
         lowest = slice(0, 4)

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, multisine, write_case
-from test_twin import marched
+from test_twin import integrated
 
 from vlab.cases import load_case, simulate
-from vlab.cases.initial import find_initial_state
-from vlab.diagnose.linear_view import actuator_forces, command_readings
-from vlab.diagnose.nonlinear.scope import linear_problem
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.screen import Screen
-from vlab.diagnose.signals import windows
-from vlab.diagnose.simulation import _inputs
-from vlab.diagnose.terms import Term
-from vlab.diagnose.uncertain import Uncertain, adjusted
+from vlab.cases.initial_state import find_initial_state
+from vlab.diagnose.data.runs import windows
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted
+from vlab.diagnose.parameters.observation import actuator_forces, command_feedthrough
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal import _inputs
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.predictors.scope import linear_problem
 from vlab.errors import BadStructure
 from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf
@@ -67,12 +67,12 @@ def recorded(
     return write()
 
 
-def twin_error(case):
+def reduced_model_error(case):
     """Return the largest error of the twin over channels, relative to the recording's rms."""
     problem = prepare(case)
     (signals,) = problem.signals
     assert signals.h == pytest.approx(1 / RATE)
-    return float(np.max(np.sqrt(np.mean((marched(problem, signals) - signals.y) ** 2, axis=0)) / signals.scale))
+    return float(np.max(np.sqrt(np.mean((integrated(problem, signals) - signals.y) ** 2, axis=0)) / signals.scale))
 
 
 # The twin is exact for held inputs. Between samples of a smooth one it holds the mean: (2 pi 20 Hz 2 ms)^2/24 = .3 % of its
@@ -83,13 +83,13 @@ def test_an_acceleration_shows_the_input_of_its_own_moment(tmp_path, at, hold, t
     reads = (ENCODER, ("acc.x", "acceleration", "m/s^2"))
     if at == "joint:a":
         reads = (*reads, ("joint:b", "acceleration", "m/s^2"))
-    assert twin_error(recorded(tmp_path, at=at, hold=hold, reads=reads)) < tolerance
+    assert reduced_model_error(recorded(tmp_path, at=at, hold=hold, reads=reads)) < tolerance
 
 
 def test_a_measured_force_shows_the_command(tmp_path):
     case = recorded(tmp_path, reads=(ENCODER, ("torque", "force", "N")))
-    assert command_readings(case.plant, case.runs()[0].compared) == pytest.approx(np.array([[0.0], [1.0]]))
-    assert twin_error(case) < 1e-6
+    assert command_feedthrough(case.plant, case.runs()[0].compared) == pytest.approx(np.array([[0.0], [1.0]]))
+    assert reduced_model_error(case) < 1e-6
 
 
 def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypatch):
@@ -97,10 +97,10 @@ def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypa
     stiff = RIG.replace('stiffness="900" damping="3"', 'stiffness="2e6" damping="200"')
     monkeypatch.setattr("test_twin_inputs.RIG", stiff.replace("<sensor>", '<sensor><jointpos name="base" joint="a"/>'))
     case = recorded(tmp_path, hold="linear", reads=(("base", "displacement", "m"), ENCODER))
-    assert prepare(case).twin.m == 1
+    assert prepare(case).reduced_model.m == 1
     # at 20 Hz its damper holds it back by c w/k = 1.3 %, its inertia lifts it by (w/w0)^2 = .8 %, and it rings a little where the
     # slope of the force changes; without what yields all of it would be missing
-    assert twin_error(case) < 0.03
+    assert reduced_model_error(case) < 0.03
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypa
 def test_the_model_s_own_limits_are_no_missing_physics(tmp_path, limits):
     case = recorded(tmp_path, actuator=f'<motor name="drive" joint="a" {limits}/>', reads=(ENCODER, VELOCITY))
     assert actuator_forces(case.plant)[:, 0] == pytest.approx([1.0, 0.0])
-    assert twin_error(case) < 1e-6
+    assert reduced_model_error(case) < 1e-6
 
 
 SERVO = '<position name="drive" joint="a" kp="500" kv="2" forcelimited="true" forcerange="-50 50"/>'
@@ -123,7 +123,7 @@ SERVO = '<position name="drive" joint="a" kp="500" kv="2" forcelimited="true" fo
 def test_a_servo_s_gain_is_what_its_command_is_worth(tmp_path):
     case = recorded(tmp_path, actuator=SERVO, kind="command", rms=0.01, reads=(ENCODER, VELOCITY))
     assert actuator_forces(case.plant)[:, 0] == pytest.approx([500.0, 0.0])
-    assert twin_error(case) < 1e-6
+    assert reduced_model_error(case) < 1e-6
     before, after = (
         case.plant,
         adjusted(case.plant, [Uncertain(name="", kind="gain", sd=1.0, actuator=0)], np.array([0.1])),
@@ -135,7 +135,7 @@ def test_a_servo_s_gain_is_what_its_command_is_worth(tmp_path):
 def test_a_coarse_model_is_seen_at_the_step_that_it_is_simulated_with(tmp_path):
     """10 ms would raise the second frequency by 1.7 %; recordings at 500 Hz are simulated at 2 ms."""
     # what is left is the phase of forces that change every step, as in `test_twin`
-    assert twin_error(recorded(tmp_path, step=0.01, euler=True, reads=(ENCODER, VELOCITY))) < 4e-3
+    assert reduced_model_error(recorded(tmp_path, step=0.01, euler=True, reads=(ENCODER, VELOCITY))) < 4e-3
 
 
 def test_an_actuator_with_a_state_of_its_own_goes_along_the_motion(tmp_path):
@@ -176,7 +176,7 @@ def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name)
     late = Term(effect=EFFECTS[name], place=place, values={parameter.name: 0.02})
     values = [{parameter.name: np.array([0.02])}]
     (run,) = problem.signals
-    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), run.y, 5.0)
+    parts = windows(run, np.zeros((len(run), 2 * problem.reduced_model.m)), run.y, 5.0)
     assert len(parts) > 2
     whole = _inputs([run], [late], values, 1)[:, 0, 0]
     cut = np.concatenate([_inputs([part], [late], values, 1)[: len(part), 0, 0] for part in parts])
@@ -195,13 +195,13 @@ def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name)
 def test_a_sensor_remembers_in_a_window_what_it_has_seen_before(tmp_path, name, values):
     """Windows of a run, put together again, are the run."""
     problem = prepare(recorded(tmp_path, reads=(ENCODER, VELOCITY)))
-    refiner = Refiner(Screen(problem), problem.signals)
+    refiner = LeastSquares(ScoreTest(problem), problem.signals)
     place = next(p for p in problem.places if p.name.startswith("sensor:"))
     term = Term(effect=EFFECTS[name], place=place, values=values)
     own = [{k: np.array([v]) for k, v in values.items()}]
-    theta = np.zeros((1, len(problem.twin.prior)))
+    theta = np.zeros((1, len(problem.reduced_model.prior)))
     (run,) = problem.signals
-    parts = windows(run, np.zeros((len(run), 2 * problem.twin.m)), run.y, 5.0)
+    parts = windows(run, np.zeros((len(run), 2 * problem.reduced_model.m)), run.y, 5.0)
     assert len(parts) > 2
     whole, *cut = (
         refiner._read(part.y[:, None, None].copy(), [part], [term], theta, own)[:, 0, 0] for part in (run, *parts)
@@ -217,9 +217,9 @@ def test_a_servo_damped_beyond_its_critical_damping_lags_as_in_mujoco(tmp_path, 
     """It prescribes a motion 10 ms late (kv/kp), whatever its mass; coupled by damping alone to what is measured."""
     monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace('damping="3"', ""))
     case = recorded(tmp_path, actuator=STIFF_SERVO, kind="command", rms=0.01, reads=(ENCODER, VELOCITY), euler=euler)
-    assert prepare(case).twin.m == 2
+    assert prepare(case).reduced_model.m == 2
     # steps of half a millisecond beside poles of 100 and 1900 per second: half a step's lag is left of the fast one
-    assert twin_error(case) < 0.03
+    assert reduced_model_error(case) < 0.03
 
 
 def test_what_turns_freely_in_a_damper_is_no_servo(tmp_path, monkeypatch):
@@ -227,4 +227,4 @@ def test_what_turns_freely_in_a_damper_is_no_servo(tmp_path, monkeypatch):
     monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace(' stiffness="900"', "").replace(' stiffness="400"', ""))
     case = recorded(tmp_path, reads=(ENCODER, VELOCITY), euler=True)
     # the dampers couple the modes, which are stepped alone: 3 + 2 N s/m for half a millisecond beside 1.5 kg
-    assert twin_error(case) < 3e-3
+    assert reduced_model_error(case) < 3e-3

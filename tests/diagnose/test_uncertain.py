@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vlab.diagnose.linear_view import ChannelRows
-from vlab.diagnose.twin import observable
-from vlab.diagnose.uncertain import adjusted, common_scale, redundant, stiffness_of, uncertain_parameters
-from vlab.diagnose.uncertain_structure import (
+from vlab.diagnose.parameters.mjcf import adjusted, common_scale, redundant, stiffness_of, uncertain_parameters
+from vlab.diagnose.parameters.observation import ChannelRows
+from vlab.diagnose.parameters.reduced_model import observable
+from vlab.diagnose.parameters.structure import (
     common_scale_of_structure,
     damping_of_structure,
     edited,

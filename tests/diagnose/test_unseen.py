@@ -5,13 +5,13 @@ import pytest
 from test_twin_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.roads import road_of
-from vlab.diagnose.signals import liveliest
-from vlab.diagnose.standoff import without_standoffs
-from vlab.diagnose.uncertain import uncertain_parameters, unused
-from vlab.diagnose.unseen import held_out
-from vlab.diagnose.verify import Amended, check
+from vlab.diagnose.data.runs import liveliest
+from vlab.diagnose.parameters.holdout import read_holdout
+from vlab.diagnose.parameters.mjcf import uncertain_parameters, unused
+from vlab.diagnose.parameters.static_offset import remove_static_offsets
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.search.model_class import choose_model_class
+from vlab.diagnose.validation.simulation import ExtendedModel, check
 from vlab.errors import BadCase, BadStructure, UnknownName
 from vlab.plants.linearise import linearise
 
@@ -44,33 +44,33 @@ FIT = ("fit", ALL, (SWEEP, 0.01 * SWEEP, 0.1 * SWEEP))
 def test_a_hold_out_may_lack_a_channel_or_stand_still(tmp_path):
     quiet = ("holdout", ALL, (0 * TIME, 0 * TIME, 0 * TIME))
     case = write(tmp_path, [FIT, ("holdout", ("drive", "x"), (SWEEP, 0.01 * SWEEP)), quiet])
-    found = held_out(case, ("x", "v"))
+    found = read_holdout(case, ("x", "v"))
     assert [run.name for run in found.runs] == ["run1"]
     assert found.notes == (
         "run1 lacks v; it is checked on its other channels",
         "run2: no compared sensor moves, so it verifies nothing and is left out",
     )
-    model = Amended(plant=case.plant, names=("x", "v"), sensor_gain=np.array([2.0, 3.0]), offset=np.zeros(2))
-    (checked,) = check(found.runs, model, None, nominal=Amended(plant=case.plant))
+    model = ExtendedModel(plant=case.plant, names=("x", "v"), sensor_gain=np.array([2.0, 3.0]), offset=np.zeros(2))
+    (checked,) = check(found.runs, model, None, nominal=ExtendedModel(plant=case.plant))
     assert set(checked.channels) == {"x"}
     np.testing.assert_allclose(checked.simulated[1]["x"], 2.0 * checked.simulated[0]["x"])
 
 
 def test_without_a_hold_out_nothing_is_verified(tmp_path):
-    assert "nothing could be verified" in held_out(write(tmp_path, [FIT]), ("x", "v")).notes[0]
+    assert "nothing could be verified" in read_holdout(write(tmp_path, [FIT]), ("x", "v")).notes[0]
 
 
 def test_a_copy_of_what_is_fitted_verifies_nothing(tmp_path):
     case = write(tmp_path, [FIT, ("holdout", *FIT[1:])])
     with pytest.raises(BadCase, match="run1 is held out and has the very samples of run0"):
-        held_out(case, ("x", "v"), case.runs(("fit",)))
+        read_holdout(case, ("x", "v"), case.runs(("fit",)))
 
 
 def test_what_a_sensor_reads_at_rest_beyond_the_model_is_taken_off_and_said(tmp_path):
-    def run(standoff):
-        return ("fit", ALL, (SWEEP, 0.01 * SWEEP + standoff, 0.1 * SWEEP))
+    def run(static_offset):
+        return ("fit", ALL, (SWEEP, 0.01 * SWEEP + static_offset, 0.1 * SWEEP))
 
-    case, found = without_standoffs(write(tmp_path, [run(0.5), run(0.5)]))
+    case, found = remove_static_offsets(write(tmp_path, [run(0.5), run(0.5)]))
     assert [(s.channel, s.unit) for s in found] == [("x", "m")]
     assert found[0].value == pytest.approx(0.5 + np.mean(0.01 * SWEEP))
     assert "reads 0.5005 m more at rest" in found[0].line
@@ -79,13 +79,13 @@ def test_what_a_sensor_reads_at_rest_beyond_the_model_is_taken_off_and_said(tmp_
         np.testing.assert_allclose(measured["v"], 0.1 * SWEEP)
     for files in ([run(0.01), run(0.01)], [run(0.5), run(0.4)]):  # within the motion; not the same in all recordings
         case = write(tmp_path, files)
-        assert without_standoffs(case) == (case, ())
+        assert remove_static_offsets(case) == (case, ())
 
 
 def test_what_moves_freely_or_turns_stands_where_it_stands(tmp_path):
     run = ("fit", ALL, (SWEEP, 0.01 * SWEEP + 0.5, 0.1 * SWEEP))
     free = RIG.replace('stiffness="900"', "").replace('stiffness="400"', "")
-    assert without_standoffs(write(tmp_path, [run], rig=free))[1] == ()
+    assert remove_static_offsets(write(tmp_path, [run], rig=free))[1] == ()
 
 
 def test_the_search_looks_where_a_long_record_moves():
@@ -106,16 +106,16 @@ def test_the_diagnosis_says_what_it_did_not_search(tmp_path):
     problem = prepare(case)
     assert problem.signals[0].t0 > 19
     assert not problem.signals[0].at_rest
-    said, idle = problem.notes[:2]
+    said, idle_note = problem.notes[:2]
     assert said.startswith("run0: searched from ")
     assert "of 40 s" in said
-    assert idle.startswith("[model.uncertain] tension: not used")
+    assert idle_note.startswith("[model.uncertain] tension: not used")
 
 
 def test_a_record_that_is_too_short_is_refused(tmp_path):
     case = write(tmp_path, [("fit", ALL, tuple(x[:40] for x in (SWEEP, SWEEP, SWEEP)))])
     with pytest.raises(BadCase, match="run0 has 40 samples; at least 64"):
-        road_of(case)
+        choose_model_class(case)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_loop_that_runs_away_by_negative_damping_is_said(tmp_path):
     folder = tmp_path
     case = write(folder, [("fit", ("x", "v"), (still, still))], rig=rig)
     with pytest.raises(BadCase, match="unstable in the model"):
-        road_of(case)
+        choose_model_class(case)
 
 
 def test_equality_constraints_are_refused_in_one_line(tmp_path):
@@ -159,4 +159,4 @@ def test_equality_constraints_are_refused_in_one_line(tmp_path):
     with pytest.raises(BadStructure, match="'gear' ties coordinates together"):
         linearise(case.plant.model)
     with pytest.raises(BadStructure, match="'gear'"):
-        road_of(case)
+        choose_model_class(case)

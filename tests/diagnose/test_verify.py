@@ -11,14 +11,14 @@ import rig_oscillator
 from rig_folder import Channel, Record, write_case
 from rigs import oscillator_case
 
-from vlab.assets import asset
 from vlab.cases import load_case, simulate
-from vlab.diagnose.distance import gap_closed, total
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.parallel import side_by_side
-from vlab.diagnose.verdict import closes, is_needed, left_over
-from vlab.diagnose.verify import Amended, Checked, check, coarse_steps, with_finer_steps
-from vlab.diagnose.zeros import said_zeros
+from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.validation.gap import gap_closed, total
+from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, with_finer_steps
+from vlab.diagnose.verdict import closes_gap, is_needed, residual_note
+from vlab.files.assets import asset
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
 
@@ -53,8 +53,8 @@ def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
     case = load_case(tmp_path)
     runs = case.runs(("holdout",))
     one = Attached(effect=effect_named(rig.effect), place=rig.place, values=rig.parameters)
-    after = Amended(plant=attach(case.plant, [one], channels=[]))
-    results = check(runs, Amended(plant=case.plant), after, nominal=Amended(plant=case.plant))
+    after = ExtendedModel(plant=attach(case.plant, [one], channels=[]))
+    results = check(runs, ExtendedModel(plant=case.plant), after, nominal=ExtendedModel(plant=case.plant))
     assert [c.name for c in results] == ["sweep", "other multisine"]
     for c in results:
         assert c.role == "holdout"
@@ -77,7 +77,7 @@ def held_out_run(folder, monkeypatch):
 def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monkeypatch):
     case, run, plain, names = held_out_run(tmp_path, monkeypatch)
     gains, offsets = np.array([1.0, 1.1, 0.9]), np.array([0.0, 0.0, 2e-3])
-    changed = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=offsets).simulated(run)
+    changed = ExtendedModel(plant=case.plant, names=names, sensor_gain=gains, offset=offsets).simulated(run)
     for name, gain, offset in zip(names, gains, offsets, strict=True):
         np.testing.assert_allclose(changed[name], gain * plain[name] + offset)
 
@@ -85,7 +85,7 @@ def test_an_amended_models_gains_and_offsets_act_on_its_channels(tmp_path, monke
 def test_a_gain_counts_from_what_is_read_at_rest(tmp_path, monkeypatch):
     case, run, plain, names = held_out_run(tmp_path, monkeypatch)
     gains, rest = np.full(3, 1.02), np.array([0.5, 9.81, 0.0])  # a height, an accelerometer upright
-    model = Amended(plant=case.plant, names=names, sensor_gain=gains, offset=np.zeros(3), about=rest)
+    model = ExtendedModel(plant=case.plant, names=names, sensor_gain=gains, offset=np.zeros(3), about=rest)
     for name, about in zip(names, rest, strict=True):
         np.testing.assert_allclose(model.simulated(run)[name], 1.02 * plain[name] - 0.02 * about)
 
@@ -126,7 +126,7 @@ def swing(folder, *, step=0.002, integrator="RK4", made="RK4", gain=1.0, zero=0.
     )
     case = load_case(folder)
     (run,) = case.runs(("holdout",))
-    return Amended(plant=case.plant, names=("angle",), sensor_gain=np.array([gain]), offset=np.array([zero])), run
+    return ExtendedModel(plant=case.plant, names=("angle",), sensor_gain=np.array([gain]), offset=np.array([zero])), run
 
 
 def test_a_start_is_read_off_the_motion_and_not_off_a_sensor_that_is_off(tmp_path):
@@ -153,14 +153,14 @@ def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():
-    assert closes(checked(np.inf, 0.02), is_structure=False)
-    assert not closes(checked(np.inf, 40.0), is_structure=False)
-    assert not closes(checked(100.0, 2.0), is_structure=False)  # 98 % of a gap
+    assert closes_gap(checked(np.inf, 0.02), is_structure=False)
+    assert not closes_gap(checked(np.inf, 40.0), is_structure=False)
+    assert not closes_gap(checked(100.0, 2.0), is_structure=False)  # 98 % of a gap
 
 
 def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_with_it():
     def choice(gained, of_priors):
-        return SimpleNamespace(gained=gained, is_of_priors=of_priors)
+        return SimpleNamespace(gained=gained, is_prior_driven=of_priors)
 
     same, worse, better = (checked(0.02, after, noise=0.019) for after in (0.0201, 0.022, 0.0195))
     assert is_needed(choice(3.0, True), same, is_structure=False)
@@ -170,11 +170,11 @@ def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_
     assert not is_needed(choice(3.0, False), same, is_structure=False)
     assert not is_needed(
         choice(3.0, False), checked(0.04, 0.03, noise=0.019), is_structure=False
-    )  # a gap, for `closes`
+    )  # a gap, for `closes_gap`
 
 
 def test_what_a_mesh_leaves_is_no_gap_but_much_of_it_gone_is_a_finding():
-    choice = SimpleNamespace(gained=3.0, is_of_priors=False)
+    choice = SimpleNamespace(gained=3.0, is_prior_driven=False)
     assert is_needed(choice, checked(0.0028, 0.0022, noise=0.0016), is_structure=True)
     assert not is_needed(choice, checked(0.0028, 0.0027, noise=0.0016), is_structure=True)
     assert is_needed(
@@ -193,7 +193,7 @@ def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():
         )
 
     fit = SimpleNamespace(terms=(offset(0, -0.05), offset(2, 0.015)), error=np.full((1, 3), 0.002))
-    assert said_zeros(problem, fit) == ("a",)  # that of c is less than a hundredth of its rms
+    assert explained_sensor_offsets(problem, fit) == ("a",)  # that of c is less than a hundredth of its rms
 
 
 def test_side_by_side_is_the_serial_map_in_order():
@@ -264,14 +264,14 @@ def test_hidden_effects_are_found_verified_and_sized(tmp_path, effect):
 
 
 def test_what_an_amended_model_leaves_is_said():
-    (line,) = left_over("missing-physics", checked(0.5, 0.12), is_structure=False)
+    (line,) = residual_note("missing-physics", checked(0.5, 0.12), is_structure=False)
     assert "12 times the noise" in line
-    assert not left_over("missing-physics", checked(0.5, 0.012), is_structure=False)
-    assert not left_over("none-of-these", checked(0.5, 0.5), is_structure=False)
+    assert not residual_note("missing-physics", checked(0.5, 0.012), is_structure=False)
+    assert not residual_note("none-of-these", checked(0.5, 0.5), is_structure=False)
 
 
 def test_a_channel_that_is_lost_is_no_gap_closed():
     one, _ = checked(200.0, 0.9)
-    assert closes([one], is_structure=False)
+    assert closes_gap([one], is_structure=False)
     lost = dataclasses.replace(one, channels={"a": (300.0, 200.0, 0.4, 0.01), "b": (300.0, 200.0, 1.2, 0.01)})
-    assert not closes([lost], is_structure=False)
+    assert not closes_gap([lost], is_structure=False)

@@ -7,9 +7,9 @@ from vlab.errors import BadStructure
 from vlab.fe import SecondOrderModel, build_fe_model
 from vlab.fe.one_mode import one_mode_bar
 from vlab.fe.statics import cable_tensions, hanging_lines
-from vlab.reproduce.beam_tables import TABLE_8
-from vlab.reproduce.structure_tables import TABLE_1
-from vlab.reproduce.tables import reproduce_tables
+from vlab.reproduce.tables.beam import TABLE_8
+from vlab.reproduce.tables.registry import reproduce_tables
+from vlab.reproduce.tables.structure import TABLE_1
 
 LBF, INCH = 4.4482216152605, 0.0254
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from vlab.design.published_tables import published_table
 from vlab.fe import build_fe_model
 from vlab.fe import elements as el
 from vlab.fe.in_plane import in_plane_resultants
 from vlab.fe.mesh import build_mesh
-from vlab.published import published_table
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 

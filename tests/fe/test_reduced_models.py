@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vlab.design.published_tables import published_table
 from vlab.errors import BadStructure, UnknownName
 from vlab.fe import build_fe_model
 from vlab.fe.measured_modes import measured_modes
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_table
 from vlab.reproduce.cross_check import NEAR, cross_check
-from vlab.reproduce.tables import reproduce_tables
+from vlab.reproduce.tables.registry import reproduce_tables
 from vlab.structure import load_structure
 from vlab.structure.model import Reduction
 

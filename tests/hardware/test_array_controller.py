@@ -5,6 +5,7 @@ import pytest
 from vlab.controllers.block_diagonal import block_diagonal
 
 from vlab.controllers import DirectRateFeedback, LinearLaw, delayed_lqg, lqg
+from vlab.design.published_tables import published_design
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadController, BadExperiment
@@ -13,7 +14,6 @@ from vlab.hardware.array_controller import ArrayController
 from vlab.hardware.laboratory import ArraySize
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.laws import published_law
-from vlab.published import published_design
 from vlab.structure import load_structure
 
 PLACES = ("40in", "20in", "base")

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from vlab.bench import integrate_with_scipy
+from vlab.benchmark.comparisons import integrate_with_scipy
 from vlab.controllers import DirectRateFeedback
 from vlab.errors import BadController, BadExperiment, Diverged
 from vlab.hardware.sensing import coil_gain

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.errors import BadController, BadExperiment, BadRecording
+from vlab.files.assets import asset
+from vlab.files.toml import Reader
 from vlab.lab.laws import named_law
 from vlab.lab.run_folder import COPIES, RunSettings, StoredSettings, load_run, perform
 from vlab.physics.catalogue import effect_named
-from vlab.physics.spelled import parse_effect
+from vlab.physics.spec import parse_effect
 from vlab.recordings.bound import RECORDING, check_run
-from vlab.schema import Reader
 
 EVIL = """from pathlib import Path
 Path({mark!r}).write_text("code of a data folder was run")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from command import run
 
-from vlab.assets import asset
 from vlab.fe import FeModel
+from vlab.files.assets import asset
 from vlab.lab.run_folder import RunSettings, perform
 
 EXAMPLE = asset("examples/hammer.csv")

@@ -5,11 +5,11 @@ import re
 
 import numpy as np
 import pytest
-from command import run as run_words
+from command import run as run_summary
 from scipy import signal
 
 from vlab.lab.run_folder import RunSettings, perform
-from vlab.views import modal_test_report
+from vlab.views.reports import modal_test as modal_test_report
 
 FREQ, ZETA = np.array([6.0, 17.0]), np.array([0.01, 0.008])
 SHAPES = np.array([[1.0, 1.0], [0.6, -0.9]])
@@ -47,7 +47,7 @@ def quick(quick_layout):
 
 
 def run(capsys, *words):
-    return run_words(capsys, *(str(word) for word in words))
+    return run_summary(capsys, *(str(word) for word in words))
 
 
 LABELS = ("--input", "Hammer=force,N", "--output", "Acc1=acceleration,g", "--output", "Acc2=acceleration,g")

@@ -8,7 +8,7 @@ import pytest
 from vlab.errors import BadRecording
 from vlab.modal.modal_test import ModalTest, estimate_responses, run_modal_test
 from vlab.signals import Channel, Recording
-from vlab.views.modal_test_report import doubts
+from vlab.views.reports.modal_test import doubts
 
 RATE, PERIOD = 200.0, 20.0
 FREQ, ZETA = np.array([4.0, 9.0]), np.array([0.02, 0.01])

@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vlab.cases.case import Case, load_case
-from vlab.cases.initial import InitialState
+from vlab.cases.channel_map import Run
+from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
-from vlab.cases.wiring import Run
-from vlab.diagnose.prepare import prepare
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.refine import Refiner
-from vlab.diagnose.terms import Term
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 
@@ -64,17 +64,17 @@ class ChainRig:
         out = simulate(plant, self.run, initial=rest).recording
         return out.select(list(self.problem.names)).data
 
-    def in_twin(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
+    def in_reduced_model(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
         """Return the same from the reduced model, (n_samples, n_channels)."""
-        refiner = object.__new__(Refiner)  # the simulation alone, without what a fit needs
-        refiner.twin = self.problem.twin
-        refiner.highest = float(np.abs(refiner.twin.omega).max()) / (2 * np.pi)
+        refiner = object.__new__(LeastSquares)  # the simulation alone, without what a fit needs
+        refiner.reduced_model = self.problem.reduced_model
+        refiner.highest = float(np.abs(refiner.reduced_model.omega).max()) / (2 * np.pi)
         places = {name: p for p in self.problem.places for name in (p.name, *p.aliases)}
         terms = [Term(effect=effect_named(n), place=places[at], values=p) for n, at, p in effects]
         values = [{k: np.array([v]) for k, v in p.items()} for _, _, p in effects]
-        m, runs = self.problem.twin.m, [self.problem.signals[0]]
+        m, runs = self.problem.reduced_model.m, [self.problem.signals[0]]
         return refiner.simulate(
-            runs, terms, np.zeros((1, len(self.problem.twin.changes))), values, np.zeros((1, 1, 2 * m))
+            runs, terms, np.zeros((1, len(self.problem.reduced_model.changes))), values, np.zeros((1, 1, 2 * m))
         )[:, 0, 0]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
 
-from vlab.cases.initial import InitialState
+from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.errors import BadExperiment, UnknownName
 from vlab.physics.attach import Attached, attach, effect_tables, own_stiffness, port_at, written
@@ -38,7 +38,7 @@ def test_the_values_of_the_tests_cover_the_catalogue():
 def test_a_force_at_a_port_is_the_same_in_mujoco_and_in_the_reduced_model(name):
     rig, (at, values) = rig_for(name), PORT_VALUES[name]
     here = rig.in_mujoco([(name, at, values)]) - rig.in_mujoco([])
-    there = rig.in_twin([(name, at, values)]) - rig.in_twin([])
+    there = rig.in_reduced_model([(name, at, values)]) - rig.in_reduced_model([])
     for k in range(here.shape[1]):
         assert rms(here[:, k] - there[:, k]) < STEP_ERROR * rms(here[:, k])
 
@@ -47,7 +47,7 @@ def test_a_force_at_a_port_is_the_same_in_mujoco_and_in_the_reduced_model(name):
 def test_a_change_of_a_channel_is_the_same_in_mujoco_and_in_the_reduced_model(name):
     rig, (at, values) = chain_rig(step=1e-3), CHANNEL_VALUES[name]
     here = rig.in_mujoco([(name, at, values)]) - rig.in_mujoco([])
-    there = rig.in_twin([(name, at, values)]) - rig.in_twin([])
+    there = rig.in_reduced_model([(name, at, values)]) - rig.in_reduced_model([])
     if name == "sensor-quantisation":  # a sample that the two models have on either side of an edge differs by a step
         assert np.mean(np.abs(here - there) > 0.1 * values["step"]) < 0.1
         assert np.abs(here - there).max() < 1.1 * values["step"]
@@ -84,7 +84,7 @@ def test_effects_on_each_other_count():
         ("attached-oscillator", "joint:b", {"mass": 0.3, "frequency": 4.0, "damping_ratio": 0.1}),
         ("stribeck-friction", "joint:a", {"force": 1.0, "excess": 0.5, "speed": 0.1}),
     ]
-    here, there = rig.in_mujoco(several) - rig.in_mujoco([]), rig.in_twin(several) - rig.in_twin([])
+    here, there = rig.in_mujoco(several) - rig.in_mujoco([]), rig.in_reduced_model(several) - rig.in_reduced_model([])
     assert rms(here - there) < STEP_ERROR * rms(here)
 
 

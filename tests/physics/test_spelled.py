@@ -11,7 +11,7 @@ from vlab.cli import main
 from vlab.errors import BadCase, BadExperiment, BadUnit, UnknownName
 from vlab.physics.attach import Attached, effect_tables
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.spelled import parse_effect
+from vlab.physics.spec import parse_effect
 
 
 def test_an_effect_is_read_with_its_units():

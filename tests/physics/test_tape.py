@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from vlab.diagnose.compiled import series
+from vlab.diagnose.kernels.expression_graph import series
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
-from vlab.physics.tape import tape_of
+from vlab.physics.expression import trace_expression
 
 PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]
@@ -64,34 +64,34 @@ def both(effect: PortEffect) -> tuple[np.ndarray, np.ndarray]:
     values: dict[str, Any] = {
         p.name: float(np.sqrt(p.low * p.high)) if not p.signed else -0.3 for p in effect.parameters
     }
-    tape = tape_of(effect, H, ("z", "v", "t"))
-    assert tape is not None
+    graph = trace_expression(effect, H, ("z", "v", "t"))
+    assert graph is not None
     memory = effect.memory((WIDTH,))
-    played = series(tape, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
+    evaluated = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory or ())
     written = np.empty_like(z)
     for k in range(N):
         written[k], memory = effect.force(z[k], v[k], values, Step(h=H, t=t[k]), memory)
-    return played, written
+    return evaluated, written
 
 
 @pytest.mark.parametrize("effect", ALONG_MOTION, ids=lambda e: e.name)
 def test_a_tape_plays_what_the_law_says(effect):
     """To rounding: compiled functions and numpy's differ in the last bit."""
-    played, written = both(effect)
+    evaluated, written = both(effect)
     assert np.abs(written).max() > 0
-    np.testing.assert_allclose(played, written, rtol=1e-9, atol=1e-12 * np.abs(written).max())
+    np.testing.assert_allclose(evaluated, written, rtol=1e-9, atol=1e-12 * np.abs(written).max())
 
 
 def test_every_operation_plays_as_numpy_has_it():
-    played, written = both(Functions())
-    np.testing.assert_allclose(played, written, rtol=1e-12)
+    evaluated, written = both(Functions())
+    np.testing.assert_allclose(evaluated, written, rtol=1e-12)
 
 
 @pytest.mark.parametrize("effect", PORTS, ids=lambda e: e.name)
 def test_every_law_of_the_catalogue_is_played(effect):
-    assert tape_of(effect, H) is not None
+    assert trace_expression(effect, H) is not None
 
 
 @pytest.mark.parametrize("effect", [Branching(), OfMath(), Forgetful()], ids=lambda e: type(e).__name__)
 def test_a_law_that_no_tape_can_hold_is_known(effect):
-    assert tape_of(effect, H) is None
+    assert trace_expression(effect, H) is None

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from vlab.diagnose.export import structure_toml
 from vlab.errors import BadStructure
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -13,7 +14,6 @@ from vlab.modal.mac import mac
 from vlab.plants import build_plant
 from vlab.structure import load_structure
 from vlab.structure.model import Tuning
-from vlab.views.amended_model import structure_toml
 
 FACTORS = (1.01, 0.99, 1.003, 1.0, 1.02)
 

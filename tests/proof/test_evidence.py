@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 import vlab.proof.prove as proving
-from vlab.assets import asset
 from vlab.errors import BadProof
-from vlab.proof.concealing import truth_folder
-from vlab.proof.opening import check_remade, open_truth
+from vlab.files.assets import asset
+from vlab.proof.conceal import truth_folder
 from vlab.proof.prove import ANSWERS, SCORE, answers_folder, prove, read_commitments
-from vlab.views.proof_report import write_proof
+from vlab.proof.truth import check_remade, open_truth
+from vlab.views.reports.proof import write_proof
 
 CASES, FRESH, LATER = (asset("evidence") / name for name in ("cases", "fresh", "later"))
 """The campaign; of cases sealed after it the first ones; and the next ones, answered later."""

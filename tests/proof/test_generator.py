@@ -14,21 +14,21 @@ from scipy.linalg import eigh
 import vlab.proof.generator as generator
 from vlab.cases import compare_case
 from vlab.fe import build_fe_model
+from vlab.proof.case_folder import write_case
 from vlab.proof.generator.bench import Bench, Place, Sensor
 from vlab.proof.generator.concealed import Concealed, Wanted, conceal
 from vlab.proof.generator.excite import CLASSES, REST_S, excite
 from vlab.proof.generator.hardware import Output, late, low_passed
 from vlab.proof.generator.hidden import Hidden, Scale
+from vlab.proof.generator.integration import Feedback, Poles, _Way, integrate, port_rows
 from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.law import DryFriction, Sliders, Static
 from vlab.proof.generator.library import LIBRARY
-from vlab.proof.generator.march import Feedback, Poles, _Way, march, port_rows
 from vlab.proof.generator.plan import plan
 from vlab.proof.generator.rigs import SHAFT, SLIDER, shaft, slider
 from vlab.proof.generator.simulate import Setup, scale_at
 from vlab.proof.generator.sizing import Refit
 from vlab.proof.suites import drawn_suites, kinds, make_case
-from vlab.proof.writing import write_case
 from vlab.structure import load_structure
 
 FORBIDDEN = ("mujoco", "vlab.physics", "vlab.plants")
@@ -42,7 +42,7 @@ def test_the_generator_imports_nothing_of_the_model_side():
     folder = Path(generator.__file__).parent
     names = [f"vlab.proof.generator.{p.stem}" for p in folder.glob("*.py") if p.stem != "__init__"]
     assert len(names) > 10
-    names += ["vlab.proof.suites", "vlab.proof.writing", "vlab.proof.concealing"]
+    names += ["vlab.proof.suites", "vlab.proof.case_folder", "vlab.proof.conceal"]
     code = f"import importlib, sys\nfor n in {names}: importlib.import_module(n)\n"
     code += f"print([m for m in sys.modules if m.startswith({FORBIDDEN})])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -89,7 +89,7 @@ def test_a_chain_has_the_frequencies_of_its_masses_and_springs(blueprint, chain)
 def test_a_step_response_is_the_closed_form():
     m, c, k, force = 2.0, 3.0, 800.0, 5.0
     step, n = 1e-3, 2000
-    y = march(oscillator(m, c, k), np.full((n, 1, 1), force), [], step=step, substeps=1)[:, :, 0]
+    y = integrate(oscillator(m, c, k), np.full((n, 1, 1), force), [], step=step, substeps=1)[:, :, 0]
     omega, zeta = np.sqrt(k / m), c / (2 * np.sqrt(k * m))
     damped, t = omega * np.sqrt(1 - zeta**2), np.arange(n) * step
     decay = np.exp(-zeta * omega * t)
@@ -109,8 +109,8 @@ def test_marching_a_linear_spring_equals_a_stiffer_bench():
         h = 1e-4 / fine
         forces = np.repeat(u, fine, axis=0)
         law = Static(lambda z, v, t, u: -150.0 * z - 1.0 * v)
-        y = march(bench, forces, [("joint:mass", law)], step=h, substeps=20 * fine)
-        exact = march(bench.adding(K=150.0, C=1.0), forces, [], step=h, substeps=20 * fine)
+        y = integrate(bench, forces, [("joint:mass", law)], step=h, substeps=20 * fine)
+        exact = integrate(bench.adding(K=150.0, C=1.0), forces, [], step=h, substeps=20 * fine)
         error.append(np.abs(y - exact)[:, 0].max() / np.abs(exact)[:, 0].max())
     assert error[0] < 1e-4
     assert error[0] / error[1] == pytest.approx(4.0, rel=0.1)
@@ -124,7 +124,7 @@ def test_dry_friction_takes_off_the_same_amplitude_every_half_cycle():
     m, k, dry, v0, step = 2.0, 800.0, 1.6, 0.8, 1e-4
     kick = np.zeros((30_000, 1, 1))
     kick[0] = v0 * m / step  # an impulse within one step starts it with v0; friction works from then on
-    z = march(oscillator(m, 0.0, k), kick, [("joint:mass", DryFriction(lambda v, t: dry))], step=step, substeps=1)[
+    z = integrate(oscillator(m, 0.0, k), kick, [("joint:mass", DryFriction(lambda v, t: dry))], step=step, substeps=1)[
         :, 0, 0
     ]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(z))) != 0) + 1
@@ -143,7 +143,7 @@ def test_a_cubic_spring_moves_as_a_general_integrator_says():
     h, n = 1e-4, 20_000
     force = 8.0 * np.sin(2 * np.pi * 3.0 * (np.arange(n) + 0.5) * h)
     law = Static(lambda z, v, t, u: -k3 * z**3)
-    z = march(oscillator(m, c, k), force[:, None, None], [("joint:mass", law)], step=h, substeps=20)[:, 0, 0]
+    z = integrate(oscillator(m, c, k), force[:, None, None], [("joint:mass", law)], step=h, substeps=20)[:, 0, 0]
 
     def rate(t, x):
         return [x[1], (8.0 * np.sin(2 * np.pi * 3.0 * t) - c * x[1] - k * x[0] - k3 * x[0] ** 3) / m]
@@ -179,8 +179,8 @@ def test_windows_and_single_steps_agree():
         ("joint:payload", Static(lambda z, v, t, u: -2 * v)),
     ]
     idle = Feedback(actuators=(0,), sensors=(0,), gains=np.zeros((1, 1)), noise=np.zeros((400, 1, 2)))
-    y = march(bench, forces, laws, step=1e-4, substeps=20)
-    single = march(bench, forces, laws, step=1e-4, substeps=20, feedback=idle)
+    y = integrate(bench, forces, laws, step=1e-4, substeps=20)
+    single = integrate(bench, forces, laws, step=1e-4, substeps=20, feedback=idle)
     assert np.abs(y - single).max() < 1e-4 * np.abs(y).max()
 
 
@@ -190,8 +190,8 @@ def test_rate_feedback_damps_as_a_damper_does():
     kick = np.zeros((n, 1, 1))
     kick[0] = 1e4
     loop = Feedback(actuators=(0,), sensors=(1,), gains=np.array([[gain]]), noise=np.zeros((n, 1, 1)))
-    closed = march(bench, kick, [], step=1e-4, substeps=1, feedback=loop)
-    damper = march(bench.adding(C=gain), kick, [], step=1e-4, substeps=1)
+    closed = integrate(bench, kick, [], step=1e-4, substeps=1, feedback=loop)
+    damper = integrate(bench.adding(C=gain), kick, [], step=1e-4, substeps=1)
     assert np.abs(closed - damper)[:, 0].max() < 5e-3 * np.abs(damper[:, 0]).max()
 
 
@@ -235,9 +235,9 @@ def test_a_coil_in_the_loop_weakens_what_the_law_asks_for():
     kick[:, 0] = 0.0  # pushed elsewhere
     loop = Feedback(actuators=(0,), sensors=(0,), gains=np.array([[0.05]]), noise=np.zeros((n, 1, 1)))
     dead = Static(lambda z, v, t, u: -u)
-    y = march(bench, kick, [("joint:rotor", dead)], step=1e-4, substeps=20, feedback=loop)
-    opened = march(bench, kick, [], step=1e-4, substeps=20)
-    closed = march(bench, kick, [], step=1e-4, substeps=20, feedback=loop)
+    y = integrate(bench, kick, [("joint:rotor", dead)], step=1e-4, substeps=20, feedback=loop)
+    opened = integrate(bench, kick, [], step=1e-4, substeps=20)
+    closed = integrate(bench, kick, [], step=1e-4, substeps=20, feedback=loop)
     assert np.abs(y - opened).max() < 1e-9 * np.abs(opened).max()
     assert np.abs(closed - opened).max() > 1e-2 * np.abs(opened).max()
 
@@ -307,7 +307,7 @@ def test_a_kick_dies_with_the_energy_that_its_dampers_take(name):
     kick[:20] = 1.0
     eye = np.eye(m)
     seen = {f"{o}{i}": Sensor(row=eye[i], order=o, kind="", unit="") for o in (0, 1) for i in range(m)}
-    y = march(replace(bench, sensors=seen), kick, [], step=h, substeps=1)[:, :, 0]
+    y = integrate(replace(bench, sensors=seen), kick, [], step=h, substeps=1)[:, :, 0]
     q, v = y[20:, :m], y[20:, m:]
     energy = 0.5 * np.einsum("ti,ij,tj->t", v, bench.M, v) + 0.5 * np.einsum("ti,ij,tj->t", q, bench.K, q)
     lost = np.einsum("ti,ij,tj->t", v, bench.C, v)

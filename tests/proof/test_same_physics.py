@@ -12,6 +12,7 @@ import pytest
 from vlab.cases import load_case, simulate
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
+from vlab.proof.case_folder import write_case
 from vlab.proof.generator.concealed import Concealed
 from vlab.proof.generator.excite import excite
 from vlab.proof.generator.hardware import Output
@@ -20,7 +21,6 @@ from vlab.proof.generator.library import LIBRARY
 from vlab.proof.generator.plan import Plan, Recording
 from vlab.proof.generator.rigs import shaft, slider
 from vlab.proof.generator.simulate import Setup, scale_at
-from vlab.proof.writing import write_case
 
 RATE, SECONDS, BAND = 500.0, 3.0, (0.8, 24.0)
 FINER = {"slew-limit": 32}

@@ -8,7 +8,7 @@ import pytest
 from vlab.proof.equivalence import TABLE, right_class
 from vlab.proof.judge import judge, same_place
 from vlab.proof.score import baseline_rows, confusion, measures, score
-from vlab.proof.sparse import sparse_terms
+from vlab.proof.sparse_regression import sparse_terms
 from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
 
 

@@ -12,12 +12,12 @@ from scipy import linalg
 
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
+from vlab.diagnose.settings import VERDICT
 from vlab.errors import BadExperiment, BadProof, OutputRefused
-from vlab.locks import LOCK, sole_use
-from vlab.proof import concealing
+from vlab.files.locks import LOCK, sole_use
+from vlab.proof import conceal as concealing
 from vlab.proof.campaign import common_instructions, run_all
-from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
-from vlab.proof.opening import REMADE
+from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
 from vlab.proof.prove import (
     ANSWERS,
     FROZEN,
@@ -28,8 +28,9 @@ from vlab.proof.prove import (
     prove,
     read_commitments,
 )
-from vlab.proof.sealing import canonical, opened, sealed
-from vlab.views.proof_report import write_proof
+from vlab.proof.seal import canonical, opened, sealed
+from vlab.proof.truth import REMADE
+from vlab.views.reports.proof import write_proof
 
 
 @pytest.fixture(scope="module")
@@ -430,7 +431,7 @@ def test_a_campaign_does_not_go_on_with_other_code(cases, monkeypatch):
     monkeypatch.setattr(proving, "answer_case", lambda item, **settings: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         prove(cases, out, jobs=1)
-    edit(out / "manifest.json", lambda d: d["thresholds"].update({"choose.EXPLAINED": 0.1}))
+    edit(out / "manifest.json", lambda d: d["thresholds"]["inference.model_choice"].update(explained=0.1))
     with pytest.raises(BadProof, match="begun with another thresholds"):
         prove(cases, out, jobs=1)
 
@@ -441,7 +442,7 @@ def test_the_manifest_binds_what_answers_depend_on(cases, answered):
     assert {"code", "catalogue", "structures", "thresholds", "thresholds_sha256", "commitments", "versions"} <= set(
         kept
     )
-    assert "verdict.LEAST_GAP" in kept["thresholds"]
+    assert kept["thresholds"]["verdict"]["least_gap"] == VERDICT.least_gap
 
 
 def square(x: int) -> tuple[int, int]:

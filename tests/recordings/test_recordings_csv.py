@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from vlab.errors import BadRecording, BadUnit
-from vlab.recordings import csv, open_table
+from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, to_recording
+from vlab.recordings.formats import csv
 
 
 def table(tmp_path, text, **options):

@@ -89,7 +89,7 @@ def test_a_file_over_the_limit_is_refused(case, monkeypatch):
 
 
 def test_whatever_a_reader_raises_is_one_line_of_bad_recording(case, monkeypatch):
-    import vlab.recordings.csv as reader
+    import vlab.recordings.formats.csv as reader
 
     for error, match in [
         (RuntimeError("boom\nbang"), "boom bang"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vlab.errors import BadRecording, BadUnit, UnknownName
-from vlab.recordings.sep005 import from_sep005, to_sep005
+from vlab.recordings.formats.sep005 import from_sep005, to_sep005
 from vlab.signals import Channel, Recording
 
 X = np.array([1.0, -2.0, 3.0])

@@ -11,7 +11,7 @@ import sound
 from vlab.errors import BadRecording
 from vlab.recordings import open_table, read_recording, write_recording
 from vlab.recordings.assemble import ColumnSpec, to_recording
-from vlab.recordings.uff import write_uff_response
+from vlab.recordings.formats.uff import write_uff_response
 from vlab.signals import Channel, FrequencyResponse, Recording
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from command import run
 
+from vlab.design.published_tables import published_table
 from vlab.errors import BadExperiment, BadRecording, UnknownName
-from vlab.published import published_table
 from vlab.reproduce.control_bench import HARDWARE, ControlBench, dense_lines
-from vlab.reproduce.control_figures import FIGURES, control_figure
+from vlab.reproduce.figures.control import FIGURES, control_figure
 from vlab.reproduce.peaks import average_error, levels_at, peak_ratios
-from vlab.reproduce.tables import ON_REQUEST, SIMULATED, TABLES, structure_of
+from vlab.reproduce.tables.registry import ON_REQUEST, SIMULATED, TABLES, structure_of
 from vlab.signals import Channel, FrequencyResponse, Recording
-from vlab.views.control_test import ring_down_figure, write_control_figure
+from vlab.views.reports.control_test import ring_down_figure, write_control_figure
 
 
 def receptance(freq, modes) -> FrequencyResponse:

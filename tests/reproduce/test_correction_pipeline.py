@@ -10,7 +10,7 @@ import pytest
 from vlab.cli import correct as verb
 from vlab.errors import VlabError
 from vlab.fe import build_fe_model
-from vlab.reproduce.measured_correction import correct_by_test, vary_structure
+from vlab.reproduce.correction.pipeline import correct_by_test, vary_structure
 from vlab.structure import load_structure
 
 JOINTS = [f"v:joint{i}" for i in range(1, 13)]

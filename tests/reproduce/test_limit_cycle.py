@@ -13,9 +13,7 @@ from vlab.hardware import load_hardware
 from vlab.lab.laws import named_law
 from vlab.lab.prediction import loop_on
 from vlab.lab.saturation import harmonic_balance
-from vlab.reproduce import limit_cycle as study
-from vlab.reproduce import limit_cycle_odds as odds
-from vlab.reproduce import limit_cycle_runs as runs
+from vlab.reproduce.limit_cycle import odds, runs, study
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from vlab.design.published_tables import published_design, published_table
 from vlab.errors import UnknownName
-from vlab.published import published_design, published_table
-from vlab.reproduce.cells import Cell, ReproducedTable, share, widened
 from vlab.reproduce.study import Study
-from vlab.reproduce.tables import NOT_REPRODUCIBLE, REPRODUCED, reproduce_tables
+from vlab.reproduce.tables.cells import Cell, ReproducedTable, share, widened
+from vlab.reproduce.tables.registry import NOT_REPRODUCIBLE, REPRODUCED, reproduce_tables
 
 BEAM = [number for number, (structure, _) in REPRODUCED.items() if structure == "beam"]
 GRID = [number for number, (structure, _) in REPRODUCED.items() if structure == "grid"]

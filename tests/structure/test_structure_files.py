@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from vlab.assets import asset
 from vlab.errors import BadStructure, UnknownName, VlabError
+from vlab.files.assets import asset
 from vlab.structure import load_structure, locate
 
 TEXT = asset("beam.toml").read_text(encoding="utf-8")

@@ -17,12 +17,13 @@ from rerun.chunk import RrdReader
 
 from vlab.cases import load_case
 from vlab.cases.compare import compare_case
+from vlab.diagnose import export as amended_model
 from vlab.diagnose.diagnosis import Attempt
-from vlab.diagnose.distance import total
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.prepare import prepare
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.verify import Amended, amended, check
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.validation.gap import total
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
@@ -32,11 +33,11 @@ from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import write_recording
 from vlab.structure.reader import load_structure
-from vlab.views import amended_model, diagnosis_report
-from vlab.views.diagnosis_words import verdict_sentence
 from vlab.views.figures import to_svg
 from vlab.views.figures.model_drawing import model_figure, place_position
-from vlab.views.missing_force import missing_force
+from vlab.views.figures.restoring_force import restoring_force
+from vlab.views.reports import diagnosis as diagnosis_report
+from vlab.views.reports.diagnosis_summary import verdict_sentence
 
 RATE, SECONDS = 200.0, 4.0
 MASS, STIFFNESS, DAMPING, FRICTION = 1.0, 800.0, 1.5, 0.6
@@ -55,16 +56,16 @@ RIG = f"""<mujoco model="one mass">
 HEADINGS = [
     "What was found",
     "Where",
-    "Measured, refitted and amended",
+    "Measured, calibrated and extended",
     "The missing force",
     "How far the models are from the recordings",
     "Alternatives",
     "Where the mismatch is",
-    "Refitted parameters",
+    "Calibrated parameters",
     "Not excluded",
     "Next measurement",
     "Quality of the recordings",
-    "The amended model",
+    "The extended model",
     "How long it took",
 ]
 
@@ -191,14 +192,14 @@ def test_the_scene_holds_recording_old_and_new_simulation(found):
     entities = {
         piece.entity_path for piece in RrdReader(found[1] / "run.rrd").stream().to_chunks() if not piece.is_static
     }
-    wanted = ("measured", "refitted", "amended", "left/refitted", "left/amended")
+    wanted = ("measured", "calibrated", "extended", "left/calibrated", "left/extended")
     assert {path for path in entities if "/diagnosis/" in path} == {f"/diagnosis/0/0/{name}" for name in wanted}
 
 
 def test_the_force_found_without_a_law_is_the_hidden_one(found):
     done, _ = found
-    free, law = (missing_force(done, done.fit.terms[0]).curves[1][k] for k in (3, 4))
-    v = missing_force(done, done.fit.terms[0]).curves[1][2]
+    free, law = (restoring_force(done, done.fit.terms[0]).curves[1][k] for k in (3, 4))
+    v = restoring_force(done, done.fit.terms[0]).curves[1][2]
     fast = np.abs(v) > 0.5 * np.std(v)
     # noise and the smoothing's shrinking leave a fifth; the law itself is within its fit's accuracy
     assert -np.mean(free[fast] * np.sign(v[fast])) == pytest.approx(FRICTION, rel=0.2)
@@ -233,7 +234,7 @@ def test_the_best_attempt_is_shown_without_a_probability(found):
         own,
         verdict="none-of-these",
         findings=(),
-        checked=tuple(c.unamended() for c in own.checked),
+        checked=tuple(c.without_findings() for c in own.checked),
         attempt=attempt,
         alternatives=tuple({**a, "probability": None} for a in own.alternatives),
     )
@@ -368,8 +369,8 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
     fit = Fit(
         terms=(term,), theta=theta, offsets=np.array([1e-4]), starts={}, error=np.zeros((1, 1)), chi2=0.0, cost=0.0
     )
-    before, after = amended(problem, dataclasses.replace(fit, terms=())), amended(problem, fit)
-    checked = check(case.runs(("holdout",)), before, after, nominal=Amended(plant=case.plant))
+    before, after = extended(problem, dataclasses.replace(fit, terms=())), extended(problem, fit)
+    checked = check(case.runs(("holdout",)), before, after, nominal=ExtendedModel(plant=case.plant))
     done = SimpleNamespace(
         problem=problem,
         diagnosis=SimpleNamespace(findings=(1,), checked=checked, heldout={"nrmse_after": total(checked, "after")}),
@@ -378,6 +379,6 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
         after=after,
         choice=SimpleNamespace(best=SimpleNamespace(terms=(term,))),
     )
-    files = amended_model.write_amended(done, out)
+    files = amended_model.write_extended_model(done, out)
     assert abs(total(checked, "after") / total(checked, "before") - 1.0) > 0.01  # the friction counts
     assert files.nrmse == pytest.approx(files.reported, rel=1e-6)

@@ -10,10 +10,10 @@ from vlab.controllers import DirectRateFeedback, LinearLaw
 from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.signals import Channel, Recording
-from vlab.views import scene
-from vlab.views.law_scene import LawScene, LawStates, asked_forces
-from vlab.views.modal_scene import ModalScene
-from vlab.views.spectrum_scene import SpectrumScene
+from vlab.views.rerun import scene
+from vlab.views.rerun.control_law import LawScene, LawStates, asked_forces
+from vlab.views.rerun.modes import ModalScene
+from vlab.views.rerun.spectra import SpectrumScene
 
 PLACES = ("base", "20in")
 

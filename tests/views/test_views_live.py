@@ -17,7 +17,7 @@ from rerun import chunk
 from vlab.errors import BadExperiment, OutputRefused
 from vlab.lab.run_folder import RunSettings, perform
 from vlab.recordings import read_recording
-from vlab.views import live, viewer
+from vlab.views.rerun import live, viewer
 
 QUICK = RunSettings(structure="beam", plant="modal", seconds=0.6, period_s=0.6, low_hz=10.0, high_hz=30.0, law="mfdrf")
 WORDS = "--plant modal --seconds 0.6 --period 0.6 --band 10 30 --law mfdrf"

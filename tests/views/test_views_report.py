@@ -9,7 +9,7 @@ import pytest
 from vlab.errors import OutputRefused
 from vlab.signals import Channel, Recording
 from vlab.views.figures import to_svg, traces_figure
-from vlab.views.report import BadFigure, Section, write_report
+from vlab.views.reports.page import BadFigure, Section, write_report
 
 HOSTILE = "<script>alert(1)</script>"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vlab.errors import UnknownName
-from vlab.views.response_view import response_figures
+from vlab.views.figures.structure_response import response_figures
 
 
 def test_velocity_and_displacement_are_drawn_and_differ_by_the_frequency(fe):

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from rerun import chunk
 
+from vlab.benchmark import rerun_writing as rerun_timing
 from vlab.errors import BadRecording, OutputRefused
 from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.plants import Plant
 from vlab.signals import Channel, FrequencyResponse, Recording
-from vlab.views import documents, rerun_timing, scene
-from vlab.views.frames import Motion
+from vlab.views.rerun import documents, scene
+from vlab.views.rerun.frames import Motion
 
 HOSTILE = "<script>/../$x ![a](http://b)"
 

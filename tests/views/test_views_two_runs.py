@@ -6,8 +6,8 @@ from command import run
 from rerun import chunk
 from rerun.chunk import RrdReader
 
-from vlab.views.frames import Motion
-from vlab.views.two_runs import load_two, write_two_runs
+from vlab.views.rerun.frames import Motion
+from vlab.views.rerun.two_runs import load_two, write_two_runs
 
 QUICK = ["--plant", "modal", "--seconds", "0.5", "--period", "0.5", "--band", "4", "30"]  # one period: no responses
 

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
 from vlab.cases.description import CaseTable, RecordingTable
-from vlab.cases.wiring import Run, find_input, find_output, find_place, make_run, wire
 from vlab.errors import BadCase, VlabError, unknown_name
+from vlab.files.containment import NotInside, file_inside
+from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
-from vlab.inside import NotInside, file_inside
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 from vlab.plants.base import Plant
@@ -20,7 +21,6 @@ from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
 from vlab.recordings.assemble import on_even_stamps, to_recording
-from vlab.schema import Reader
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.case import Case, load_case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck, check_clock, check_recordings
 from vlab.cases.misfit import Misfit, misfit
 from vlab.cases.simulate import Simulation, simulate
-from vlab.cases.wiring import Run
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
 from vlab.signals import Recording

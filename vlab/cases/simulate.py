@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.cases.initial import InitialState, find_initial_state
-from vlab.cases.playback import Bench, Clock, Played, State, at_timestep, bench_for, plan_clock, play
-from vlab.cases.wiring import Law, Run, compared_with_sensors
+from vlab.cases.channel_map import Law, Run, compared_with_sensors
+from vlab.cases.clock import Clock, plan_clock
+from vlab.cases.initial_state import InitialState, find_initial_state
+from vlab.cases.replay import Bench, Played, State, at_timestep, bench_for, play
 from vlab.errors import Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording
@@ -86,11 +87,11 @@ def simulate(
     if initial is None:
         initial = find_initial_state(plant, run, law)
     try:
-        played = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
+        replayed = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
     except Diverged as error:
         raise Diverged(f"{run.name}: {error}; are the inputs in the right unit?") from error
     return Simulation(
-        recording=_record(bench, run, clock, played), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
+        recording=_record(bench, run, clock, replayed), initial=initial, timestep_s=clock.timestep, notes=tuple(notes)
     )
 
 
@@ -134,11 +135,11 @@ def warmed_up(law: Law, run: Run, bench: Bench) -> tuple[Law, str]:
     return law, f"the law's memory at the start comes from the {count} samples before it"
 
 
-def _record(bench: Bench, run: Run, clock: Clock, played: Played) -> Recording:
+def _record(bench: Bench, run: Run, clock: Clock, replayed: Played) -> Recording:
     time = run.measured.time - run.measured.time[0]
     data = run.measured.data.copy()
     rest = bench.rest_values(run.compared)
     for i, c in enumerate(run.compared):
-        values = played.at(time, clock, i, is_held=c.actuator is not None)
+        values = replayed.at(time, clock, i, is_held=c.actuator is not None)
         data[:, run.measured.index(c.channel)] = values - (rest[i] if c.from_rest else 0.0)
     return replace(run.measured, data=data, meta={"simulated": run.name})

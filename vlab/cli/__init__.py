@@ -1,7 +1,7 @@
-"""The command line: parse, call, print.
+"""Command line: parse, call, print.
 
-Exit status 0: done. 1: a check did not hold. 2: bad input, with one line on stderr. 3: a fault of vlab's own, with one line on stderr
-that says how to report it. 130: interrupted. With ``--json`` one JSON document goes to stdout and nothing else; progress goes to stderr.
+Exit status: 0 done, 1 a check failed, 2 bad input, 3 fault of vlab itself, 130 interrupted. Status 2 and 3 come with
+one line on stderr. With ``--json`` one JSON document goes to stdout and nothing else. Progress goes to stderr.
 """
 
 import argparse
@@ -21,61 +21,72 @@ from vlab import __version__
 from vlab.cli import unforeseen
 from vlab.cli.common import Outcome
 from vlab.errors import Diverged, VlabError
+from vlab.files.output_folder import finite
+from vlab.files.text import in_line, one_line, printable
 from vlab.interrupts import LEFT, LeavingAtOnce, Noted
 from vlab.interrupts import STATUS as INTERRUPTED
-from vlab.outputs import finite
-from vlab.text import in_line, one_line, printable
 
 VERBS = {
-    "demo": "the whole story on the beam: cross-check, controlled experiment, something concealed and found, a real recording",
-    "modes": "FE model, every plant and the published values side by side",
-    "design": "a control law designed on a model of a structure, and what it achieves",
-    "experiment": "a simulated experiment, written as a run folder",
-    "effects": "the catalogue of physics that a model can have left out",
-    "modal-test": "frequency responses, poles and mode shapes from recordings",
-    "reproduce": "the dissertation's tables beside ours",
-    "correct": "a reduced model corrected by a simulated modal test of a structure that differs from it",
-    "compare": "a case: recordings beside their model, and by how much they differ",
-    "diagnose": "what physics the model of a case lacks, where, and how much better it fits with it",
-    "conceal": "cases with something hidden in them by an independent generator, and their sealed truth",
-    "prove": "concealed cases diagnosed, the answers frozen, then the truth opened and scored",
-    "show": "open a run in the Rerun viewer",
-    "bench": "speed side by side with what a user would use instead",
+    "demo": "Run the whole story on the beam: cross-check, controlled experiment, diagnosis, real recording",
+    "modes": "Compare the FE model, every plant and the published modes",
+    "design": "Design a control law on a model of a structure and judge it",
+    "experiment": "Simulate an experiment and write a run folder",
+    "effects": "List the catalogue of physics that a model can lack",
+    "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
+    "reproduce": "Reproduce the tables of the dissertation",
+    "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "compare": "Compare recordings of a case with the nominal model",
+    "diagnose": "Find missing physics in a model from recordings",
+    "conceal": "Generate cases with hidden physics and seal the truth",
+    "prove": "Diagnose concealed cases, freeze the answers, open the truth and score",
+    "show": "Open a run in the Rerun viewer",
+    "bench": "Time vlab beside the usual alternatives",
 }
-"""What `vlab` can do; each verb has a module of its name beside this one."""
+"""VERBS: commands with their help; each has a module of its name."""
 
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Linear algebra on one thread: sums then have one order, so the same seed gives the same bits on any number of cores, and
-the small matrices here are faster that way."""
+"""ONE_THREAD: variables that limit linear algebra to one thread. Sums then have one order, so a seed gives the same bits
+on any number of cores. The small matrices here are also faster on one thread."""
 OF_SYSTEM = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What the system refuses whatever vlab does: rights, room, open files."""
+"""OF_SYSTEM: errors of the system: missing rights, no space, too many open files."""
 MOST_SAID = 10_000
-"""Signs of an error's line: one that lists all accepted names is long."""
+"""MOST_SAID [characters]: longest error line; a list of all accepted names is long."""
 DEBUG = "--debug"
 
 
 OWN_CODE = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
-"""Nothing of the folder that vlab is called in is run, for it may be one of data: no modules in it by the processes that are started,
-and no cache of compiled code that a ``.numba_config.yaml`` there names."""
+"""OWN_CODE: variables that keep code of the working folder from running, for the folder may hold foreign data. Started
+processes import no modules from there. A ``.numba_config.yaml`` there names no cache of compiled code."""
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """Say in one line what is wrong and leave with status 2."""
+        """Print the error in one line and leave with status 2."""
         print(f"error: {self.prog}: {in_line(message)} (see {self.prog} --help)", file=sys.stderr)
         raise SystemExit(2)
 
 
 def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
-    """Build the parser; only the chosen verb's module is imported and asked for its arguments."""
+    """Build the parser, with the arguments of the chosen command only.
+
+    Parameters
+    ----------
+    chosen : str or None
+        Command whose module is imported; none by default.
+
+    Returns
+    -------
+    ArgumentParser
+        Parser of all commands.
+    """
     parser = _Parser(prog="vlab", allow_abbrev=False)
-    parser.description = "A virtual laboratory for flexible structures under active vibration control, on MuJoCo."
+    parser.description = "Simulate, control and diagnose flexible structures in a virtual laboratory on MuJoCo."
     parser.add_argument("--version", action="version", version=f"vlab {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(verb, help=summary, description=summary, allow_abbrev=False)
-        sub.add_argument(DEBUG, action="store_true", help="show the traceback of an error")
+        sub.add_argument(DEBUG, action="store_true", help="print the traceback of an error")
         sub.add_argument("--json", action="store_true", help="print one JSON document to stdout and nothing else")
         if verb == chosen:
             _module(verb).add_arguments(sub)
@@ -87,20 +98,29 @@ def _module(verb: str) -> Any:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit status."""
+    """Run one command and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str or None
+        Words of the command; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # before the verb's module loads numpy
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files and units that the terminal has no signs for
+        if isinstance(stream, io.TextIOWrapper):  # file names and units outside the encoding of the terminal
             stream.reconfigure(errors="backslashreplace")
     for name, value in OWN_CODE.items():
         os.environ.setdefault(name, value)
     words = list(sys.argv[1:] if argv is None else argv)
     is_debug = DEBUG in words
-    if (
-        not is_debug
-    ):  # of numpy, on numbers that are looked at where they are used; whoever asked for such warnings gets them
+    if not is_debug:  # warnings of numpy; values are checked at their use, and explicit filters of the user stay
         warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
-    with Noted() as check_interrupts:  # a kill ends as Ctrl-C does: nothing half-written
+    with Noted() as check_interrupts:  # a kill ends like Ctrl-C, without partial files
         try:
             return _run(words)
         except SystemExit:
@@ -108,18 +128,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BaseException as error:
             try:
                 check_interrupts()
-            except KeyboardInterrupt as stop:  # whatever a library has made of it
+            except KeyboardInterrupt as stop:  # also if a library has converted the interrupt
                 error = error if isinstance(error, KeyboardInterrupt) else stop
             return _said(error, is_debug=is_debug)
 
 
 def _run(words: Sequence[str]) -> int:
-    """Run one command, print what it leaves, and return its exit status."""
+    """Run one command, print its outcome, and return its exit status."""
     chosen = next((word for word in words if word in VERBS), None)
     with LeavingAtOnce():
         arguments = build_parser(chosen).parse_args(words)
         module = _module(arguments.verb)
-    if "mujoco" in sys.modules:  # its warnings would go to a log file in the user's folder; `check_run` reports them
+    if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)
     outcome: Outcome = module.run(arguments)
     try:
@@ -127,14 +147,14 @@ def _run(words: Sequence[str]) -> int:
         print(text)
         sys.stdout.flush()
     except OSError:
-        with contextlib.suppress(OSError, ValueError):  # what cannot be printed is not tried again at the end
+        with contextlib.suppress(OSError, ValueError):  # do not retry the output at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise
     return 0 if outcome.holds else 1
 
 
 def _said(error: BaseException, *, is_debug: bool) -> int:
-    """Say in one line why a command ended, and return its exit status."""
+    """Print the reason of a failure, return the status."""
     if isinstance(error, BrokenPipeError):
         return 141
     if isinstance(error, KeyboardInterrupt):

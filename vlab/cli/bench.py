@@ -3,18 +3,29 @@
 import argparse
 import sys
 
-from vlab.bench import as_document, run_bench
+from vlab.benchmark.comparisons import as_document, run_bench
 from vlab.cli.common import Outcome, text_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments: there are none."""
+    """Add the command's arguments: none."""
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Time everything."""
+    """Time all comparisons.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     rows = run_bench(progress=lambda text: print(f"timing {text} ...", file=sys.stderr))
-    from vlab.views.rerun_timing import rerun_row
+    from vlab.benchmark.rerun_writing import rerun_row
 
     rows.append(rerun_row())
     table = [[r.work, r.ours_s, r.real_time_factor, r.peer, r.peer_s, r.ratio] for r in rows]

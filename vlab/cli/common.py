@@ -1,4 +1,4 @@
-"""What the verbs share: their outcome, tables of text, progress on stderr."""
+"""Shared parts of the commands: outcome, text tables, progress bars."""
 
 import contextlib
 import sys
@@ -8,16 +8,16 @@ from typing import Any
 
 from tqdm import tqdm
 
+from vlab.files.text import in_line
 from vlab.interrupts import Noted
-from vlab.text import in_line
 
 LOG_S = 30.0
-"""Time between two lines of progress in a log."""
+"""LOG_S [s]: time between two lines of progress in a log."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a verb leaves: a document for ``--json``, a text for people, and whether its checks hold."""
+    """Outcome of a command: document, text, checks."""
 
     document: Any
     text: str
@@ -25,7 +25,20 @@ class Outcome:
 
 
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table in aligned plain text; numbers to the right."""
+    """Return an aligned plain-text table, with numbers flush right.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headings of the columns.
+    rows : sequence of sequence of object
+        Cells of each row.
+
+    Returns
+    -------
+    str
+        Lines of the table.
+    """
     headers = [in_line(h) for h in headers]
     cells = [[_show(cell) for cell in row] for row in rows]
     widths = [max(len(h), *(len(row[i]) for row in cells), 0) if cells else len(h) for i, h in enumerate(headers)]
@@ -50,7 +63,7 @@ def _show(cell: Any) -> str:
 
 
 class _Lines:
-    """Stderr that is no terminal: what a bar draws, as lines of a log."""
+    """Stderr outside a terminal: progress as lines of a log."""
 
     def write(self, text: str) -> None:
         for line in text.replace("\r", "\n").splitlines():
@@ -62,7 +75,7 @@ class _Lines:
 
 
 def _bar(**settings: Any) -> tqdm:
-    """Return a bar on stderr that leaves no trace; in a log, where stderr is no terminal, a line every half minute."""
+    """Return a progress bar on stderr."""
     if sys.stderr.isatty():
         return tqdm(file=sys.stderr, leave=False, **settings)
     return tqdm(
@@ -80,7 +93,20 @@ def _bar(**settings: Any) -> tqdm:
 
 @contextlib.contextmanager
 def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]]:
-    """Show progress through simulated seconds on stderr."""
+    """Show the progress through simulated time on stderr.
+
+    Parameters
+    ----------
+    label : str
+        Label of the bar.
+    total_s : float
+        Simulated time of the whole work [s].
+
+    Yields
+    ------
+    callable
+        Function that takes the completed simulated time [s].
+    """
     with Noted() as check, _bar(
         total=round(total_s, 3), desc=label, unit="s",
         bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
@@ -95,7 +121,18 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
 
 @contextlib.contextmanager
 def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
-    """Show the share of a long work that is done, and what is being done, on stderr."""
+    """Show the completed share of a long work.
+
+    Parameters
+    ----------
+    label : str
+        Label of the bar.
+
+    Yields
+    ------
+    callable
+        Function that takes the completed share and the present step.
+    """
     with Noted() as check, _bar(
         total=100, desc=label, bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}"
     ) as bar:  # fmt: skip
@@ -110,7 +147,20 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
 
 @contextlib.contextmanager
 def count_bar(label: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """Show how many of many cases are done, with an estimate of the time left, on stderr."""
+    """Show the number of completed cases.
+
+    Parameters
+    ----------
+    label : str
+        Label of the bar.
+    total : int
+        Number of all cases.
+
+    Yields
+    ------
+    callable
+        Function that takes the numbers of completed and of all cases.
+    """
     with Noted() as check, _bar(total=total, desc=label, unit="case") as bar:
 
         def report(done: int, of: int) -> None:

@@ -5,23 +5,34 @@ import argparse
 from vlab.cases.compare import compare_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.outputs import output_folder, write_manifest
-from vlab.text import in_line
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("case", help="a case folder with case.toml, or a case file")
-    add_out(parser, "folder for report.html and run.rrd")
+    """Add the command's arguments."""
+    parser.add_argument("case", help="read this case folder with case.toml, or case file")
+    add_out(parser, "report.html and run.rrd to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Simulate the case's recordings with its model and say how much they differ."""
+    """Simulate the recordings of a case and report the residuals.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.case])
     with share_bar("compare") as report:
         comparison = compare_case(arguments.case, progress=report)
     document = comparison.to_json()
-    from vlab.views.case_report import HEADERS, misfit_rows, write_case
+    from vlab.views.reports.case import HEADERS, misfit_rows, write_case
 
     rows = misfit_rows(comparison)
     text = "\n".join(

@@ -6,39 +6,67 @@ from pathlib import Path
 from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
-from vlab.proof.concealing import conceal_cases, regenerate_cases, truth_folder
+from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder
 from vlab.proof.suites import BENCHES, MIXTURES, SUITES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     known = ", ".join([*SUITES, *MIXTURES])
-    parser.add_argument("--suite", default="all", help=f"suites, separated by commas: {known}")
-    parser.add_argument("--n", type=int, default=12, help="number of cases")
     parser.add_argument(
-        "--seed", type=int, help="of everything drawn; fresh by default, or that of the run that goes on"
+        "--suite", default="all", help=f"draw from these suites, separated by commas: {known} (default all)"
     )
-    parser.add_argument("--out", help="folder of the cases; their truth goes to OUT-truth")
-    parser.add_argument("--benches", default=",".join(BENCHES), help=f"separated by commas: {', '.join(BENCHES)}")
-    parser.add_argument("--again", help="make the recordings of this sealed folder again, bit for bit, into OUT")
-    parser.add_argument("--only", default="", help="with --again: names of cases, separated by commas; all by default")
+    parser.add_argument("--n", type=int, default=12, help="generate this number of cases (default 12)")
+    parser.add_argument(
+        "--seed", type=int, help="draw everything with this seed (default: fresh, or the seed of the interrupted run)"
+    )
+    parser.add_argument("--out", help="write the cases to this folder and the truth to OUT-truth (required)")
+    parser.add_argument(
+        "--benches",
+        default=",".join(BENCHES),
+        help=f"use these benches, separated by commas: {', '.join(BENCHES)} (default all)",
+    )
+    parser.add_argument(
+        "--again", help="regenerate the recordings of this sealed folder bit for bit into OUT (default: new cases)"
+    )
+    parser.add_argument(
+        "--only", default="", help="with --again: regenerate these cases, separated by commas (default all)"
+    )
     parser.add_argument(
         "--with-truth",
         action="store_true",
-        help="with --again: what was hidden, too, into OUT-truth, where its salts were lost",
+        help="with --again: write the truth to OUT-truth, too, if its salts were lost",
     )
     add_engine(parser)
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that say where many cases are worked on."""
-    parser.add_argument("--engine", default="joblib", choices=ENGINES, help="this machine, or a cluster")
-    parser.add_argument("--jobs", type=int, default=0, help="processes; all cores by default")
-    parser.add_argument("--scheduler", default="", help="address of a running dask scheduler")
+    """Add the arguments for the distribution of many cases."""
+    parser.add_argument(
+        "--engine",
+        default="joblib",
+        choices=ENGINES,
+        help="distribute cases with joblib (this machine) or dask (a cluster) (default joblib)",
+    )
+    parser.add_argument("--jobs", type=int, default=0, help="run this number of processes (default 0: one per core)")
+    parser.add_argument(
+        "--scheduler", default="", help="connect to the dask scheduler at this address (default: start one)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Conceal cases."""
+    """Generate concealed cases.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if not arguments.out:
         raise BadExperiment("name the folder of the cases with --out; their truth goes to a folder beside it")
     for option, given in (("--only", arguments.only), ("--with-truth", arguments.with_truth)):

@@ -5,47 +5,66 @@ import json
 
 from vlab.cli.common import Outcome, progress_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.outputs import finite, output_folder, write_manifest
-from vlab.reproduce.measured_correction import correct_by_test
-from vlab.text import in_line
+from vlab.files.output_folder import finite, output_folder, write_manifest
+from vlab.files.text import in_line
+from vlab.reproduce.correction.pipeline import correct_by_test
 
 PERIOD_S, PERIODS = 100.0, 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure with sensors at its joints (grid) or a structure file")
+    """Add the command's arguments."""
     parser.add_argument(
-        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+        "structure", help="use this built-in structure with sensors at its joints (grid) or structure file"
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of variation, excitation and noise (default 0)")
     parser.add_argument(
-        "--modes", type=int, default=11, metavar="N", help="use at most so many measured modes (default 11)"
+        "--variant", default="published", help="model this variant of the structure: published (default) or physical"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="draw variation, excitation and noise with this seed (default 0)"
+    )
+    parser.add_argument(
+        "--modes", type=int, default=11, metavar="N", help="use at most this number of measured modes (default 11)"
     )
     parser.add_argument(
         "--spread",
         type=float,
         default=0.05,
         metavar="X",
-        help="by how much the structure differs from the model, relative (default 0.05)",
+        help="vary the structure by this relative standard deviation [-] (default 0.05)",
     )
     parser.add_argument(
-        "--noise", type=float, default=0.03, metavar="X", help="sensor noise relative to the rms signal (default 0.03)"
+        "--noise",
+        type=float,
+        default=0.03,
+        metavar="X",
+        help="add sensor noise of this rms relative to the signal [-] (default 0.03)",
     )
     parser.add_argument(
-        "--reduction", default="guyan", help="how the model is reduced to the sensors: guyan (default) or exact"
+        "--reduction", default="guyan", help="reduce the model to the sensors by guyan (default) or exact"
     )
     parser.add_argument(
         "--retain",
         action="append",
         metavar="COORDINATE",
-        help="a coordinate of the reduced model, such as v:joint1 or rx:point13; by default those the structure file names",
+        help="retain this coordinate, such as v:joint1 or rx:point13; may be repeated (default: those of the structure file)",
     )
-    add_out(parser, "folder for the corrected matrices, the numbers and the MAC as a figure")
+    add_out(parser, "corrected matrices, numbers and the MAC as a figure to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Test the structure and correct its model."""
+    """Test the structure and correct its model.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.structure])
     with progress_bar("modal test", PERIOD_S * PERIODS) as progress:
         result = correct_by_test(
@@ -69,7 +88,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     lines = [
         f"{in_line(result.fe.structure.title)}, variant {arguments.variant}, {arguments.reduction} reduction to "
         f"{len(document['coordinates'])} coordinates; spread {arguments.spread:g}, noise {arguments.noise:g}, seed {arguments.seed}",
-        f"{document['identified_modes']} modes identified, {count} used; the fit leaves {document['fit_residual']:.2g}",
+        f"{document['identified_modes']} modes identified, {count} used; residual of the fit {document['fit_residual']:.2g}",
         "",
         text_table(headers, rows),
         "",

@@ -6,21 +6,32 @@ import time
 
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.demo import run_demo
-from vlab.diagnose.words import probability_in_words
-from vlab.outputs import output_folder, write_manifest
+from vlab.demo.story import run_demo
+from vlab.diagnose.advice import format_probability
+from vlab.files.output_folder import output_folder, write_manifest
 
 OUT = "out/demo"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    add_out(parser, "folder for report.html and run.rrd", default=OUT)
-    parser.add_argument("--seed", type=int, default=0, help="draws what is concealed in the beam (default 0)")
+    """Add the command's arguments."""
+    add_out(parser, "report.html and run.rrd to this folder", default=OUT)
+    parser.add_argument("--seed", type=int, default=0, help="draw the concealed effect with this seed (default 0)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Run the demo and write its report."""
+    """Run the demonstration and write its report.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     begun = time.perf_counter()
     check_out(arguments)
     with destination(arguments, OUT) as out, output_folder(out, overwrite=arguments.overwrite) as folder:
@@ -30,7 +41,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             progress=lambda text: print(f"vlab demo: {text} ...", file=sys.stderr, flush=True),
         )
         print("vlab demo: report ...", file=sys.stderr, flush=True)
-        from vlab.views.demo_report import write_demo
+        from vlab.views.reports.demo import write_demo
 
         write_demo(demo, folder)
         write_manifest(folder, verb="demo")
@@ -49,7 +60,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             + text_table(
                 ["found", "place", "probability"],
                 [
-                    [f.effect, f.place, probability_in_words(f.probability)]
+                    [f.effect, f.place, format_probability(f.probability)]
                     for f in demo.concealed.done.diagnosis.findings
                 ],
             ),

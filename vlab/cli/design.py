@@ -13,9 +13,9 @@ import numpy as np
 from vlab import units
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.cli.given_law import file_of, is_given, laboratory_for, linear_gains, load_given
+from vlab.cli.law_argument import file_of, is_given, laboratory_for, linear_gains, load_law_argument
 from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
-from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, asked_of, default_model, design_law
+from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, default_model, design_law, requested_of
 from vlab.controllers.law_file import write_law
 from vlab.controllers.lqdrf import KINDS, LqdrfDesign
 from vlab.controllers.lqg import LqgDesign
@@ -30,71 +30,82 @@ from vlab.fe.assembly import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import MODELS, build_reduced_model
+from vlab.files.output_folder import finite, output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.hardware.array_controller import array_report, array_text
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report, robustness_text
-from vlab.outputs import finite, output_folder, write_manifest
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
-from vlab.text import in_line
 
 PRINTED = "lbf s/in"
-"""Unit in which gains of direct rate feedback are printed beside SI, as in Tables 7, 11 and 15."""
+"""PRINTED: unit of printed rate feedback gains beside SI, as in Tables 7, 11 and 15."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
+    """Add the command's arguments."""
+    parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
         "--law",
         default="",
-        help=f"{', '.join(LAWS)}; or one to judge: path/to/law.py:ClassName, entry:NAME, controller.toml",
+        help=f"design this law: {', '.join(LAWS)}; or judge a law: path/to/law.py:ClassName, entry:NAME, controller.toml (required)",
     )
-    parser.add_argument("--model", help=f"{', '.join(MODELS)}; by default that of the published design")
     parser.add_argument(
-        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+        "--model", help=f"design on this model: {', '.join(MODELS)} (default: that of the published design)"
     )
-    published = "; by default that of the published design"
-    parser.add_argument("--weights", help="identity for Q = q I (default), energy for Q = diag(M, K)")
+    parser.add_argument(
+        "--variant", default="published", help="model this variant of the structure: published (default) or physical"
+    )
+    published = " (default: that of the published design)"
+    parser.add_argument("--weights", help="weight the state by identity, Q = q I (default), or energy, Q = diag(M, K)")
     for name, what in (
-        ("q", "Q = q I"),
-        ("r", "R = r I"),
-        ("v1", "V1 = v1 I"),
-        ("v2", "V2 = v2 I"),
-        ("alpha", "stability margin of the filter in 1/cs"),
+        ("q", "set Q = q I"),
+        ("r", "set R = r I"),
+        ("v1", "set V1 = v1 I"),
+        ("v2", "set V2 = v2 I"),
+        ("alpha", "set the stability margin of the filter"),
     ):
         parser.add_argument(f"--{name}", type=float, help=f"{what}, in inches, pounds and centiseconds{published}")
-    parser.add_argument("--damping", type=float, help=f"smallest damping ratio of the first modes{published}")
-    parser.add_argument("--modes", type=int, help=f"how many modes have that bound{published}")
-    parser.add_argument("--shapes", type=int, help=f"how many initial shapes LQDRF minimises over{published}")
     parser.add_argument(
-        "--objective", help=f"of LQDRF: {' or '.join(KINDS)} to the regulator's index (default largest)"
+        "--damping", type=float, help=f"bound the damping ratio of the first modes from below [-]{published}"
     )
-    parser.add_argument("--starts", type=int, help="random starts of the search")
-    parser.add_argument("--seed", type=int, help="seed of the random starts (default 0)")
-    parser.add_argument("--rate", type=float, help="samples per second of a law with states (default 1000)")
-    parser.add_argument("--with-delay", action="store_true", help="lqg: design it for the loop with its delay and hold")
+    parser.add_argument("--modes", type=int, help=f"apply that bound to this number of modes{published}")
+    parser.add_argument("--shapes", type=int, help=f"minimise LQDRF over this number of initial shapes{published}")
     parser.add_argument(
-        "--robustness", action="store_true", help="margins of the sampled loop, and which mode goes first"
+        "--objective",
+        help="lqdrf: minimise the largest index (largest) or the largest ratio to the regulator's index (ratio) (default largest)",
     )
-    parser.add_argument("--array", action="store_true", help="whether the law fits the array controller, and how")
-    add_out(parser, "folder for design.json, controller.toml and figures")
+    parser.add_argument(
+        "--starts", type=int, help="search from this number of random starts (default: that of the law)"
+    )
+    parser.add_argument("--seed", type=int, help="draw the random starts with this seed (default 0)")
+    parser.add_argument("--rate", type=float, help="sample a law with states at this rate in Hz (default 1000)")
+    parser.add_argument(
+        "--with-delay", action="store_true", help="lqg: design for the loop with its delay and hold (default: without)"
+    )
+    parser.add_argument(
+        "--robustness",
+        action="store_true",
+        help="compute margins of the sampled loop and the first unstable mode (default: no)",
+    )
+    parser.add_argument("--array", action="store_true", help="check the law on the array controller (default: no)")
+    add_out(parser, "design.json, controller.toml and figures to this folder (default: print only)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Made:
-    """A law on a model, ready to be reported.
+    """Law on a model, ready for the report.
 
     Parameters
     ----------
     law : LinearController or None
-        What runs in a loop; None for the regulator, which has no sensors.
+        Law in the loop; None for the regulator, which has no sensors.
     modelled : StateModel or None
-        The design model.
+        Design model.
     continuous : array or None
-        Roots of the law before it was sampled [rad/s].
+        Roots of the continuous law before sampling [rad/s].
     figures : callable
-        Returns the law's figures, up to a frequency [Hz].
+        Returns the figures of the law, up to a frequency [Hz].
     """
 
     fe: FeModel
@@ -107,7 +118,18 @@ class Made:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Design the law, or take one that was made elsewhere, and say what it achieves."""
+    """Design a law, or load one, and report its performance.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     structure = load_structure(arguments.structure)
     if not arguments.law:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
@@ -138,7 +160,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None:
-    """Return which modes of the full model, from 1, the design model has."""
+    """Return the modes in the design model."""
     return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
 
 
@@ -159,7 +181,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
     model = arguments.model or default_model(structure, arguments.law)
     names = ("weights", "q", "r", "v1", "v2", "alpha", "damping", "modes", "shapes", "starts", "seed", "rate")
     changes = {name: getattr(arguments, name) for name in names} | {"kind": arguments.objective}
-    asked = asked_of(structure, model, **changes)
+    asked = requested_of(structure, model, **changes)
     fe = build_reduced_model(structure, model, arguments.variant)
     if arguments.with_delay:
         return _with_delay(fe, model, asked)
@@ -168,7 +190,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
     title = f"{arguments.law} on the {model} model"
 
     def figures(top: float) -> dict[str, Any]:
-        from vlab.views.design_view import design_figures
+        from vlab.views.figures.design import design_figures
 
         return design_figures(fe, design, title=title, top=top, damping=asked.damping)
 
@@ -186,7 +208,7 @@ def _design(arguments: argparse.Namespace, structure: Structure) -> Made:
 
 
 def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
-    """Design LQG for the sampled plant with delay and hold; damping ratios are those of its regulator."""
+    """Design LQG for the sampled plant with delay."""
     state, converter = state_model(fe), laboratory_for(None, asked.rate).converter
     design = delayed_lqg.design(
         state,
@@ -197,7 +219,7 @@ def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
     )
     law, modes = design.controller, _shown(fe, asked)
     z = design.regulator_poles
-    z = z[np.abs(z) > 1e-9]  # states that the delay alone moves
+    z = z[np.abs(z) > 1e-9]  # states of the delay alone
     freq, zeta = ClosedLoop(z, np.log(z.astype(complex)) * asked.rate).modes(fe.linear.freq[list(modes)])
     least = float(zeta[: asked.modes].min())
     document = {
@@ -217,11 +239,13 @@ def _with_delay(fe: FeModel, model: str, asked: Asked) -> Made:
 
 
 def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
-    """Take a law that was made elsewhere, and see what it achieves in the laboratory's sampled loop."""
+    """Load a finished law and evaluate it."""
     model = arguments.model or "full"
     fe = build_reduced_model(structure, model, arguments.variant)
-    asked = asked_of(structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")})
-    modes, given = _shown(fe, asked), load_given(fe, arguments.law, arguments.rate)
+    asked = requested_of(
+        structure, model, **{name: getattr(arguments, name) for name in ("weights", "q", "r", "modes")}
+    )
+    modes, given = _shown(fe, asked), load_law_argument(fe, arguments.law, arguments.rate)
     document: dict[str, Any] = {"law": arguments.law, "structure": structure.name, "model": model}
     document |= given.describe(modes, asked)
     document["modes"] = [mode + 1 for mode in modes]
@@ -231,7 +255,7 @@ def _judge(arguments: argparse.Namespace, structure: Structure) -> Made:
 
 def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> Callable[[float], dict[str, Any]]:
     def figures(top: float) -> dict[str, Any]:
-        from vlab.views.design_view import loop_figures
+        from vlab.views.figures.design import loop_figures
 
         return loop_figures(fe, loop, title=title, top=top, damping=asked.damping)
 
@@ -239,13 +263,32 @@ def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> C
 
 
 def _shown(fe: FeModel, asked: Asked) -> tuple[int, ...]:
-    """Return the modes that are reported: as many as have measured damping ratios, or are bounded."""
+    """Return the reported modes."""
     driven = len(driven_modes(fe.coils.T @ fe.linear.eigen[1]))
     return bounded_modes(fe, min(max(len(fe.structure.damping.ratios), asked.modes), driven))
 
 
 def describe(fe: FeModel, design: Design, law: str, model: str, asked: Asked) -> dict[str, Any]:
-    """Return a design as plain data: gains, damping ratios, indices, objective, and how far the search may be trusted."""
+    """Return a design as plain data.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    design : Design
+        Design.
+    law : str
+        Name of the law.
+    model : str
+        Name of the design model.
+    asked : Asked
+        Settings of the design.
+
+    Returns
+    -------
+    dict
+        Plain data for JSON.
+    """
     modes = _shown(fe, asked)
     if isinstance(design, LqrDesign | LqgDesign):
         found = design.poles
@@ -342,8 +385,8 @@ def _text(title: str, document: dict[str, Any]) -> str:
 
 
 def _write(folder: Path, made: Made, loop: SampledLoop | None) -> None:
-    """Write everything but the manifest."""
-    from vlab.views.design_view import robustness_figures, write_figures
+    """Write all files but the manifest."""
+    from vlab.views.figures.design import robustness_figures, write_figures
 
     document = made.document
     text = json.dumps(document, allow_nan=False, indent=2)

@@ -1,4 +1,7 @@
-"""``--out`` and ``--overwrite``: where a verb writes. Nothing that is there already is lost unless the user says so."""
+"""Output folder of a command: ``--out`` and ``--overwrite``.
+
+Existing files stay without an explicit ``--overwrite``.
+"""
 
 import argparse
 import contextlib
@@ -6,38 +9,42 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from vlab.errors import OutputRefused
-from vlab.outputs import check_output, keep_apart, numbered_folder
+from vlab.files.output_folder import check_output, keep_apart, numbered_folder
 
 OVERWRITE = "--overwrite"
 
 
 def add_out(parser: argparse.ArgumentParser, what: str, *, default: str = "") -> None:
-    """Add the arguments that say where a verb writes.
+    """Add the arguments of the output folder.
 
     Parameters
     ----------
+    parser : ArgumentParser
+        Parser of the command.
     what : str
-        What the folder is for.
+        Content of the folder, for the help.
     default : str
-        The name that is numbered where the user gives none; nothing is written then if it is empty.
+        Name that is numbered without ``--out``; empty for no output.
     """
     numbered = f" (default {default}-001, or the next number)" if default else ""
-    parser.add_argument("--out", help=what + numbered)
-    parser.add_argument(OVERWRITE, action="store_true", help="replace the folder of --out if vlab wrote it")
+    parser.add_argument("--out", help=f"write {what}{numbered}")
+    parser.add_argument(OVERWRITE, action="store_true", help="replace the folder of --out if vlab wrote the folder")
 
 
 def check_out(arguments: argparse.Namespace, *, read: Iterable[Path | str] = ()) -> None:
-    """Refuse a folder that must not be written, before the work whose result would go there.
+    """Refuse a protected output folder before the work starts.
 
     Parameters
     ----------
+    arguments : Namespace
+        Parsed arguments of the command.
     read : iterable of Path or str
-        Files and folders that the verb reads.
+        Input files and folders of the command.
 
     Raises
     ------
     OutputRefused
-        The folder holds what is read, or something that is not to be overwritten; or ``--overwrite`` without ``--out``.
+        The folder holds input files or protected files, or ``--overwrite`` comes without ``--out``.
     """
     if arguments.out:
         keep_apart(arguments.out, read)
@@ -50,17 +57,24 @@ def check_out(arguments: argparse.Namespace, *, read: Iterable[Path | str] = ())
 
 @contextlib.contextmanager
 def destination(arguments: argparse.Namespace, default: str) -> Iterator[Path]:
-    """Yield the folder that the user named, or the next number of the default, claimed while the block runs.
+    """Yield the named or next numbered folder.
 
     Parameters
     ----------
+    arguments : Namespace
+        Parsed arguments of the command.
     default : str
-        The name that is numbered.
+        Name that is numbered.
+
+    Yields
+    ------
+    Path
+        Output folder.
 
     Raises
     ------
     OutputRefused
-        The place cannot be written.
+        The folder cannot be written.
     """
     if arguments.out:
         yield Path(arguments.out)

@@ -7,38 +7,51 @@ from vlab.cases import load_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.user_law import code_of
+from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.diagnose.engine import diagnose
-from vlab.diagnose.words import RESERVED, attempt_sentence, before_heading, probability_in_words
+from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadExperiment
-from vlab.outputs import output_folder, write_manifest
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.physics.catalogue import EFFECTS, effect_named
-from vlab.text import in_line
 
-OF_THE_FIT_ALONE = "What explains the recordings to fit does nothing in those kept aside: nothing is verified."
+OF_THE_FIT_ALONE = (
+    "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
+)
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
-    "nothing-missing": "Nothing is missing: the refitted model explains the recordings as far as they can tell.",
+    "nothing-missing": "Nothing is missing: the calibrated model explains the recordings within the noise.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
-    "bad-recording": "The recordings are damaged, or not what the case says of them; nothing is said of the model.",
+    "bad-recording": "The recordings are damaged or contradict the case; the model was not judged.",
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("case", help="a case folder with case.toml, or a case file")
+    """Add the command's arguments."""
+    parser.add_argument("case", help="read this case folder with case.toml, or case file")
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="FILE.py:CLASS",
-        help="an effect of your own, sought beside the catalogue; may be repeated; runs the code of that file",
+        help="search for an effect of your own, too; runs the code of that file; may be repeated (default: catalogue only)",
     )
-    add_out(parser, "folder for diagnosis.json, report.html, run.rrd and the amended model")
+    add_out(parser, "diagnosis.json, report.html, run.rrd and the extended model to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Say what physics the case's model lacks."""
+    """Find missing physics of a case and report the findings.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments, read=[arguments.case])
     case = load_case(arguments.case)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
@@ -56,7 +69,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
         with share_bar("diagnose") as report:
             done = diagnose(case, effects=effects, progress=report)
-        from vlab.views.diagnosis_report import write_diagnosis
+        from vlab.views.reports.diagnosis import write_diagnosis
 
         write_diagnosis(done, folder)
         write_manifest(folder, verb="diagnose", case=str(arguments.case))
@@ -74,11 +87,11 @@ def _text(diagnosis: Diagnosis) -> str:
         )
         lines += _values(finding)
         if len(finding.alike) > 1:
-            lines.append(f"  these recordings cannot tell it from: {', '.join(finding.alike[1:])}")
+            lines.append(f"  indistinguishable from: {', '.join(finding.alike[1:])}")
         if len(finding.places_90) > 1:
-            lines.append(f"  place: one of {in_line(', '.join(finding.places_90))}")
+            lines.append(f"  90 % credible set of places: {in_line(', '.join(finding.places_90))}")
         if diagnosis.is_held_out and not finding.verified_by:
-            lines.append("  of the fit alone: no recording kept aside can verify it")
+            lines.append("  from the fit recordings alone: no held-out recording can verify it")
         lines.append("")
     lines += [f"Recordings: {in_line(line)}." for line in diagnosis.quality]
     lines += [""] if diagnosis.quality else []
@@ -98,7 +111,7 @@ def _text(diagnosis: Diagnosis) -> str:
 
 
 def _values(finding: Finding) -> list[str]:
-    """Return the law of a finding and its parameters, a line each."""
+    """Return law and parameters of a finding."""
     lines = [f"  law: {finding.law}"]
     for name, p in finding.parameters.items():
         lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
@@ -108,14 +121,14 @@ def _values(finding: Finding) -> list[str]:
 def _errors(diagnosis: Diagnosis) -> str:
     """Return the table of errors of the models."""
     attempt = diagnosis.attempt
-    errors, after = (diagnosis.heldout, "amended") if attempt is None else (attempt.to_json(), "best attempt")
+    errors, after = (diagnosis.heldout, "extended") if attempt is None else (attempt.to_json(), "best attempt")
     rows = [_row(r["name"], r["role"], r) for r in errors["per_recording"]] + [_row("all", "", errors)]
     before = before_heading(diagnosis.checked)
-    return text_table(["recording", "role", "as given", before, after, "noise", "gap closed %"], rows)
+    return text_table(["recording", "role", "nominal", before, after, "noise", "gap closed %"], rows)
 
 
 def _attempt(attempt: Attempt) -> list[str]:
-    """Return what the best attempt is, a line each."""
+    """Return the description of the best attempt, one line per item."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
         lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
@@ -123,13 +136,13 @@ def _attempt(attempt: Attempt) -> list[str]:
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[str]:
-    """Return the table of what was tried besides: with probabilities where they mean anything."""
+    """Return the table of alternatives, with probabilities if there are any."""
     tried = diagnosis.alternatives
     if all(a["probability"] is None for a in tried):
         rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]
-        return [text_table(["tried", "place", "left over / refitted", "left over / noise"], rows)]
-    rows = [[a["effect"], a["place"], probability_in_words(a["probability"]), a["remaining"]] for a in tried]
-    table = text_table(["alternative", "place", "probability", "left over / noise"], rows)
+        return [text_table(["tried", "place", "residual / calibrated", "residual / noise"], rows)]
+    rows = [[a["effect"], a["place"], format_probability(a["probability"]), a["remaining"]] for a in tried]
+    table = text_table(["alternative", "place", "probability", "residual / noise"], rows)
     return [table, f"({RESERVED})"]
 
 

@@ -26,14 +26,14 @@ NEEDS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="effects to show (by default all), or your own as FILE.py:CLASS"
+        "names", nargs="*", metavar="NAME", help="show these effects, or your own as FILE.py:CLASS (default all)"
     )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """List the catalogue of physics that a model can have left out."""
+    """List the catalogue of physics that a model can lack."""
     wanted = [effect_named(name, code=[code_of(name)]) for name in arguments.names] or list(EFFECTS.values())
     document = [_plain(effect) for effect in wanted]
     return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))

@@ -9,124 +9,168 @@ from typing import Any
 from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, share_bar
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.cli.given_law import file_of
-from vlab.cli.loop_words import loop_facts, loop_text, period_text, periods_of
+from vlab.cli.law_argument import file_of
+from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
+from vlab.files.output_folder import output_folder
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings, perform
-from vlab.outputs import output_folder
 from vlab.recordings import write_recording
-from vlab.views.viewer import PORT, listening, viewer_at
+from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments; they are those of `RunSettings`."""
+    """Add the command's arguments, those of `RunSettings`."""
     default = RunSettings(structure="beam")
-    parser.add_argument("structure", nargs="?", help="a built-in structure (beam, grid) or a structure file")
+    parser.add_argument("structure", nargs="?", help="simulate this built-in structure (beam, grid) or structure file")
     parser.add_argument(
         "--plan",
         metavar="PLAN.toml",
-        help="a test plan instead of a structure and its settings: several records, written as run folders and a case; "
-        "an interrupted plan goes on where it stood (an example: assets/examples/plan.toml)",
+        help="run a test plan of several records instead, and write run folders and a case; an interrupted plan continues "
+        "(example: assets/examples/plan.toml)",
     )
     parser.add_argument(
         "--code",
         action="append",
         default=[],
         metavar="FILE.py",
-        help="with --plan: a Python file (or entry:NAME) whose laws and effects the plan may use; its code is run, and no other "
-        "that a plan names; may be given several times",
+        help="with --plan: allow laws and effects of this Python file (or entry:NAME); runs its code and no other code of "
+        "the plan; may be repeated (default: none)",
     )
-    parser.add_argument("--plant", default=default.plant, help="composite (default), fe (of the grid) or modal")
-    parser.add_argument("--variant", default=default.variant, help="published (default) or physical")
+    parser.add_argument(
+        "--plant", default=default.plant, help="simulate this plant: composite (default), fe (grid only) or modal"
+    )
+    parser.add_argument(
+        "--variant",
+        default=default.variant,
+        help="model this variant of the structure: published (default) or physical",
+    )
     parser.add_argument(
         "--law",
-        help="control law in the loop: mfdrf, lqdrf and the grid's lqdrf-diagonal with printed gains; lqg and the beam's "
-        "lqdrf-diagonal designed for the loop's rate; a controller.toml of vlab design; or your own as "
-        "path/to/law.py:ClassName or entry:NAME; none by default",
+        help="close the loop with this law: mfdrf, lqdrf and lqdrf-diagonal of the grid (printed gains); lqg and "
+        "lqdrf-diagonal of the beam (designed for the rate of the loop); a controller.toml of vlab design; or your own as "
+        "path/to/law.py:ClassName or entry:NAME (default: none)",
     )
     parser.add_argument(
-        "--model", default=default.model, help=f"design the law anew, on this model: {', '.join(MODELS)}"
+        "--model",
+        default=default.model,
+        help=f"design the law again on this model: {', '.join(MODELS)} (default: that of the published design)",
     )
     parser.add_argument(
         "--excite",
         default=default.excite,
-        help=f"excitation: {', '.join(EXCITATIONS)} (default {default.excite}); more settings of it as NAME:setting=value,..., "
+        help=f"excite by {', '.join(EXCITATIONS)} (default {default.excite}); append settings as NAME:setting=value,..., "
         "for example stepped-sine:steps=40,zoom_hz=1.85/4.8",
     )
     parser.add_argument(
         "--at",
         default=default.at,
-        help="the coil that excites besides controlling (by default the structure's exciter); for a dwell several, COIL,COIL",
+        help="excite at this coil; for a dwell several, COIL,COIL (default: exciter of the structure)",
     )
     parser.add_argument(
         "--level",
         type=float,
-        help="size of the excitation in N: rms, peak for sines and blows, static force for a release",
+        help="set the level of the excitation in N: rms, peak for sines and blows, static force for a release "
+        "(default: that of the excitation)",
     )
-    parser.add_argument("--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band of the excitation in Hz")
-    parser.add_argument("--period", type=float, help="period of a periodic excitation or of one sweep in s")
     parser.add_argument(
-        "--odd", action="store_const", const=True, help="multisine: odd lines only, with detection lines in between"
+        "--band",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="excite this band in Hz (default: that of the excitation)",
     )
-    parser.add_argument("--seconds", type=float, default=default.seconds, help="duration in s (default 60)")
-    parser.add_argument("--rate", type=float, help="samples per second of loop and recording (default 2000)")
-    parser.add_argument("--seed", type=int, default=default.seed, help="seed of excitation and noise (default 0)")
     parser.add_argument(
-        "--noise", type=float, default=default.noise, help="rms noise of the velocity sensors in m/s (default 0)"
+        "--period",
+        type=float,
+        help="set the period of a periodic excitation or of one sweep in s (default: that of the excitation)",
+    )
+    parser.add_argument(
+        "--odd",
+        action="store_const",
+        const=True,
+        help="multisine: excite odd lines only, with detection lines between them (default: all lines)",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=default.seconds, help="simulate this duration in s (default 60)"
+    )
+    parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
+    parser.add_argument(
+        "--seed", type=int, default=default.seed, help="draw excitation and noise with this seed (default 0)"
+    )
+    parser.add_argument(
+        "--noise",
+        type=float,
+        default=default.noise,
+        help="add noise of this rms in m/s to the velocity sensors (default 0)",
     )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="NAME@PLACE:PARAM=VALUE,...",
-        help="physics that the model has not, for example coulomb-friction@20in:force=0.05lbf; may be given several times (see "
-        "vlab effects; your own as path/to/effect.py:ClassName@PLACE:...)",
+        help="add an effect of vlab effects to the plant, for example coulomb-friction@20in:force=0.05lbf, or your own as "
+        "path/to/effect.py:ClassName@PLACE:...; may be repeated (default: none)",
     )
-    parser.add_argument("--hardware", default=default.hardware, help="a hardware file instead of the laboratory's own")
+    parser.add_argument(
+        "--hardware", default=default.hardware, help="use this hardware file (default: that of the laboratory)"
+    )
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="TABLE.KEY=VALUE",
-        help="another value in the hardware file, for example leads.shielded=false, velocity_sensor.buffered=false, "
-        "coil.limit=0.2lbf; may be given several times",
+        help="replace a value of the hardware file, for example leads.shielded=false, velocity_sensor.buffered=false, "
+        "coil.limit=0.2lbf; may be repeated (default: none)",
     )
     parser.add_argument(
         "--power-up",
         default=default.power_up,
         metavar="ORDER",
-        help=f"switch the bench on in an order of your own, without its interlock and with its faults; right is {','.join(ORDER)}",
+        help=f"power up in this order, without interlock and with its faults; correct: {','.join(ORDER)} (default: interlocked)",
     )
-    parser.add_argument("--csv", action="store_true", help="write the recording as recording.csv, too")
-    parser.add_argument("--report", action="store_true", help="write report.html, too: one page, some seconds")
+    parser.add_argument("--csv", action="store_true", help="write recording.csv, too (default: no)")
+    parser.add_argument(
+        "--report", action="store_true", help="write report.html, too; takes some seconds (default: no)"
+    )
     parser.add_argument(
         "--live",
         nargs="?",
         type=int,
         const=PORT,
         metavar="PORT",
-        help="show the run while it goes, in a viewer on this machine; one that listens at the port already is used "
-        f"(default {PORT})",
+        help="show the running experiment in a viewer on this machine; an open viewer at the port is used "
+        f"(default port {PORT})",
     )
     parser.add_argument(
         "--pace",
         type=float,
-        help="with --live: most simulated seconds a second (default 1, real time; inf: as fast as it is computed)",
+        help="with --live: limit the simulated seconds per second (default 1: real time; inf: no limit)",
     )
     add_out(
         parser,
-        f"run folder (default {RUN_OUT}-001, or the next number), or folder of a plan, which goes on there (default {PLAN_OUT})",
+        f"to this run folder (default {RUN_OUT}-001, or the next number), or folder of a plan, which continues there (default {PLAN_OUT})",
     )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Run the experiment, or the plan, and write its folder."""
+    """Run an experiment or a plan, and write its folder.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if arguments.plan:
         return _run_plan(arguments)
     if not arguments.structure:
@@ -161,7 +205,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     prepared = settings.prepare()
     live = None
     if arguments.live is not None:
-        from vlab.views.live import LiveView
+        from vlab.views.rerun.live import LiveView
 
         pace = 1.0 if arguments.pace is None else arguments.pace
         live = LiveView(prepared, pace=pace, connect=lambda: viewer_at(arguments.live))
@@ -197,13 +241,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:
-    from vlab.views.run_view import write_run_views
+    from vlab.views.reports.run_files import write_run_views
 
     write_run_views(folder, done, report=report)
 
 
 def _run_plan(arguments: argparse.Namespace) -> Outcome:
-    """Perform what a plan's folder lacks of its records."""
+    """Perform the missing records of a plan."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     default = vars(parser.parse_args([]))
@@ -212,7 +256,7 @@ def _run_plan(arguments: argparse.Namespace) -> Outcome:
             given = "a structure" if name == "structure" else f"--{name.replace('_', '-')}"
             raise BadExperiment(f"{given} was given besides --plan; everything that is run stands in {arguments.plan}")
     plan, folder = load_plan(arguments.plan), Path(arguments.out or PLAN_OUT)
-    ModelTable(**plan.model_table())  # refuses what the case could not say
+    ModelTable(**plan.model_table())  # refuse settings that a case cannot express
     with share_bar("plan") as bar:
         done = perform_plan(
             plan,

@@ -9,90 +9,114 @@ from typing import Any
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording, VlabError
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
 from vlab.lab.run_folder import SETTINGS, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
 from vlab.modal.recognise import KINDS
-from vlab.outputs import output_folder, write_manifest
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, ModalModel, Recording
 from vlab.structure import load_structure
-from vlab.text import in_line
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
-"""Names by which the time column of a recording from elsewhere is known."""
+"""TIME_NAMES: names of the time column in foreign recordings."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
         "run",
         nargs="+",
-        help="run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); several of one input are averaged, those "
-        "of different inputs stand side by side",
+        help="read these run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); recordings of one input "
+        "are averaged, of different inputs combined",
     )
     parser.add_argument(
         "--input",
         action="append",
         default=[],
         metavar="NAME[=KIND[,UNIT]]",
-        help="input channel; by default what the recording marks as input. Kind and unit are for recordings from elsewhere: "
-        "force=force,lbf",
+        help="use this input channel; give kind and unit for foreign recordings: force=force,lbf; may be repeated "
+        "(default: inputs of the recording)",
     )
     parser.add_argument(
         "--output",
         action="append",
         default=[],
         metavar="NAME[=KIND[,UNIT]]",
-        help="output channel; by default all sensors. From elsewhere: acc1=acceleration,g",
+        help="use this output channel; foreign recordings: acc1=acceleration,g; may be repeated (default: all sensors)",
     )
     parser.add_argument(
-        "--time", metavar="NAME", help="time column of a recording from elsewhere; by default the one named so"
+        "--time",
+        metavar="NAME",
+        help="read the time of a foreign recording from this column (default: the column named time or t)",
     )
     parser.add_argument(
-        "--rate", type=float, help="samples per second of a recording from elsewhere without a time column"
+        "--rate", type=float, help="set the sample rate in Hz of a foreign recording without a time column"
     )
     parser.add_argument(
-        "--signal", choices=KINDS, help="what excited; by default what the recording says of itself, or looks like"
+        "--signal",
+        choices=KINDS,
+        help="treat the excitation as this kind (default: from notes or samples of the recording)",
     )
     parser.add_argument(
-        "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band in Hz in which modes are looked for"
+        "--band",
+        type=float,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="search modes in this band in Hz (default: all lines of the response)",
     )
-    parser.add_argument("--modes", type=int, help="how many modes to report; by default as many as the data support")
+    parser.add_argument("--modes", type=int, help="report this number of modes (default: as many as the data support)")
     parser.add_argument(
-        "--estimator", choices=("H1", "H2", "Hv"), default="H1", help="frequency response estimator (default H1)"
+        "--estimator",
+        choices=("H1", "H2", "Hv"),
+        default="H1",
+        help="estimate frequency responses by H1 (default), H2 or Hv",
     )
     parser.add_argument(
-        "--period", type=float, help="period of the excitation in s; by default what the recording says"
+        "--period", type=float, help="set the period of the excitation in s (default: from the recording)"
     )
     parser.add_argument(
-        "--segment", type=float, help="length in s of the segments of random data, of blocks of bursts or blows"
+        "--segment",
+        type=float,
+        help="set the length in s of segments of random data, or of blocks of bursts or blows (default: an eighth of the record; blocks as found)",
     )
     parser.add_argument(
-        "--dwell", type=float, help="time in s of each step of a stepped sine; by default the steps are found"
+        "--dwell", type=float, help="set the duration in s of each step of a stepped sine (default: detected)"
     )
     parser.add_argument(
         "--window-end",
         type=float,
         default=ModalTest.end_level,
         metavar="LEVEL",
-        help="what the exponential window leaves at the end of a hammer's block, 1 for none (default %(default)s); the damping it "
-        "adds is taken out again",
+        help="set the exponential window of a hammer block to this value at its end, 1 for no window (default %(default)s); "
+        "the added damping is removed",
     )
     parser.add_argument(
         "--against-plant",
         action="store_true",
-        help="for run folders: the plant's own linearised modes beside those found, within 0.1 %% of frequency, 5 %% of damping and "
-        "a MAC of .98; exit status 1 where one is missed",
+        help="run folders: compare with the linearised modes of the plant, within 0.1 %% of frequency, 5 %% of damping and "
+        "a MAC of 0.98; exit status 1 if a mode is missed (default: no)",
     )
-    add_out(parser, "folder for a report, figures and the responses")
+    add_out(parser, "report, figures and responses to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Estimate responses and modes."""
+    """Estimate responses and modes.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     test = ModalTest(
         inputs=tuple(_name(text) for text in arguments.input),
         outputs=tuple(_name(text) for text in arguments.output),
@@ -116,7 +140,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if true is not None:
         document["against_plant"] = [mode.as_dict() for mode in found]
     if arguments.out:
-        from vlab.views.modal_test_report import write_modal_test
+        from vlab.views.reports.modal_test import write_modal_test
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_modal_test(result, folder, title=_title(arguments.run), found=found, true=true)
@@ -139,10 +163,10 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     ]
     headers = ["mode", "Hz", "sd", "zeta", "sd", "confidence", *result.mean.outputs]
     parts = [
-        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; fit leaves {result.poles.residual:.2g}",
+        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; residual of the fit {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
-    from vlab.views.modal_test_report import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
+    from vlab.views.reports.modal_test import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
 
     parts += doubts(result)
     for part in result.distortion:
@@ -163,7 +187,7 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
 
 
 def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Outcome:
-    """Report modes that dwells held, one a recording."""
+    """Report modes held by dwells, one per recording."""
     modes = [
         {
             "hz": d.hz if d.decay_hz is None else d.decay_hz,
@@ -183,7 +207,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
     headers = ["mode", "driven Hz", "indicator", "decay Hz", "decay zeta", *dwells[0].outputs]
     document: dict[str, Any] = {"frf": [], "modes": modes}
     if arguments.out:
-        from vlab.views.modal_test_report import write_dwells
+        from vlab.views.reports.modal_test import write_dwells
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             write_dwells(dwells, folder, title=_title(arguments.run))
@@ -195,7 +219,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
 def _against_plant(
     result: ModalTestResult, runs: Sequence[tuple[Recording, RunSettings | None]], folders: Sequence[str]
 ) -> tuple[list[FoundMode], ModalModel]:
-    """Compare with the linearised plant of the first run; all runs must be of that plant."""
+    """Compare with the linearised plant of the first run."""
     settings = [own.inside(Path(at)) for (_, own), at in zip(runs, folders, strict=True) if own is not None]
     first = settings[0] if len(settings) == len(runs) else None
     if first is None or any(not _same_plant(first, other) for other in settings):
@@ -229,7 +253,7 @@ def _name(text: str) -> str:
 
 
 def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder, a recording of vlab's own, or one from elsewhere whose columns the arguments name."""
+    """Load a run folder or a recording."""
     if Path(path).is_dir():
         return load_run(path)
     table = open_table(path)
@@ -252,7 +276,7 @@ def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSetti
 
 
 def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
-    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; without a kind the numbers stay as they are."""
+    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; values stay unscaled without a kind."""
     name, equals, rest = text.partition("=")
     kind, _, unit = rest.partition(",")
     if equals and not kind:

@@ -7,42 +7,58 @@ import numpy as np
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadStructure
+from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.text import in_line
 from vlab.modal.mac import comac, mac
-from vlab.outputs import output_folder, write_manifest
 from vlab.reproduce import cross_check
 from vlab.reproduce.cross_check import SILENT
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
-from vlab.text import in_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("structure", help="a built-in structure (beam, grid) or a structure file")
+    """Add the command's arguments."""
+    parser.add_argument("structure", help="use this built-in structure (beam, grid) or structure file")
     parser.add_argument(
-        "--variant", default="published", help="how the structure is modelled: published (default) or physical"
+        "--variant", default="published", help="model this variant of the structure: published (default) or physical"
     )
     parser.add_argument(
         "--model",
         default="full",
-        help="the FE model: full (default), or its exact or guyan reduction to the retained coordinates",
+        help="use the full FE model (default), or its exact or guyan reduction to the retained coordinates",
     )
     parser.add_argument(
         "--modes",
         type=int,
         choices=range(1, 13),
         metavar="N",
-        help="how many modes (1 to 12; by default all published)",
+        help="compare this number of modes, 1 to 12 (default: all published)",
     )
     parser.add_argument(
-        "--force", metavar="PLACE", help="with --out: responses to a force there, open loop, as figures"
+        "--force", metavar="PLACE", help="with --out: draw open-loop responses to a force at this place (default: none)"
     )
-    parser.add_argument("--response", nargs="+", metavar="PLACE", help="where; at all coils by default")
-    add_out(parser, "folder for mode shapes, their differences, MAC and responses as figures")
+    parser.add_argument(
+        "--response",
+        nargs="+",
+        metavar="PLACE",
+        help="with --force: draw responses at these places (default: all coils)",
+    )
+    add_out(parser, "mode shapes, their differences, MAC and responses as figures to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Compare FE model, plants and published values."""
+    """Compare FE model, plants and published values.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     structure = load_structure(arguments.structure)
     if (arguments.force or arguments.response) and not (arguments.force and arguments.out):
         raise BadStructure("responses are figures: give --force, where the force acts, and --out, the folder for them")
@@ -85,7 +101,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         responses = {}
         if arguments.force:
-            from vlab.views.response_view import response_figures
+            from vlab.views.figures.structure_response import response_figures
 
             responses = response_figures(check.fe, arguments.force, arguments.response or ())
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
@@ -110,5 +126,5 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _moving(modes: ModalModel) -> Array:
-    """Return shapes of unit maximum with zeros for the rounding at points that are held: they agree by construction."""
+    """Return shapes of unit maximum, with zeros for rounding at fixed points."""
     return np.where(np.abs(modes.shapes) < SILENT, 0.0, modes.shapes)

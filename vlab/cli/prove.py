@@ -8,42 +8,63 @@ from typing import Any
 from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment
-from vlab.proof.concealing import conceal_cases
+from vlab.proof.conceal import conceal_cases
 from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
 
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
 MOST_NAMED = 10
-"""Truths without salts that the text names."""
+"""MOST_NAMED [-]: most truths without salts named in the text."""
 MOST_SHOWN = 60
-"""Cases up to which the text lists every one."""
+"""MOST_SHOWN [-]: most cases listed one by one in the text."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("cases", nargs="?", help="a folder that conceal wrote; not with --quick")
+    """Add the command's arguments."""
+    parser.add_argument("cases", nargs="?", help="diagnose the cases in this folder of vlab conceal; not with --quick")
     parser.add_argument(
-        "--quick", action="store_true", help="conceal a dozen fresh cases first, seed drawn and printed"
+        "--quick",
+        action="store_true",
+        help="conceal fresh cases first, with a fresh seed that is printed (default: no)",
     )
-    parser.add_argument("--seed", type=int, help="of --quick")
-    parser.add_argument("--n", type=int, default=QUICK_CASES, help="number of cases of --quick")
-    parser.add_argument("--truth", help="folder of the truth; CASES-truth by default")
-    parser.add_argument("--out", help="folder of the answers and the score; CASES-answers by default")
+    parser.add_argument("--seed", type=int, help="with --quick: draw with this seed (default: fresh)")
     parser.add_argument(
-        "--first", type=int, default=0, metavar="N", help="answer and score only the first N; their order is drawn"
+        "--n", type=int, default=QUICK_CASES, help="with --quick: conceal this number of cases (default 12)"
+    )
+    parser.add_argument("--truth", help="read the truth from this folder (default CASES-truth)")
+    parser.add_argument("--out", help="write answers and score to this folder (default CASES-answers)")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        metavar="N",
+        help="answer and score the first N cases in drawn order (default 0: all)",
     )
     parser.add_argument(
         "--baselines",
         type=int,
         metavar="N",
-        help="let simple methods answer beside it; mujoco.sysid, which takes minutes a case, the first N",
+        help="run simple methods on the same cases, and mujoco.sysid, minutes per case, on the first N (default: none)",
     )
-    parser.add_argument("--reports", type=int, default=0, help="how many of the worst cases get a report")
+    parser.add_argument(
+        "--reports", type=int, default=0, help="write reports of this number of worst cases (default 0)"
+    )
     add_engine(parser)
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Diagnose concealed cases and score the answers."""
+    """Diagnose concealed cases and score the answers.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     if bool(arguments.cases) == arguments.quick:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
     if arguments.baselines is not None and arguments.baselines < 0:
@@ -88,14 +109,14 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             scheduler=arguments.scheduler,
             progress=report,
         )
-    from vlab.views.proof_report import write_proof
+    from vlab.views.reports.proof import write_proof
 
     write_proof(found, out / "report.html")
     return {**found, "out": str(out)}
 
 
 def _write_report(done: Any, folder: Path) -> None:
-    from vlab.views.diagnosis_report import write_diagnosis
+    from vlab.views.reports.diagnosis import write_diagnosis
 
     write_diagnosis(done, folder)
 
@@ -128,7 +149,7 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
 
 
 def _opened(found: dict[str, Any]) -> str:
-    """Say how the truths were opened, and how many each way."""
+    """Return a sentence on how the truths were opened, with counts."""
     again = found.get("truths_made_again", [])
     text = f"truths opened: {found['cases'] - len(again)} by the salt of their commitment"
     if not again:

@@ -6,12 +6,12 @@ from typing import Any
 
 from vlab.cli.common import Outcome, progress_bar, share_bar, text_table
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.cli.loop_words import effort_table, ring_down_table
+from vlab.cli.loop_summary import effort_table, ring_down_table
 from vlab.errors import BadExperiment
-from vlab.outputs import finite, output_folder, write_manifest
+from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.reproduce.control_bench import HARDWARE, TESTS
-from vlab.reproduce.control_figures import FIGURES, control_figure
-from vlab.reproduce.tables import (
+from vlab.reproduce.figures.control import FIGURES, control_figure
+from vlab.reproduce.tables.registry import (
     NOT_REPRODUCIBLE,
     ON_REQUEST,
     SIMULATED,
@@ -26,33 +26,35 @@ from vlab.structure import load_structure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
     parser.add_argument(
         "table",
         nargs="*",
-        help=f"tables to reproduce: {', '.join(TABLES)} (default all but {' and '.join(ON_REQUEST)}, which take a minute more); "
-        f"{', '.join(SIMULATED)} are with simulated experiments",
+        help=f"reproduce these tables: {', '.join(TABLES)} (default: all but {' and '.join(ON_REQUEST)}, which take a minute more); "
+        f"{', '.join(SIMULATED)} use simulated experiments",
     )
     parser.add_argument(
         "--figure",
         metavar="N",
-        help=f"instead of tables, a figure with simulated experiments: {', '.join(FIGURES)}; as SVG, CSV and JSON",
+        help=f"draw a figure from simulated experiments instead: {', '.join(FIGURES)}; as SVG, CSV and JSON (default: none)",
     )
     parser.add_argument(
         "--plant",
         default="",
-        help=f"what stands on the bench in simulated experiments: composite or modal (default {_default_plants()})",
+        help=f"simulate experiments on this plant: composite or modal (default {_default_plants()})",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of excitation and noise in them (default 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="draw excitation and noise of the experiments with this seed (default 0)"
+    )
     parser.add_argument(
         "--limit-cycle",
         action="store_true",
-        help="instead of tables, the vibration of 41 Hz that LQG had on the beam (section 6.1): what the model explains of it",
+        help="study the 41 Hz limit cycle of LQG on the beam (section 6.1) instead of tables (default: no)",
     )
     add_out(
         parser,
-        "with --figure N: the folder (default out/figure-N-001, or the next number); with --limit-cycle: folder for the study as "
-        "JSON, its time histories and figures (two minutes)",
+        "to this folder; with --figure N: figures (default out/figure-N-001, or the next number); with --limit-cycle: "
+        "JSON, time histories and figures (two minutes; default: print only)",
     )
 
 
@@ -61,7 +63,18 @@ def _default_plants() -> str:
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Print each cell published / ours / tolerance / ok."""
+    """Print published value, own value, tolerance and result of each cell.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     check_out(arguments)
     if arguments.limit_cycle:
         return _limit_cycle(arguments)
@@ -119,14 +132,14 @@ def _table_lines(table: ReproducedTable) -> list[str]:
 
 
 def _shares(tables: Sequence[ReproducedTable], structure: str) -> dict[str, int]:
-    """Count the determined cells of a structure: all, inside the honest tolerance, inside the one they are held to."""
+    """Count the determined cells within tolerance."""
     own = [table for table in tables if structure_of(table.table) == structure]
     held, honest = share(own), share(own, honest=True)
     return {"of": held.of, "inside_honest": honest.inside, "inside": held.inside}
 
 
 def _widened_lines(tables: Sequence[ReproducedTable]) -> list[str]:
-    """Name the cells whose tolerance was widened, and whether they need it."""
+    """Return the cells with a widened tolerance, and whether each needs it."""
     wide = widened(tables)
     if not wide:
         return []
@@ -147,7 +160,7 @@ def _figure(arguments: argparse.Namespace) -> Outcome:
         figure = control_figure(
             arguments.figure, plant=arguments.plant, seed=arguments.seed, progress=lambda text: report(0.0, text)
         )
-    from vlab.views.control_test import write_control_figure
+    from vlab.views.reports.control_test import write_control_figure
 
     with (
         destination(arguments, f"out/figure-{figure.number}") as out,
@@ -169,7 +182,7 @@ def _figure(arguments: argparse.Namespace) -> Outcome:
 
 
 def _ratio_lines(document: dict[str, Any]) -> list[str]:
-    """Say how peak levels of analysis and experiment compare, and what the actuators did."""
+    """Return peak levels of analysis and experiment, and the actuator effort."""
     rows = [
         [
             part["panel"],
@@ -186,7 +199,7 @@ def _ratio_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _ring_down_lines(document: dict[str, Any]) -> list[str]:
-    """Say what damping the releases show beside the predicted poles, and what the actuators did."""
+    """Return damping of the releases beside the predicted poles, and the actuator effort."""
     parts = document["ring_downs"]
     table = ring_down_table({part["law"]: part["modes"] for part in parts})
     return [table, "", *_effort_lines({part["law"]: part["effort"] for part in parts})]
@@ -197,10 +210,10 @@ def _effort_lines(effort: dict[str, Any]) -> list[str]:
 
 
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
-    """Report what the model can and cannot explain of the limit cycle; with a folder, its time histories, too."""
-    from vlab.reproduce.limit_cycle import limit_cycle_report
-    from vlab.reproduce.limit_cycle_odds import limit_cycle_odds
-    from vlab.reproduce.limit_cycle_runs import simulated_seconds
+    """Report the explanations of the limit cycle; with a folder, also time histories."""
+    from vlab.reproduce.limit_cycle.odds import limit_cycle_odds
+    from vlab.reproduce.limit_cycle.runs import simulated_seconds
+    from vlab.reproduce.limit_cycle.study import limit_cycle_report
 
     if arguments.table:
         raise BadExperiment(f"--limit-cycle is a study of its own; leave the tables {', '.join(arguments.table)} away")
@@ -210,7 +223,7 @@ def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
     if not arguments.out:
         document: dict[str, Any] = {**limit_cycle_report(beam), "odds": odds}
     else:
-        from vlab.views.limit_cycle import write_limit_cycle
+        from vlab.views.reports.limit_cycle import write_limit_cycle
 
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             with progress_bar("time histories", simulated_seconds()) as report:
@@ -230,7 +243,7 @@ def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
 
 
 def _history_lines(run: dict[str, Any]) -> list[str]:
-    """Say what a time history did beside what was predicted."""
+    """Return the outcome of a time history beside its prediction."""
     parts = []
     for name in ("simulated", "predicted"):
         told = run[name]

@@ -8,7 +8,7 @@ from pathlib import Path
 from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
 from vlab.errors import BadRecording, OutputRefused
-from vlab.inside import NotInside, file_inside
+from vlab.files.containment import NotInside, file_inside
 from vlab.recordings.bound import RECORDING, check_run
 
 NOT_SHOWN = "the viewer ended with status {status}, and says why above; it needs a display."
@@ -17,22 +17,33 @@ SAVE_IT = "With --save FILE.rrd what would be shown is written, and opens on any
 
 
 RRD = b"RRF"
-"""How Rerun's recordings begin, whatever their version."""
+"""RRD: first bytes of a Rerun recording of any version."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Add the command's arguments."""
+    parser.add_argument("run", nargs="+", help="show this run folder or .rrd file, or two run folders over each other")
     parser.add_argument(
-        "run", nargs="+", help="a run folder, or an .rrd file; or two run folders, which are shown over each other"
+        "--save",
+        metavar="FILE.rrd",
+        help="with two runs: write this file and open no viewer (default: open the viewer)",
     )
-    parser.add_argument(
-        "--save", metavar="FILE.rrd", help="with two runs: write what would be shown and open no viewer"
-    )
-    parser.add_argument(OVERWRITE, action="store_true", help="replace the file of --save")
+    parser.add_argument(OVERWRITE, action="store_true", help="replace the file of --save (default: refuse)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """Open the viewer and wait until it is closed, or write what two runs look like over each other."""
+    """Open the viewer until it is closed, or write two overlaid runs.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
     paths = [Path(name) for name in arguments.run]
     if len(paths) > 2:
         raise BadRecording(f"{len(paths)} runs were given; one is shown, or two over each other")
@@ -41,7 +52,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             raise BadRecording("--save is for two runs; of one run the file is there: run.rrd in its folder")
         rrd = _rrd(paths[0])
         return _shown(rrd, str(rrd), ELSEWHERE)
-    from vlab.views.two_runs import load_two, write_two_runs
+    from vlab.views.rerun.two_runs import load_two, write_two_runs
 
     runs = load_two(paths)
     if arguments.save:
@@ -76,7 +87,7 @@ def _rrd(path: Path) -> Path:
 
 
 def _shown(rrd: Path, what: str, remedy: str) -> Outcome:
-    from vlab.views.viewer import start_viewer
+    from vlab.views.rerun.viewer import start_viewer
 
     with start_viewer(rrd) as viewer, contextlib.suppress(KeyboardInterrupt):
         viewer.wait()

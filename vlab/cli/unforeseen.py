@@ -1,20 +1,31 @@
-"""Errors that nobody foresaw: one line with the kind of error, where it happened, and how to report it."""
+"""Unforeseen errors: one line with kind, place and how to report it."""
 
 import re
 import traceback
 from pathlib import Path
 
 import vlab
-from vlab.text import one_line
+from vlab.files.text import one_line
 
 STATUS = 3
-"""Exit status after an error that is vlab's own fault."""
+"""STATUS: exit status after a fault of vlab itself."""
 _PACKAGE = Path(vlab.__file__).parent
 _FRAME = re.compile(r'File "([^"\n]+)", line (\d+)')
 
 
 def line_of(error: BaseException) -> str:
-    """Return the one line that is said of an unforeseen error."""
+    """Return the error line of an unforeseen error.
+
+    Parameters
+    ----------
+    error : BaseException
+        Unforeseen error.
+
+    Returns
+    -------
+    str
+        One line.
+    """
     said = one_line(error)
     kind = type(error).__name__
     return (
@@ -24,9 +35,22 @@ def line_of(error: BaseException) -> str:
 
 
 def place_of(error: BaseException) -> str:
-    """Return module and line of vlab where an error happened, the innermost one; what happened in a process of its own included."""
+    """Return the innermost place of vlab in an error.
+
+    Frames of worker processes count.
+
+    Parameters
+    ----------
+    error : BaseException
+        Unforeseen error.
+
+    Returns
+    -------
+    str
+        Module and line.
+    """
     frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
-    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # of a worker's frames only their text is left
+    if type(error.__cause__).__name__.endswith("RemoteTraceback"):  # frames of a worker are available as text only
         frames += [(file, int(number)) for file, number in _FRAME.findall(str(error.__cause__))]
     for file, number in reversed(frames):
         path = Path(file)

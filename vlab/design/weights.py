@@ -18,7 +18,7 @@ from vlab.signals import Array
 
 
 class AskedWeights(Protocol):
-    """Weights in published units, as in `vlab.published.PublishedDesign`."""
+    """Weights in published units, as in `vlab.design.published_tables.PublishedDesign`."""
 
     @property
     def weights(self) -> str:

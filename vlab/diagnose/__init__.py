@@ -1,5 +1,14 @@
-"""From a mismatch between simulation and recordings to the named, placed, modelled and verified missing physics.
+"""Diagnosis of missing physics from recordings and a model.
 
-The way goes: signals of all runs on one clock -> the model's linear twin -> which physics, where (screening) -> fits in
-simulation with everything uncertain refitted -> choice -> verdict in MuJoCo on recordings that were never used.
+1. The runs are resampled to one clock.
+2. The model is reduced to its modes.
+3. A score test screens effects and locations (Rao 1948).
+4. Least squares fits hypotheses with all uncertain parameters.
+5. Scores with priors select a hypothesis.
+6. MuJoCo simulates hold-out recordings for the verdict.
+
+References
+----------
+C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters, Proc. Camb. Phil. Soc. 44 (1948)
+50-57.
 """

@@ -1,4 +1,4 @@
-"""A diagnosis: the verdict, what was found, where, with which law, how much better it fits, and what was not excluded."""
+"""Result of a diagnosis: verdict, findings, errors, alternatives and notes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -6,29 +6,48 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vlab.diagnose.distance import LOST, Distance, total, verifying, whole_gap
-from vlab.diagnose.terms import Fit
+from vlab.cases.case import Case
+from vlab.cases.checks import FileCheck
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.settings import GAP
+from vlab.diagnose.validation.gap import Distance, total, verifying, whole_gap
 
-ERRORS = ("nominal", "refitted", "before", "after", "noise")
+ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
+"""Attribute of `Distance` by error key of the JSON document."""
+MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
+"""Next measurement after a rejected case."""
 Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
+"""Verdicts of a diagnosis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One effect that the model lacks.
+    """Effect missing in the model.
 
     Parameters
     ----------
+    effect : str
+        Name of the effect.
     form : str
-        The effect of the catalogue whose law and parameters these are: `effect` or another form of it.
+        Effect of the catalogue that has the law and parameters: `effect` or another form.
+    family : str
+        Family of the effect.
+    place : str
+        Location.
     places_90 : tuple of str
-        Places that together hold at least 90 % of the probability.
+        90 % credible set of locations.
+    probability : float
+        Posterior probability of the effect [1].
     alike : tuple of str
-        Effects that these recordings cannot tell from it, itself first.
+        Indistinguishable effects, the finding first.
     parameters : dict
-        By name: value, unit and 90 % interval, SI.
+        Value, unit and 90 % interval by name, SI.
+    law : str
+        Law as a formula.
+    words : str
+        Description.
     verified_by : tuple of str
-        Recordings kept aside in which it does anything: no other one can verify it.
+        Hold-out recordings with a detectable effect; no other recording can verify the finding.
     """
 
     effect: str
@@ -45,7 +64,7 @@ class Finding:
 
     @property
     def name(self) -> str:
-        """Its effect, and in which form where there are several."""
+        """Effect, with its form where different."""
         return self.effect if self.form == self.effect else f"{self.effect} ({self.form})"
 
     def to_json(self) -> dict[str, Any]:
@@ -67,16 +86,16 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """The best attempt where nothing explains enough to be reported; it has no probability.
+    """Best attempt without a sufficient explanation, without probability.
 
     Parameters
     ----------
     findings : tuple of Finding
-        What was added to the model, as it was fitted.
+        Fitted effects.
     checked : tuple of Distance
-        As those of a `Diagnosis`, with it for the amended model.
+        Errors with the attempt as extended model.
     fit : Fit
-        The same as it is simulated.
+        Fit of the attempt.
     """
 
     findings: tuple[Finding, ...]
@@ -85,23 +104,23 @@ class Attempt:
 
     @property
     def name(self) -> str:
-        """Its effects and places."""
+        """Effects and locations."""
         return " + ".join(f"{f.name} at {f.place}" for f in self.findings)
 
     @property
     def holds(self) -> bool:
-        """Whether it is one: a fit that ran away, or leaves no less than the model without it, is none."""
+        """Whether the attempt is finite and improves on the model without it."""
         tests = verifying(self.checked)
         before, after = total(tests, "before"), total(tests, "after")
-        return bool(after < LOST and (after < before or all(c.is_idle for c in tests)))
+        return bool(after < GAP.lost and (after < before or all(c.is_idle for c in tests)))
 
     @property
     def is_of_the_fit_alone(self) -> bool:
-        """Whether it does nothing in any recording kept aside."""
+        """Whether the attempt has no detectable effect on hold-out recordings."""
         return bool(self.checked) and all(c.is_idle for c in self.checked)
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values for a JSON document: those of a finding, and what it closes; further effects stand under ``also``."""
+        """Return plain values for a JSON document, further effects under ``also``."""
         first, *more = (
             {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90")}
             for f in self.findings
@@ -111,17 +130,35 @@ class Attempt:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What a diagnosis says.
+    """Result of a diagnosis.
 
     Parameters
     ----------
+    title : str
+        Title of the case.
+    verdict : Verdict
+        Verdict.
+    findings : tuple of Finding
+        Findings.
+    alternatives : tuple of dict
+        Other hypotheses.
     checked : tuple of Distance
-        Every hold-out recording under the nominal, the refitted and the amended model; fit recordings where there is no
-        hold-out. Of responses and tables of modes `vlab.diagnose.frequency.verify.CheckedFrequency`.
+        Errors on hold-out recordings, or on fitted recordings without a hold-out set. Responses and modal tables give
+        `vlab.diagnose.validation.frequency.CheckedFrequency`.
+    mismatch : dict
+        Largest residuals by frequency, channel and time.
+    not_excluded : tuple of str
+        Open possibilities.
+    next_measurement : str
+        Recommended measurement.
+    quality, notes : tuple of str
+        Data quality and further notes.
     attempt : Attempt or None
-        Beside ``"none-of-these"``.
+        Best attempt with the verdict ``"none-of-these"``.
     calibration : dict
-        Log-factors of the uncertain parameters in the amended model, by name; of places the distance [m].
+        Log factors of the uncertain parameters by name; of positions the distance [m].
+    seconds : float
+        Duration [s].
     """
 
     title: str
@@ -140,22 +177,22 @@ class Diagnosis:
 
     @property
     def tried(self) -> tuple[Any, ...]:
-        """As `checked`, with the best attempt for the amended model where nothing is reported."""
+        """Errors with the best attempt as extended model, where nothing is reported."""
         return self.checked if self.attempt is None else self.attempt.checked
 
     @property
     def is_held_out(self) -> bool:
-        """Whether the recordings in `checked` were kept from the search."""
+        """Whether all checked recordings are hold-out data."""
         return all(c.role == "holdout" for c in self.checked) and bool(self.checked)
 
     @property
     def is_verified(self) -> bool:
-        """Whether recordings kept from the search can verify what is said."""
+        """Whether hold-out recordings can verify the result."""
         return self.is_held_out and not all(c.is_idle for c in self.checked)
 
     @property
     def heldout(self) -> dict[str, Any]:
-        """Errors before and after on the hold-out recordings, in all and one by one."""
+        """Errors on hold-out recordings, overall and by recording."""
         return {**errors_to_json(self.checked), "verified": self.is_verified}
 
     def to_json(self) -> dict[str, Any]:
@@ -178,12 +215,23 @@ class Diagnosis:
 
 
 def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
-    """Return errors on checked recordings, in all and one by one, as plain values."""
+    """Return the errors of checked recordings as plain values.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    dict
+        Errors overall and by recording.
+    """
     each = [
         {
             "name": c.name,
             "role": c.role,
-            **{f"nrmse_{key}": _finite(getattr(c, key)) for key in ERRORS},
+            **{f"nrmse_{key}": _finite(getattr(c, name)) for key, name in ERRORS.items()},
             "gap_closed": _finite(c.gap_closed),
             "can_verify": not c.is_idle,
             "channels": {
@@ -194,7 +242,7 @@ def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
         for c in checked
     ]
     return {
-        **{f"nrmse_{key}": _finite(total(checked, key)) for key in ERRORS},
+        **{f"nrmse_{key}": _finite(total(checked, name)) for key, name in ERRORS.items()},
         "gap_closed": _finite(whole_gap(checked)),
         "per_recording": each,
     }
@@ -202,3 +250,51 @@ def errors_to_json(checked: Sequence[Distance]) -> dict[str, Any]:
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RejectedCase:
+    """Diagnosis of a case whose files contradict its description.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Diagnosis with the verdict ``bad-recording`` and the reason as quality.
+    case : Case
+        Case.
+    """
+
+    diagnosis: Diagnosis
+    case: Case
+
+
+def reject_case(case: Case, check: FileCheck, seconds: float) -> RejectedCase:
+    """Return the diagnosis ``bad-recording`` of a contradictory case.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    check : FileCheck
+        Contradictions.
+    seconds : float
+        Duration of the checks [s].
+
+    Returns
+    -------
+    RejectedCase
+        Diagnosis without a search.
+    """
+    diagnosis = Diagnosis(
+        title=case.table.title,
+        verdict="bad-recording",
+        findings=(),
+        alternatives=(),
+        checked=(),
+        mismatch={"where_frequency_hz": [], "where_channel": [], "where_time_s": []},
+        not_excluded=(),
+        next_measurement=MEND_AND_REPEAT,
+        quality=check.lines,
+        seconds=seconds,
+    )
+    return RejectedCase(diagnosis=diagnosis, case=case)

@@ -1,4 +1,4 @@
-"""What was found, as a diagnosis reports it: effects of the search, and what recordings show without any model."""
+"""Findings of a diagnosis, as reported."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,41 +6,51 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.choose import Choice
-from vlab.diagnose.commands import CommandLimit
-from vlab.diagnose.damage import SensorLimit
+from vlab.diagnose.data.command_limit import CommandLimit
+from vlab.diagnose.data.mains_interference import MainsInterference
+from vlab.diagnose.data.quality import SensorLimit
+from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import Finding, Verdict
-from vlab.diagnose.distance import Distance
-from vlab.diagnose.hum import Hum
-from vlab.diagnose.hypothesis import WORTH, Hypothesis
-from vlab.diagnose.places import reported_name
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.sensor_offset import SensorOffset
+from vlab.diagnose.parameters.locations import reported_name
+from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.resolution import SensorStep
-from vlab.diagnose.terms import Fit, Term
-from vlab.diagnose.zeros import Zero
+from vlab.diagnose.settings import EVIDENCE, FINDINGS
+from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import ActuatorEffect, Effect, PickUp, SensorEffect
+from vlab.physics.effect import Effect, PickUp
 from vlab.units import ANGULAR
 
-SEEN = 0.99
-"""Probability of what recordings show without any model."""
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
-"""Verdicts beside which probabilities among what was tried say something: what is there, or nothing, is one of it."""
-MOST_ALTERNATIVES = 8
-"""Hypotheses that are listed beside what is reported."""
+"""Verdicts with meaningful probabilities among the tried hypotheses."""
 
 
-def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
-    """Return the finding of a limit on a law's commands."""
+def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
+    """Return the finding of a command limit.
+
+    Parameters
+    ----------
+    limit : CommandLimit
+        Limit.
+    problem : Problem
+        Problem with the law.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
     law = next(run.law for run in problem.runs if run.law is not None)
     effect = EFFECTS["actuator-clipping"]
     index = problem.plant.actuator_index(limit.actuator)
     unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
     value, spread = limit.limit * scale, 1.645 * limit.sd * scale
-    told = "the law is told the limited command" if limit.is_known else "the law does not know of it"
-    # the odds of the replays' errors, of as many independent samples as any score counts
-    odds = (limit.after / limit.before) ** WORTH
+    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
+    # odds of the replay errors, at the effective sample size of every score
+    odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
     return Finding(
         effect=effect.name,
         form=effect.name,
@@ -56,8 +66,23 @@ def of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     )
 
 
-def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
-    """Return the findings of the chosen hypothesis."""
+def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
+    """Return the findings of the chosen hypothesis.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with alternatives and probabilities.
+    fit : Fit
+        Fit of the hypothesis.
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    list of Finding
+        One finding per term.
+    """
     out = []
     for i, term in enumerate(fit.terms):
         parameters: dict[str, dict[str, Any]] = {}
@@ -90,20 +115,27 @@ def of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
     return out
 
 
-def of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
-    """Return the effects of a hypothesis that is not chosen, as findings that nothing is said of but their values."""
+def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
+    """Return an unchosen hypothesis as findings without probability."""
     places = {t.place.name: 1.0 for t in fit.terms[:1]}
     alone = Choice(best=hypothesis, alike=(), probability=float("nan"), ranking=(), places=places)
-    return of_terms(alone, fit, problem)
+    return findings_of_terms(alone, fit, problem)
 
 
 def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance]) -> tuple[Finding, ...]:
-    """Return findings with the recordings kept aside that can verify each, those first that explain most of what was checked.
+    """Return findings in order of explained residual.
 
     Parameters
     ----------
+    findings : sequence of Finding
+        Findings.
     checked : sequence of Distance
-        With a part for every finding, in their order.
+        Errors with one part per finding, in the same order.
+
+    Returns
+    -------
+    tuple of Finding
+        Ordered findings.
     """
     out = []
     for i, finding in enumerate(findings):
@@ -115,12 +147,25 @@ def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance
 
 
 def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
-    """Return what was tried besides what is reported, best first; the chosen hypothesis among it where it is not.
+    """Return the hypotheses besides the reported one, best first.
+
+    The chosen hypothesis is included where nothing is reported.
 
     Parameters
     ----------
+    choice : Choice
+        Choice with its ranking.
+    problem : Problem
+        Problem.
+    verdict : Verdict
+        Verdict.
     before : float
-        What the refitted model leaves of the recordings to fit, in multiples of the noise.
+        Residual of the calibrated model over the noise.
+
+    Returns
+    -------
+    tuple of dict
+        Effect, location, probability and residual.
     """
     tried = choice.ranking if verdict == "missing-physics" else choice.tried
     is_told = verdict in TOLD
@@ -129,15 +174,30 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
             "effect": " + ".join(t.effect.name for t in h.terms) or "nothing",
             "place": " + ".join(place_of(t.place.name, t.effect, problem) for t in h.terms),
             "probability": p if is_told else None,
-            "remaining": h.level,
-            "remaining_share": h.level / max(before, 1e-300),
+            "remaining": h.normalised_residual,
+            "remaining_share": h.normalised_residual / max(before, 1e-300),
         }
-        for h, p in tried[:MOST_ALTERNATIVES]
+        for h, p in tried[: FINDINGS.most_alternatives]
     )
 
 
 def place_of(name: str, effect: Effect, problem: Problem) -> str:
-    """Return a place as a diagnosis reports it."""
+    """Return the reported name of a location.
+
+    Parameters
+    ----------
+    name : str
+        Name of the location.
+    effect : Effect
+        Effect there.
+    problem : Problem
+        Problem.
+
+    Returns
+    -------
+    str
+        Name.
+    """
     if isinstance(effect, PickUp):
         sensors = [p.name for p in problem.places if p.kind == "sensor"]
         name = next((sensor for sensor in sensors if name.startswith(f"{sensor}/")), name)
@@ -147,7 +207,10 @@ def place_of(name: str, effect: Effect, problem: Problem) -> str:
 
 
 def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
-    """Return what a hypothesis that fits as well has in the place of one of the chosen effects, the others being the same."""
+    """Return an equally good hypothesis' substitutes for one effect.
+
+    All other effects must be equal.
+    """
     others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
     left = list(hypothesis.terms)
     for name in others:
@@ -159,21 +222,24 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
 
 
 def _unit(unit: str, term: Term, problem: Problem) -> str:
-    """Return the unit of a parameter at its place: of a sensor its channel's, of an actuator its command's, else of the motion."""
+    """Return the unit of a parameter at its location.
+
+    Sensor effects have the channel's unit, actuator effects the command's, all others that of the motion.
+    """
     effect, place = term.effect, term.place
-    if isinstance(effect, SensorEffect):
+    if effect.kind == "sensor":
         own = _channel_unit(problem, place.index)
         if "command" in effect.needs:
             return {"m/N": _ratio(own, command_unit(problem, place.other))}.get(unit, unit)
         return {"m": own, "m/s": _rate(own)}.get(unit, unit)
-    if isinstance(effect, ActuatorEffect):
+    if effect.kind == "actuator":
         own = command_unit(problem, place.indices[0])
         return {"N": own, "N/s": _rate(own)}.get(unit, unit)
     return at_rotation(unit) if place.angular else unit
 
 
 def _rate(unit: str) -> str:
-    """Return the unit of what changes by a unit in a second."""
+    """Return the unit of a rate."""
     return f"{unit}^2" if unit.endswith("/s") else _ratio(unit, "s")
 
 
@@ -183,7 +249,7 @@ def _ratio(unit: str, other: str) -> str:
 
 
 def _channel_unit(problem: Problem, index: int) -> str:
-    for run in getattr(problem, "runs", ()):  # responses have the units that they come in
+    for run in getattr(problem, "runs", ()):  # problems in frequency have no runs
         name = problem.names[index]
         if name in run.measured.names:
             return str(run.measured.channels[run.measured.index(name)].unit)
@@ -191,7 +257,20 @@ def _channel_unit(problem: Problem, index: int) -> str:
 
 
 def command_unit(problem: Problem, index: int) -> str:
-    """Return the unit of an actuator's commands: its own, or what was recorded of them."""
+    """Return the unit of an actuator's commands.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    index : int
+        Index of the actuator.
+
+    Returns
+    -------
+    str
+        Unit, or "".
+    """
     tap = problem.plant.actuators[index]
     if tap.unit != "command":
         return str(tap.unit)
@@ -204,10 +283,21 @@ def command_unit(problem: Problem, index: int) -> str:
 
 
 def at_rotation(unit: str) -> str:
-    """Return a unit at a rotation, where forces are moments and displacements angles."""
+    """Return a unit at a rotation, with moments and angles.
+
+    Parameters
+    ----------
+    unit : str
+        Unit at a translation.
+
+    Returns
+    -------
+    str
+        Unit at a rotation.
+    """
     if unit in ANGULAR:
         return ANGULAR[unit]
-    if unit == "kg m^2":  # a rotary inertia is one at a rotation only
+    if unit == "kg m^2":  # a rotary inertia exists at a rotation only
         return unit
     return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
 
@@ -222,27 +312,51 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def of_hum(hum: Hum, unit: str) -> Finding:
-    """Return the finding of hum on a sensor's leads."""
-    lines = " and ".join(f"{k * hum.frequency:.2f} Hz" for k in hum.harmonics)
-    words = (
-        f"at {lines}, {100 * hum.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
-    )
+def finding_of_interference(interference: MainsInterference, unit: str) -> Finding:
+    """Return the finding of mains interference on a sensor.
+
+    Parameters
+    ----------
+    interference : MainsInterference
+        Interference.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
+    words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
     parameters = {
-        "amplitude": _known(np.sqrt(2) * hum.rms, 0.05, unit),
-        "frequency": _known(hum.frequency, 1e-3, "Hz"),
+        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
+        "frequency": _known(interference.frequency, 1e-3, "Hz"),
     }
-    return _seen("mains-hum", hum.channel, parameters, words)
+    return _seen("mains-hum", interference.channel, parameters, words)
 
 
-def of_stop(stop: SensorLimit, unit: str) -> Finding:
-    """Return the finding of a sensor that stops at the end of its range."""
+def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
+    """Return the finding of a sensor's range limit."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
     return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
 
 
-def of_step(step: SensorStep, unit: str) -> Finding:
-    """Return the finding of a sensor with coarse readings."""
+def finding_of_step(step: SensorStep, unit: str) -> Finding:
+    """Return the finding of a coarsely quantised sensor.
+
+    Parameters
+    ----------
+    step : SensorStep
+        Quantisation.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
     spread = 1.645 * step.sd
     interval = [step.step - spread, step.step + spread]
     parameters = {"step": {"value": step.step, "unit": unit, "ci90": interval}}
@@ -250,12 +364,25 @@ def of_step(step: SensorStep, unit: str) -> Finding:
     return _seen("sensor-quantisation", step.channel, parameters, words)
 
 
-def of_zero(zero: Zero, unit: str) -> Finding:
-    """Return the finding of a sensor's zero that is off."""
-    spread = 1.645 * zero.sd
-    interval = [zero.offset - spread, zero.offset + spread]
-    parameters = {"offset": {"value": zero.offset, "unit": unit, "ci90": interval}}
-    return _seen("sensor-offset", zero.channel, parameters, "the fit to all recordings puts its zero there")
+def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
+    """Return the finding of a sensor offset.
+
+    Parameters
+    ----------
+    offset : SensorOffset
+        Offset.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    spread = 1.645 * offset.sd
+    interval = [offset.offset - spread, offset.offset + spread]
+    parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
+    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
 
 
 def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:
@@ -266,7 +393,7 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
         family=effect.family,
         place=place,
         places_90=(place,),
-        probability=SEEN,
+        probability=FINDINGS.seen,
         alike=(name,),
         parameters=parameters,
         law=effect.law,

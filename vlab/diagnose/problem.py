@@ -1,4 +1,4 @@
-"""What the search works on: the twin, the runs on one clock, what is uncertain, the places."""
+"""Inverse problem of the search in time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,61 +7,65 @@ from functools import cached_property
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.wiring import Compared, Run
-from vlab.diagnose.hum import Hum
-from vlab.diagnose.places import Place
-from vlab.diagnose.signals import Signals
-from vlab.diagnose.twin import Twin
-from vlab.diagnose.uncertain import Uncertain, adjusted, common_scale, redundant, unused
-from vlab.diagnose.uncertain_structure import adjusted_structure, common_scale_of_structure, frequencies_of_twin
+from vlab.cases.channel_map import Compared, Run
+from vlab.diagnose.data.mains_interference import MainsInterference
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
+from vlab.diagnose.parameters.reduced_model import ReducedModel
+from vlab.diagnose.parameters.structure import (
+    adjusted_structure,
+    common_scale_of_structure,
+    frequencies_of_reduced_model,
+)
+from vlab.diagnose.settings import PROBLEM
 from vlab.plants.base import Plant
 from vlab.signals import Array
-
-MODEL_ERROR = 0.002
-"""Of a model that is integrated well: what the weights of fits allow for beside the noise."""
-INTEGRATION_ERROR = 5e-4
-"""What integration leaves of a user's model where nothing is missing."""
-MESH_OWN_ERROR = 0.005
-"""What a structure's mesh and the places of its sensors leave after a refit, in MuJoCo on recordings kept aside: on the beam .002 to .008
-of their rms where nothing was hidden, most under pulses. It is more than the weights allow for: these say what a fit should strive
-for, this what its success is worth."""
-LONG = 0.9
-"""Less than this share of a recording searched is worth saying."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """A case as the search sees it.
+    """Inverse problem of a case.
 
     Parameters
     ----------
+    case : Case
+        Case.
+    plant : Plant
+        Nominal plant.
+    reduced_model : ReducedModel
+        Reduced modal model of the plant.
+    parameters : tuple of Uncertain
+        Uncertain parameters.
     channels : tuple of Compared
-        All channels that are compared in some run, commands aside.
+        All compared channels, without commands.
     names : tuple of str
-        Their names.
+        Names of the channels.
     runs : tuple of Run
-        As wired.
-    signals : tuple of Signals
-        The same runs on the search's clock, in the same order, hum taken off.
+        Recordings with mapped channels.
     orders : tuple of int
-        How often every channel is the derivative of a position.
+        Time derivatives of position in every channel: 0, 1 or 2.
     about : (n_channels,) array
-        Readings from which sensors' gains count: those at rest, of which nobody knows how much is the zero.
-    hums : tuple of Hum
-        The hum that was found on their channels.
+        Values about which sensor gains act [SI]: those at rest, whose share of offset is unknown.
+    signals : tuple of Signals
+        The runs on the clock of the search, in the same order, without mains interference.
+    places : tuple of Place
+        Locations.
+    interferences : tuple of MainsInterference
+        Mains interference of the channels.
     highest_hz : float
-        Frequency below which nearly all power of the recorded velocities lies.
+        Frequency below which nearly all recorded velocity power lies [Hz].
     intensity : mapping of float to float
-        Of the forces that the twin lacks, by sample period [s], where a filter was tuned before; see `observer.tune`.
+        Unknown-force intensity by sample period [s], from an earlier tuning.
     bare : Problem or None
-        The same without the loads of the model's own nonlinearity, where there are any.
+        Problem without forces of the model's own nonlinearity.
     timing : str
-        When the inputs act, where the recordings had to tell; see `timing.timed`.
+        Note on an estimated sampling convention.
     """
 
     case: Case
     plant: Plant
-    twin: Twin
+    reduced_model: ReducedModel
     parameters: tuple[Uncertain, ...]
     channels: tuple[Compared, ...]
     names: tuple[str, ...]
@@ -70,7 +74,7 @@ class Problem:
     about: Array
     signals: tuple[Signals, ...]
     places: tuple[Place, ...]
-    hums: tuple[Hum, ...] = ()
+    interferences: tuple[MainsInterference, ...] = ()
     highest_hz: float = np.inf
     intensity: Mapping[float, float] = field(default_factory=dict)
     bare: "Problem | None" = None
@@ -78,21 +82,21 @@ class Problem:
 
     @property
     def model_error(self) -> float:
-        """Error of the simulation itself that is allowed for in the weights, as a share of a channel's rms."""
-        return MODEL_ERROR
+        """Simulation error in the weights over a channel's rms."""
+        return PROBLEM.model_error
 
     @property
     def own_error(self) -> float:
-        """Error that the model itself leaves where nothing is missing, as a share of a channel's rms, at least."""
-        return INTEGRATION_ERROR if self.case.structure is None else MODEL_ERROR
+        """Least relative residual of a complete model."""
+        return PROBLEM.integration_error if self.case.structure is None else PROBLEM.model_error
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What must be said of the search: parts of recordings that it did not look at, what was stated and not used."""
+        """Notes on unsearched parts of recordings and unused statements."""
         out = [self.timing] if self.timing else []
         for run, part in zip(self.runs, self.signals, strict=True):
             whole = float(run.measured.time[-1] - run.measured.time[0])
-            if part.last_s - part.t0 < LONG * whole:
+            if part.last_s - part.t0 < PROBLEM.long * whole:
                 out.append(
                     f"{run.name}: searched from {part.t0:.4g} to {part.last_s:.4g} s of {whole:.4g} s; the verdict is on all of it"
                 )
@@ -101,7 +105,7 @@ class Problem:
 
     @cached_property
     def common_scale(self) -> Array | None:
-        """See `vlab.diagnose.uncertain.common_scale`."""
+        """Log factors that scale all impedances and gains, or None."""
         loaded = any(drive.port for run in self.runs for drive in run.drives)
         if self.case.structure is None:
             return common_scale(self.plant, self.parameters, loaded=loaded)
@@ -111,24 +115,36 @@ class Problem:
 
     @cached_property
     def redundant(self) -> Array:
-        """See `vlab.diagnose.uncertain.redundant`."""
+        """Parameter directions without effect on the model."""
         return redundant(self.parameters)
 
     def adjusted(self, theta: Array) -> Plant:
-        """Return the plant with its uncertain parameters at given log-factors."""
+        """Return the plant at given log factors."""
         if self.case.structure is None:
             return adjusted(self.plant, self.parameters, theta)
         return self._rebuilt(self.for_plant(theta))
 
     def for_plant(self, theta: Array) -> Array:
-        """Return log-factors with which a rebuilt plant has the twin's frequencies at given ones.
+        """Return log factors that reproduce the reduced model's frequencies.
 
-        The twin keeps the modes' coordinates as they are at nominal values, and a rebuilt plant bends into others: some
-        hundred-thousandths of a frequency, which light damping makes a per cent of a response.
+        The reduced model keeps nominal modal coordinates, but the modes of a rebuilt plant change. The difference is
+        some 1e-5 of a frequency, and a per cent of a lightly damped response.
+
+        Parameters
+        ----------
+        theta : (n_parameters,) array
+            Log factors of the reduced model.
+
+        Returns
+        -------
+        (n_parameters,) array
+            Log factors for a rebuilt plant.
         """
         if self.case.structure is None or not any(p.kind == "frequency" for p in self.parameters):
             return theta
-        return frequencies_of_twin(self.twin, self._rebuilt(theta), self.case.structure, self.parameters, theta)
+        return frequencies_of_reduced_model(
+            self.reduced_model, self._rebuilt(theta), self.case.structure, self.parameters, theta
+        )
 
     def _rebuilt(self, theta: Array) -> Plant:
         assert self.case.structure is not None

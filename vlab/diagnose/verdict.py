@@ -1,141 +1,207 @@
-"""The verdict: whether what was chosen explains enough, nothing is missing, or nothing in the catalogue explains the difference."""
+"""Verdict of a diagnosis from errors on hold-out recordings."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vlab.diagnose.choose import Choice
+from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Verdict
-from vlab.diagnose.distance import LOST, NO_WORSE, gap_closed, total, verifying
-from vlab.diagnose.problem import MESH_OWN_ERROR, MODEL_ERROR
-from vlab.diagnose.seen import Seen
-from vlab.diagnose.verify import Checked
-
-ABOVE_NOISE = 1.5
-"""Held-out recordings are not explained where the refitted model leaves more than this multiple of their noise..."""
-LEAST_MISFIT = 0.005
-"""...and more than this share of their rms, or what the mesh of a structure leaves: what integration and interpolation leave of
-a user's model."""
-LEAST_GAP, LEAST_TO_NOISE = 0.78, 0.5
-"""An effect is reported as found where it closes this share of the held-out gap down to noise and what the simulation itself
-misses, and this share of the gap down to the noise alone. On concealed cases of two rigs effects that were there closed .91 and
-more, other forms of them .78 and more, laws fitted to what no law describes .58 to .77."""
-NEAR_NOISE, LEAST_NEAR_NOISE = 1.1, 0.7
-"""Where no more than this multiple of the noise is left, this share is enough: the gap was small."""
-BETTER = 0.998
-"""A model is better than another where it leaves at most this multiple: hum within the noise has another phase in every recording, and
-fits none kept aside."""
-BETTER_OF_MESH = 0.9
-"""...of a structure beside its noise, where the refitted model leaves no more than its mesh does: effects that bend a mesh gain
-hundredths."""
-NEARLY_ALL = 0.9
-"""Share of the gap that is closed in most recordings where a single one may have less."""
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
+from vlab.diagnose.validation.gap import gap_closed, total, verifying
+from vlab.diagnose.validation.simulation import Checked
 
 
 def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
-    """Return the errors of the refitted and the amended model and the noise, over all recordings."""
+    """Return the errors of both models, and the noise."""
     return {key: total(checked, key) for key in ("before", "after", "noise")}
 
 
-def closes(checked: Sequence[Checked], *, is_structure: bool) -> bool:
-    """Return whether an amended model closes enough of the gap: of all recordings together, or nearly all of it in most of them and
-    much in every one. A single recording goes far beyond the motion that a law was fitted to, and counts most.
+def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+    """Return whether the findings close enough of the gap.
 
-    The gap is that of the recordings in which a finding does anything, from what the model leaves without the findings.
+    The criterion is the gap over all recordings. Alternatively most recordings must be nearly closed and every
+    recording half, since one recording far beyond the fitted motion dominates the sum. Only recordings with an effect
+    of a finding count, from the error without findings.
+
+    Parameters
+    ----------
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether the findings explain enough.
     """
-    if any(run.after >= LOST or _has_lost_a_channel(run) for run in checked):
+    if any(run.after >= GAP.lost or _has_lost_a_channel(run) for run in checked):
         return False
     tests = verifying(checked)
     gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
-    if len(gaps) > 2 and np.median(gaps) >= NEARLY_ALL and min(gaps) >= LEAST_TO_NOISE:
+    if len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise:
         return True
     errors = {**errors_of(tests), "start": total(tests, "start")}
     gap = gap_closed(errors["start"], errors["after"], errors["noise"])
-    reachable = float(np.hypot(errors["noise"], MESH_OWN_ERROR if is_structure else MODEL_ERROR))
+    reachable = float(np.hypot(errors["noise"], PROBLEM.mesh_own_error if is_structure else PROBLEM.model_error))
     share = gap_closed(errors["start"], errors["after"], reachable)
-    least = LEAST_NEAR_NOISE if errors["after"] <= NEAR_NOISE * errors["noise"] else LEAST_GAP
-    return gap is not None and gap >= LEAST_TO_NOISE and max(gap, share or 0.0) >= least
+    least = VERDICT.least_near_noise if errors["after"] <= VERDICT.near_noise * errors["noise"] else VERDICT.least_gap
+    return gap is not None and gap >= VERDICT.least_to_noise and max(gap, share or 0.0) >= least
 
 
 def _has_lost_a_channel(run: Checked) -> bool:
-    """Return whether an amended model leaves all of a channel that is more than noise."""
-    return any(after >= LOST and noise < 0.5 * LOST for _, _, after, noise in run.channels.values())
+    """Return whether a model explains nothing of a channel."""
+    return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
 
 
 def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:
-    """Return whether a choice that has no gap to close, for a refit follows with parameters that nobody believes, or as well as its mesh
-    lets it, is better than that."""
+    """Return whether a choice without a gap beats calibration.
+
+    The calibrated model then follows with implausible parameters, or within its mesh error.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether the choice is needed.
+    """
     errors = errors_of(checked)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
-    least = NO_WORSE if choice.is_of_priors else BETTER
+    least = GAP.no_worse if choice.is_prior_driven else VERDICT.better
     before, after = errors["before"], errors["after"]
-    if is_structure:  # what its mesh leaves bends the parameters, too: that they are unlikely says little
-        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), BETTER_OF_MESH
+    if is_structure:  # mesh error biases the parameters, so implausible values prove little
+        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
-    return choice.gained > 0 and (choice.is_of_priors or no_gap) and after <= least * before
+    return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
 def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
-    """Return whether the refitted (``"before"``) or amended model (``"after"``) leaves more than noise and what it leaves of itself."""
+    """Return whether an error exceeds noise and model error."""
     if is_structure:
-        return bool(errors[which] > np.hypot(ABOVE_NOISE * errors["noise"], MESH_OWN_ERROR))
-    return errors[which] > max(ABOVE_NOISE * errors["noise"], LEAST_MISFIT)
+        return bool(errors[which] > np.hypot(VERDICT.above_noise * errors["noise"], PROBLEM.mesh_own_error))
+    return errors[which] > max(VERDICT.above_noise * errors["noise"], VERDICT.least_misfit)
 
 
-def left_over(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
-    """Return in a sentence that an amended model leaves more than noise, where it does: two effects are sought at most."""
+def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+    """Return a note where the residual exceeds the noise.
+
+    The search covers at most two effects.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Verdict.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
     errors = errors_of(checked)
     if verdict != "missing-physics" or not _shows("after", errors, is_structure=is_structure):
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
-        f"the amended model leaves {times:.3g} times the noise: more may be missing; diagnose the amended case in its turn"
+        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; continue with vlab diagnose OUT/amended.toml"
     ]
 
 
 def is_incoherent(checked: Sequence[Checked]) -> bool:
-    """Return whether the model's residual has no coherence with inputs and motion: then it is noise, however coloured."""
-    return total(checked, "before") <= ABOVE_NOISE * total(checked, "incoherent")
+    """Return whether the residual is incoherent noise.
+
+    Incoherent noise of any colour depends on neither inputs nor motion.
+    """
+    return total(checked, "before") <= VERDICT.above_noise * total(checked, "incoherent")
 
 
-def coloured_noise(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
-    """Return in a sentence that more than the noise of the spectra's upper ends is left and counts as noise, where that is so."""
+def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+    """Return a note where a coloured residual counts as noise.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Verdict.
+    checked : sequence of Checked
+        Errors on recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
     errors = errors_of(checked)
     if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
         return []
     return [
-        f"the model leaves {100 * errors['before']:.2g} % of the recordings' rms, which is coherent with neither the inputs nor the "
-        "motion: coloured noise"
+        f"the residual is {100 * errors['before']:.2g} % of the recordings' rms and coherent with neither the inputs nor the motion: "
+        "coloured noise"
     ]
 
 
 def is_of_the_fit_alone(
     checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, is_structure: bool
 ) -> bool:
-    """Return whether findings explain the recordings to fit and do nothing in any recording kept aside, which then verifies none.
+    """Return whether findings act in the fitted recordings only.
 
     Parameters
     ----------
+    checked : sequence of Checked
+        Errors on hold-out recordings.
     fitted : callable
-        Gives how far the models are from the recordings to fit.
+        Returns the errors on fitted recordings.
+    is_structure : bool
+        Whether mesh error counts as model error.
+
+    Returns
+    -------
+    bool
+        Whether hold-out recordings cannot verify the findings.
     """
-    return bool(checked) and all(run.is_idle for run in checked) and closes(fitted(), is_structure=is_structure)
+    return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), is_structure=is_structure)
 
 
-def verdict_on(
+def decide_verdict(
     choice: Choice,
     checked: Sequence[Checked],
-    seen: Seen,
+    seen: DataFindings,
     *,
     is_structure: bool,
     fitted: Callable[[], Sequence[Checked]] = list,
 ) -> Verdict:
-    """Return the verdict on recordings kept aside, or on those fitted where none are.
+    """Return the verdict on the checked recordings.
 
     Parameters
     ----------
+    choice : Choice
+        Choice.
+    checked : sequence of Checked
+        Errors on recordings.
+    seen : DataFindings
+        Findings from the data alone.
+    is_structure : bool
+        Whether mesh error counts as model error.
     fitted : callable
-        Gives how far the models are from the recordings to fit.
+        Returns the errors on fitted recordings.
+
+    Returns
+    -------
+    Verdict
+        Verdict.
     """
     if seen.damage.fatal:
         return "bad-recording"
@@ -143,11 +209,11 @@ def verdict_on(
     unexplained = _shows("before", errors, is_structure=is_structure)
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
-    if (choice.best.terms or seen.is_missing) and closes(checked, is_structure=is_structure):
+    if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
-    is_followed = errors["before"] <= ABOVE_NOISE * errors["noise"] or (is_structure and not unexplained)
-    # there is no gap to close where coarse steps count as noise, or no recording kept aside reaches a limit
-    shows = bool(seen.steps or seen.stops) and errors["after"] <= NO_WORSE * errors["before"]
+    is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
+    # no gap remains where quantisation counts as noise, or no hold-out recording reaches a limit
+    shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"

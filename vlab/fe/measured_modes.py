@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from vlab.assets import asset
 from vlab.errors import BadStructure, UnknownName
-from vlab.schema import Reader, number
+from vlab.files.assets import asset
+from vlab.files.toml import Reader, number
 from vlab.signals import ModalModel
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-from vlab.assets import asset
 from vlab.errors import BadExperiment, unknown_name
-from vlab.schema import Reader, number
+from vlab.files.assets import asset
+from vlab.files.toml import Reader, number
 
 _VALUE = re.compile(r"^\s*(\w+)\.(\w+)\s*=\s*(true|false|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
 """Text form TABLE.KEY=VALUE with an optional unit."""

@@ -7,8 +7,8 @@ from vlab.controllers.catalogue import LAWS, published_way
 from vlab.controllers.law_file import is_law_file, load_law
 from vlab.controllers.lqg import RATE
 from vlab.controllers.user_law import check_code, is_user_law, load_user_law
+from vlab.design.published_tables import published_table, published_tables
 from vlab.errors import BadController, unknown_name
-from vlab.published import published_table, published_tables
 from vlab.structure.model import Structure
 
 GAIN_TABLES = {"beam": "7", "grid": "11"}

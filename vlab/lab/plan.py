@@ -21,11 +21,11 @@ from typing import Any, Literal
 
 from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
+from vlab.files.output_folder import MANIFEST, output_folder
+from vlab.files.toml import Reader
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, StoredSettings, load_run, perform
-from vlab.outputs import MANIFEST, output_folder
 from vlab.recordings.bound import RECORDING, check_run, stated_hash
 from vlab.recordings.files import written_whole
-from vlab.schema import Reader
 
 CASE, TRUTH = "case.toml", "truth.json"
 """Names of the case file and of the concealed truth."""

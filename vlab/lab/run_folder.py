@@ -16,19 +16,19 @@ from vlab.controllers.law_file import is_law_file
 from vlab.controllers.user_law import code_of
 from vlab.errors import BadExperiment, BadRecording
 from vlab.fe import FeModel, build_fe_model
+from vlab.files.containment import NotInside, file_inside
+from vlab.files.output_folder import write_manifest
+from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
-from vlab.inside import NotInside, file_inside
 from vlab.lab.excitation import build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
-from vlab.outputs import write_manifest
 from vlab.physics.attach import attach
-from vlab.physics.spelled import parse_effect
+from vlab.physics.spec import parse_effect
 from vlab.plants import Plant, build_plant
 from vlab.recordings import read_recording, write_recording
 from vlab.recordings.bound import RECORDING, STATED, check_run
-from vlab.schema import Reader
 from vlab.signals import Recording
 from vlab.structure import load_structure
 from vlab.structure.model import Structure

@@ -176,6 +176,9 @@ class Clipping(ActuatorEffect):
     family = "saturation"
     law = "force = min(max(u, -L), L)"
     words = "an amplifier or actuator saturates: commands beyond a limit are cut off"
+    confirmed_by = (
+        "the same loop at half the level, where no command reaches the limit: the model must then do without it"
+    )
     parameters: ClassVar = (
         Parameter(name="limit", unit="N", low=0.02, high=0.999, role="shape", reference="input", grid=CUT_OFF),
     )

@@ -152,7 +152,7 @@ def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attach
     spec, model, left = plant.spec.copy(), copy.copy(plant.model), []
     extra = []
     for one in effects:
-        own = None if isinstance(one.effect, (ActuatorEffect, SensorEffect)) else numbers(
+        own = None if one.effect.kind != "port" else numbers(
             plant, one.effect, one.place, one.values
         )  # fmt: skip
         beside = springs(plant, one.effect, one.place, one.values)
@@ -456,7 +456,7 @@ def _in_actuator(model: Any, plant: Plant, one: Attached) -> bool:
     bool
         Whether the actuator could take the effect.
     """
-    if not isinstance(one.effect, ActuatorEffect) or one.place == CHAIN:
+    if one.effect.kind != "actuator" or one.place == CHAIN:
         return False
     for i in actuators_at(plant, one.place):
         for c in plant.actuators[i].controls:

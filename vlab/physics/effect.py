@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from vlab.physics.family import FAMILIES, Family, register_family
 from vlab.signals import Array
 
 Kind = Literal["port", "actuator", "sensor"]
@@ -125,6 +126,35 @@ class Effect(ABC):
     means the rows of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
     form_of: ClassVar[str] = ""
     """Name of the effect of which this class is another form; reports use that name."""
+    confirmed_by: ClassVar[str] = ""
+    """Measurement that confirms a finding which needs no fit; "" for none."""
+    lasts: ClassVar[bool] = False
+    """Whether an event leaves a permanent change. A run that begins after the event, from the motion at that time, need
+    not show the change. The law's amplitude is then a stiffness of the changed element."""
+    is_linear: ClassVar[bool] = False
+    """Whether the effect adds mass, damping or stiffness."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        own: Any = cls.__dict__.get("family")
+        if isinstance(own, Family):  # a family that the effect's own file defines
+            register_family(own)
+            cls.family = own.name
+
+    @property
+    def traits(self) -> Family:
+        """Family of the effect; one without traits if the family's name is unknown."""
+        return FAMILIES.get(self.family, Family(name=self.family))
+
+    @property
+    def needs_rest(self) -> bool:
+        """Whether the law is plausible at an element with a position of rest only."""
+        return self.traits.needs_rest or "magnet" in self.needs
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the law remembers the motion."""
+        return False
 
     @property
     def physics(self) -> str:
@@ -159,34 +189,6 @@ class Effect(ABC):
         """Return a parameter by name."""
         return next(p for p in self.parameters if p.name == name)
 
-
-class PortEffect(Effect):
-    """A force along the coordinate of a port."""
-
-    kind: ClassVar[Kind] = "port"
-    response: ClassVar[Literal["any", "linear", "none"]] = "any"
-    """Dependence of the force on the port's motion. ``"linear"``: force and memory are linear in motion and memory, the
-    same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
-    much faster than ``"any"``."""
-    lasts: ClassVar[bool] = False
-    """Whether an event leaves a permanent change. A run that begins after the event, from the motion at that time, need
-    not show the change. The law's amplitude is then a stiffness of the changed element."""
-
-    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
-        """Return the law's memory at rest.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Shape of each state.
-
-        Returns
-        -------
-        list of object or None
-            One array a state; None for a law without memory.
-        """
-        return None
-
     def of_element(self, p: Values, stiffness: float) -> dict[str, float] | None:
         """Return values of a law that takes an element's whole stiffness.
 
@@ -218,6 +220,36 @@ class PortEffect(Effect):
         """
         return True
 
+
+class PortEffect(Effect):
+    """A force along the coordinate of a port."""
+
+    kind: ClassVar[Kind] = "port"
+    response: ClassVar[Literal["any", "linear", "none"]] = "any"
+    """Dependence of the force on the port's motion. ``"linear"``: force and memory are linear in motion and memory, the
+    same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
+    much faster than ``"any"``."""
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the law remembers the motion."""
+        return self.memory((1,)) is not None
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """Return the law's memory at rest.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Shape of each state.
+
+        Returns
+        -------
+        list of object or None
+            One array a state; None for a law without memory.
+        """
+        return None
+
     @abstractmethod
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """Return the force along the port and the new memory.
@@ -244,6 +276,7 @@ class LinearPortEffect(Effect):
     """Mass, damping and stiffness added at a port."""
 
     kind: ClassVar[Kind] = "port"
+    is_linear: ClassVar[bool] = True
 
     @abstractmethod
     def impedance(self, p: Values, own_stiffness: Any) -> tuple[Any, Any, Any]:
@@ -370,7 +403,7 @@ class SensorEffect(Effect):
         `correct` inverts `sense` as far as an inverse exists.
         """
 
-    def settling(self, p: Values, h: float) -> int:
+    def settling_samples(self, p: Values, h: float) -> int:
         """Return the settling time of the sensor [samples].
 
         After this time the recorded signal no longer depends on the initial state.

@@ -98,7 +98,7 @@ class PortForces:
         self._model, self._h = plant.model, plant.timestep
         self._is_staggered = plant.model.opt.integrator in STAGGERED
         lines = [(a, port) for a in attached for port in (a.port, *a.port.more)]
-        lines.sort(key=lambda line: (isinstance(line[0].effect, PortEffect), line[0].effect.family == "friction"))
+        lines.sort(key=lambda line: (isinstance(line[0].effect, PortEffect), line[0].effect.traits.is_dry_friction))
         data, n = plant.new_data(), len(lines)
         self._ports = [port for _, port in lines]
         self._rest = [port.position(data) for port in self._ports]

@@ -117,6 +117,7 @@ class SensorOffset(SensorEffect):
     family = "bias"
     law = "y = x + y0"
     words = "a constant is added to a sensor's output"
+    confirmed_by = "a reading of the sensor at rest, before and after"
     parameters: ClassVar = (Parameter(name="offset", unit="m", low=1e-4, high=10.0, reference="output", signed=True),)
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
@@ -153,6 +154,7 @@ class SensorClipping(SensorEffect):
     family = "saturation"
     law = "y = min(max(x, -L), L)"
     words = "a sensor or its converter is at the end of its range"
+    confirmed_by = "the same excitation at a level at which the sensor stays within its range"
     parameters: ClassVar = (
         Parameter(name="limit", unit="m", low=0.1, high=1.0, role="shape", reference="output", grid=(0.98,)),
     )
@@ -304,7 +306,7 @@ class SensorHighPass(SensorEffect):
         a = float(np.exp(-h / float(p["time_constant"])))
         return _alone(recursion(0.5 * (1 + a), -0.5 * (1 + a), a))
 
-    def settling(self, p: Values, h: float) -> int:
+    def settling_samples(self, p: Values, h: float) -> int:
         """See `SensorEffect`: to exp(-8), or 0.03 %."""
         return int(np.ceil(8.0 * float(p["time_constant"]) / h))
 
@@ -343,6 +345,7 @@ class MainsHum(SensorEffect):
     family = "disturbance"
     law = "y = x + a sin(2 pi f t) + b cos(2 pi f t)"
     words = "mains hum is picked up on a sensor's leads"
+    confirmed_by = "a recording at rest with the leads routed otherwise: mains interference changes, motion does not"
     parameters: ClassVar = (
         Parameter(name="sine", unit="m", low=1e-4, high=10.0, reference="output", signed=True),
         Parameter(name="cosine", unit="m", low=1e-4, high=10.0, reference="output", signed=True),

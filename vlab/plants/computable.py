@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from vlab.errors import BadStructure
+from vlab.files.text import one_line
 from vlab.signals import LARGEST
-from vlab.text import one_line
 
 
 @contextmanager

@@ -15,14 +15,14 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe.second_order import SecondOrderModel
-from vlab.inside import NotInside, path_inside
+from vlab.files.containment import NotInside, path_inside
+from vlab.files.text import one_line
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
 from vlab.plants.computable import check_numbers
 from vlab.plants.equilibrium import settle
 from vlab.plants.linearise import linearise
 from vlab.plants.mjcf_guard import check_file, check_text
 from vlab.signals import Array
-from vlab.text import one_line
 
 AXES = ("x", "y", "z")
 """Names of the axes."""

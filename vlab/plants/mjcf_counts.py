@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from vlab.errors import BadStructure
-from vlab.text import one_line
+from vlab.files.text import one_line
 
 MOST_NUMBERS = 10_000**2
 """MOST_NUMBERS [1]: largest total of 8-byte numbers from a model's counts, 800 MB. The limit allows 10 000 copied

@@ -12,9 +12,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from vlab.errors import BadStructure
-from vlab.inside import NotInside, path_inside
+from vlab.files.containment import NotInside, path_inside
+from vlab.files.text import one_line
 from vlab.plants.mjcf_counts import MOST_NUMBERS, check_counts
-from vlab.text import one_line
 
 MAX_BYTES = 50 * 1024**2
 """MAX_BYTES [bytes]: largest MJCF file; meshes are separate files."""

@@ -1,6 +1,6 @@
-"""Proof with the effect concealed: cases made by an independent generator, sealed, diagnosed, opened and scored.
+"""Proof with concealed effects: generation, sealing, diagnosis, scoring.
 
-`vlab.proof.generator` makes the recordings. It knows nothing of MuJoCo, of the plants and of the catalogue of physics:
-meshes, integration, hardware and force laws are its own. The other modules seal the truth, run the diagnosis over many
-cases, freeze the answers and count.
+`vlab.proof.generator` makes the recordings, without MuJoCo, the plants and the catalogue of physics. Its meshes,
+integration, hardware and force laws are its own. The other modules seal the truth, diagnose many cases, freeze the
+answers and count.
 """

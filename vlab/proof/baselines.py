@@ -1,6 +1,7 @@
-"""What simpler methods make of the same case: all parameters freed by mujoco.sysid, and sparse regression on the states.
+"""Simple methods on the same case: mujoco.sysid and sparse regression.
 
-The third one, a refit of the uncertain parameters alone, is a step of the diagnosis itself (`before` in its answer).
+mujoco.sysid fits all parameters. Sparse regression works on the states. A third method, calibration of the uncertain
+parameters alone, is a step of the diagnosis (`before` in its answer).
 """
 
 import contextlib
@@ -15,38 +16,47 @@ from mujoco import rollout, sysid
 from scipy import signal
 
 from vlab.cases import Case
-from vlab.cases.wiring import Run
-from vlab.diagnose.distance import total
-from vlab.diagnose.verify import Amended, check
+from vlab.cases.channel_map import Run
+from vlab.diagnose.validation.gap import total
+from vlab.diagnose.validation.simulation import ExtendedModel, check
 from vlab.plants.mjcf import MjcfPlant
-from vlab.proof.sparse import TERMS, Named, sparse_terms
+from vlab.proof.sparse_regression import TERMS, Named, sparse_terms
 from vlab.signals import Array
 
 HAS_SYSID = hasattr(sysid, "optimize")
-"""Whether mujoco.sysid has what it needs; it comes with an extra."""
+"""HAS_SYSID: whether the extra of mujoco.sysid is installed."""
 BOUND = 0.7
-"""Log-factors of freed parameters stay within +-0.7: a factor of two."""
+"""BOUND [-]: limit on log-factors of freed parameters, a factor of two."""
 MOST_ITERATIONS = 8
 MOST_RUNS = 3
-"""Recordings that it is fitted to, the loudest: every derivative simulates each of them once a parameter."""
+"""MOST_RUNS [-]: loudest recordings in the fit; each derivative simulates all of them once per parameter."""
 SMOOTH_S = 0.03
-"""Window of the local cubic whose derivatives stand for velocity and acceleration."""
+"""SMOOTH_S [s]: window of the local cubic whose derivatives give velocity and acceleration."""
 
 
 def baselines_of(case: Case, *, frees_all: bool = True) -> dict[str, dict[str, Any]]:
-    """Return what each method makes of a case: held-out error, what it names, or why it cannot be used.
+    """Return the result of each simple method on a case.
+
+    A result holds the held-out error and the named effect, or the reason of a failure.
 
     Parameters
     ----------
+    case : Case
+        Case.
     frees_all : bool
-        Whether mujoco.sysid is among them: it takes minutes a case, the other a second.
+        Whether mujoco.sysid is used: minutes per case instead of a second.
+
+    Returns
+    -------
+    dict
+        Result by method.
     """
     out = {"sparse regression": _guarded(_sparse, case)}
     return {"mujoco.sysid": _guarded(freed, case), **out} if frees_all else out
 
 
 def _guarded(method: Callable[[Case], dict[str, Any]], case: Case) -> dict[str, Any]:
-    """Return a method's result; that it fails on a case is its result there."""
+    """Return a method's result; a failure is a result."""
     try:
         return method(case)
     except (ArithmeticError, ValueError, LookupError, AttributeError, np.linalg.LinAlgError) as error:
@@ -58,16 +68,16 @@ def _guarded(method: Callable[[Case], dict[str, Any]], case: Case) -> dict[str, 
 
 @dataclass(frozen=True)
 class _Free:
-    """A number of the model that is freed: (array, index), multiplied by exp of the parameter, or set to it."""
+    """Freed number of the model, multiplied by the exponential or set."""
 
     name: str
     array: str
     index: int
-    added: float = 0.0  # 0: the value is multiplied; else the parameter times this is added
+    added: float = 0.0  # 0: multiply the value; else add the parameter times this factor
 
 
 def _free_parameters(model: Any, friction: bool) -> list[_Free]:
-    """Return every stiffness, damping, mass and, if wanted, dry friction of joints, tendons and bodies."""
+    """Return stiffness, damping, mass and optional friction of all elements."""
     out = []
     for i in range(1, model.nbody):
         out += [_Free(f"mass:{i}", "body_mass", i)] if model.body_mass[i] > 0 else []
@@ -84,12 +94,21 @@ def _free_parameters(model: Any, friction: bool) -> list[_Free]:
 
 
 def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
-    """Fit all parameters to the recordings with mujoco.sysid's optimiser; simulate the hold-outs.
+    """Fit all parameters with the optimiser of mujoco.sysid.
+
+    The fitted model simulates the held-out recordings.
 
     Parameters
     ----------
+    case : Case
+        Case.
     friction : bool
-        Dry friction, of which the model has none, is a parameter as well.
+        Whether dry friction is a parameter, although the model has none.
+
+    Returns
+    -------
+    dict
+        Result for the answer.
     """
     if not HAS_SYSID:
         return {"note": "not run: mujoco.sysid needs its extras; pip install 'vlab[sysid]'"}
@@ -105,17 +124,17 @@ def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
         parameters.add(sysid.Parameter(f.name, 0.01 * most if f.added else 0.0, 0.0 if f.added else -BOUND, most))
 
     def residual(x: Array, known: Any) -> tuple[list[Array], None, None]:
-        # the optimiser asks for one candidate, (n,), or for all perturbed ones of a derivative, (n, k)
+        # one candidate, (n,), or all perturbed ones of a derivative, (n, k)
         columns = [
             np.concatenate([_misfit(run, plant, _changed(plant.model, free, column)) for run in runs])
             for column in np.atleast_2d(x.T)
         ]
         return [np.array(columns).T if x.ndim == 2 else columns[0]], None, None
 
-    with contextlib.redirect_stdout(io.StringIO()):  # its optimiser prints whatever it is told
+    with contextlib.redirect_stdout(io.StringIO()):  # silence the optimiser
         _, found = sysid.optimize(parameters, residual, max_iters=MOST_ITERATIONS, verbose=False)
     fitted = replace(plant, model=_changed(plant.model, free, found.x))
-    checked = check(case.runs(("holdout",)), Amended(plant=plant), Amended(plant=fitted))
+    checked = check(case.runs(("holdout",)), ExtendedModel(plant=plant), ExtendedModel(plant=fitted))
     return {"nrmse": total(checked, "after"), "parameters": len(free), "note": ""}
 
 
@@ -138,7 +157,7 @@ def _changed(model: Any, free: list[_Free], x: Array) -> Any:
 
 
 def _misfit(run: Run, plant: MjcfPlant, model: Any) -> Array:
-    """Return simulated minus measured channels over their rms, from rest."""
+    """Return simulated minus measured channels over their rms."""
     measured = run.measured
     substeps = max(1, round(1.0 / measured.rate / model.opt.timestep))
     controls = np.zeros((len(measured), model.nu))
@@ -164,7 +183,7 @@ def _misfit(run: Run, plant: MjcfPlant, model: Any) -> Array:
 
 
 def _sparse(case: Case) -> dict[str, Any]:
-    """Regress accelerations on a library of terms of the states and name the strongest nonlinear one left."""
+    """Regress accelerations on a library of terms."""
     plant, runs = case.plant, case.runs(("fit",))
     if not isinstance(plant, MjcfPlant) or any(run.law is not None for run in runs):
         return {"note": "not run: for MJCF models without a law in the loop"}
@@ -185,7 +204,7 @@ def _sparse(case: Case) -> dict[str, Any]:
 
 
 def _states(run: Run, order: dict[str, int | None]) -> tuple[Array, Array, Array, Array]:
-    """Return displacements, velocities, accelerations and inputs of a run, smoothed alike, every fifth sample."""
+    """Return smoothed states and inputs of a run, every fifth sample."""
     rate = run.measured.rate
     window = max(5, round(SMOOTH_S * rate) | 1)
     kinds = {c.name: c.kind for c in run.measured.channels}

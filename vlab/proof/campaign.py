@@ -1,4 +1,4 @@
-"""Many independent cases on all cores of this machine, or on a cluster that dask knows."""
+"""Many independent cases on all cores or a dask cluster."""
 
 import multiprocessing
 import os
@@ -15,14 +15,14 @@ from vlab.errors import BadExperiment, unknown_name
 T = TypeVar("T")
 ENGINES = ("joblib", "dask")
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "MKL", "OMP", "NUMBA", "VECLIB")}
-"""Environment of a worker: cases side by side leave no core for a second thread."""
+"""ONE_THREAD: environment of a worker; parallel cases leave no core for a second thread."""
 
 
 def common_instructions() -> dict[str, str]:
-    """Return an environment in which numpy and OpenBLAS use none but AVX2 of x86-64's extensions, which nearly all have.
+    """Return an environment that limits numpy and OpenBLAS to AVX2.
 
-    What is left to them, they choose by the processor, and round otherwise on each: where a number has to come out with the same bits
-    elsewhere, it must be made so.
+    Nearly all processors have AVX2. By default the libraries choose instructions by the processor, and round
+    differently on each. Equal bits on all machines need common instructions.
     """
     core = getattr(np, "_core", None) or np.core
     found = getattr(core._multiarray_umath, "__cpu_dispatch__", [])
@@ -31,7 +31,7 @@ def common_instructions() -> dict[str, str]:
 
 
 def cores() -> int:
-    """Return the cores that this process may use."""
+    """Return the number of cores of this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -44,21 +44,27 @@ def run_all(
     scheduler: str = "",
     environment: Mapping[str, str] | None = None,
 ) -> Generator[T, None, None]:
-    """Yield what `work` makes of every item, in the order in which they are done.
+    """Yield the result of every item, in the order of completion.
 
     Parameters
     ----------
     work : callable
-        Must be picklable, and say in its result which item it was.
+        Picklable function; its result must name the item.
+    items : sequence of object
+        Items of work.
     engine : str
-        ``"joblib"``: one process a core, linear algebra on one thread. ``"dask"``: the workers of a cluster, which must
-        see the same files.
+        ``"joblib"``: one single-threaded process per core. ``"dask"``: workers of a cluster that sees the same files.
     jobs : int
-        Processes; all cores by default. One runs everything in this process, unless it needs an environment.
+        Processes; all cores by default. One process means this one, unless an environment is given.
     scheduler : str
         Address of a running dask scheduler; a cluster on this machine by default.
     environment : mapping of str to str, optional
-        Variables of the processes that work; those of a cluster have their own.
+        Variables of worker processes; clusters have their own.
+
+    Yields
+    ------
+    object
+        Result of one item.
 
     Raises
     ------
@@ -86,17 +92,17 @@ def _on_cores(
     is_done = False
     try:
         with warnings.catch_warnings():
-            # loky replaces a worker that has grown, between two cases: nothing is lost
+            # loky replaces a large worker between two cases without loss
             warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
             for future in as_completed([executor.submit(_alone, work, item) for item in items]):
                 yield future.result()
         is_done = True
-    finally:  # a run that is stopped does not wait for the cases that nobody will ask for
+    finally:  # an interrupted run does not wait for the remaining cases
         executor.shutdown(wait=True, kill_workers=not is_done)
 
 
 def _alone(work: Callable[[Any], T], item: Any) -> T:
-    """Work on one item in a process that starts no others: cases side by side leave no core for it."""
+    """Work on one item in a process without children."""
     process = multiprocessing.current_process()
     if not process.daemon:
         process.daemon = True

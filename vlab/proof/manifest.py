@@ -1,30 +1,43 @@
-"""What a campaign's answers are bound to: code, catalogue, thresholds, versions and the commitments they answer."""
+"""Manifest of a campaign: code, catalogue, thresholds, versions, commitments."""
 
-import importlib
 import json
-import pkgutil
 import sys
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import vlab
 from vlab import controllers
-from vlab.assets import asset
-from vlab.proof.sealing import canonical, digest, files_digest
+from vlab.diagnose.settings import SETTINGS
+from vlab.files.assets import asset
+from vlab.proof.seal import canonical, digest, files_digest
 
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
-"""Sources that say what a right answer is, and count."""
+"""SCORING: sources of the rules of scoring."""
 NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", *SCORING)
-"""Sources that no answer depends on."""
+"""NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
 
 def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
-    """Return the manifest of answers to some commitments."""
+    """Return the manifest of answers to some commitments.
+
+    Parameters
+    ----------
+    commitments : object
+        Commitments of the cases.
+    **settings
+        Further settings of the answers.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
     root = Path(vlab.__file__).parent
-    thresholds = _constants("vlab.diagnose")
+    thresholds = {room: asdict(settings) for room, settings in SETTINGS.items()}
     bound = {
         "written_by": "vlab",
         "vlab": vlab.__version__,
@@ -40,7 +53,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "commitments": digest(commitments),
         **settings,
     }
-    return dict(json.loads(canonical(bound)))  # as it will be read again
+    return dict(json.loads(canonical(bound)))  # in the form of a later reading
 
 
 def scoring_digest() -> str:
@@ -50,7 +63,7 @@ def scoring_digest() -> str:
 
 
 def generator_digest() -> str:
-    """Return the SHA-256 of all that concealed cases are made with: sources, structures, numpy, scipy and pyarrow."""
+    """Return the SHA-256 of sources and libraries of the generator."""
     root = Path(vlab.__file__).parent
     made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
     made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
@@ -62,26 +75,7 @@ def _structures() -> str:
 
 
 def _sources(root: Path, pattern: str) -> str:
-    """Return the SHA-256 of source files, those aside that only show and count: that must not void the answers."""
+    """Return the SHA-256 of source files that influence answers."""
     files = ((p.relative_to(root).as_posix(), p) for p in root.glob(pattern) if "__pycache__" not in p.parts)
-    elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, which a wheel has here, are counted by themselves
+    elsewhere = (*NOT_ANSWERING, "controllers/")  # the laws, inside the package in a wheel, have a digest of their own
     return files_digest((name, path) for name, path in files if not name.startswith(elsewhere))
-
-
-def _constants(package: str) -> dict[str, Any]:
-    """Return the named constants of all modules of a package and those inside it: plain numbers and texts in capitals."""
-    out: dict[str, Any] = {}
-    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
-        loaded = importlib.import_module(module.name)
-        for name, value in vars(loaded).items():
-            if name.isupper() and not name.startswith("_") and _is_plain(value):
-                out[f"{module.name.removeprefix(f'{package}.')}.{name}"] = value
-    return out
-
-
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, (bool, int, float, str)):
-        return True
-    if isinstance(value, dict):
-        return all(isinstance(k, str) and _is_plain(v) for k, v in value.items())
-    return isinstance(value, (list, tuple)) and all(_is_plain(v) for v in value)

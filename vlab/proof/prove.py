@@ -1,4 +1,4 @@
-"""From a folder of concealed cases to a score: answers without the truth, frozen by their hashes, then the truth opened."""
+"""Score of concealed cases: answers, frozen hashes, opened truth, counts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
-from vlab.locks import sole_use
+from vlab.files.locks import sole_use
 from vlab.physics.catalogue import EFFECTS
-from vlab.proof import shapes
-from vlab.proof.answering import Report, answer_case, write_worst
+from vlab.proof import document_schema as shapes
+from vlab.proof.answer import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
-from vlab.proof.concealing import truth_folder
+from vlab.proof.conceal import truth_folder
 from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
-from vlab.proof.opening import check_remade, note_opening, open_truth
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.sealing import committed, digest, folder_digest, read_json, read_shaped, write_json
+from vlab.proof.seal import committed, digest, folder_digest, read_json, read_shaped, write_json
+from vlab.proof.truth import check_remade, note_opening, open_truth
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
 SHOWN = (
@@ -46,12 +46,12 @@ SHOWN = (
     "seconds",
     "error",
 )
-"""What the score shows of every case."""
+"""SHOWN: parts of every case in the score."""
 Progress = Callable[[int, int], None]
 
 
 def answers_folder(cases: Path) -> Path:
-    """Return where the answers to a folder of cases are kept: beside it."""
+    """Return the folder of the answers, beside the cases."""
     return cases.with_name(f"{cases.name}-answers")
 
 
@@ -71,29 +71,45 @@ def prove(
 ) -> dict[str, Any]:
     """Diagnose every case, freeze the answers, open the truth and score.
 
-    What was answered before is kept: a campaign that was stopped goes on where it was, and one that is frozen is only
-    counted again. One process at a time works in the answers' folder.
+    Earlier answers are kept. An interrupted campaign continues, and a frozen one is only counted again. One process
+    at a time works in the folder of the answers.
 
     Parameters
     ----------
+    cases : Path
+        Folder of the cases.
     out : Path
         Folder of the answers.
     truth : Path, optional
-        Folder of the truth; beside the cases by default. It is not touched before all answers are frozen.
+        Folder of the truth, beside the cases by default; untouched before all answers are frozen.
     first : int
-        Answer only so many cases and score these; their order is drawn, so it says nothing of them. All by default, and once they
-        are frozen those that were answered.
+        Number of answered and scored cases in drawn order. By default all, or after freezing the answered ones.
     baselines : int, optional
-        The simple methods answer as well; the one that takes minutes a case, mujoco.sysid, only so many of the cases.
+        Whether the simple methods answer, and number of cases for the slow mujoco.sysid.
     reports : int
-        How many of the worst cases get a report.
+        Number of worst cases with a report.
+    report : Report or None
+        Function that writes a report.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+    progress : Progress
+        Receives the numbers of completed and of all cases.
+
+    Returns
+    -------
+    dict
+        Score as plain values.
 
     Raises
     ------
     BadProof
-        Cases, truth or answers are not what was committed to, or the answers belong to other code.
+        Cases, truth or answers differ from their commitments, or the answers belong to other code.
     OutputRefused
-        Another process is at work in the answers' folder, or it cannot be written.
+        Another process works in the folder of the answers, or the folder cannot be written.
     """
     commitments = read_commitments(cases, recordings=not (out / FROZEN).exists())
     with sole_use(out, of="vlab prove"):
@@ -117,7 +133,7 @@ def _counted(
     scheduler: str,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Answer what is left, freeze, open the truth, count, and write the score."""
+    """Answer the rest, freeze, open the truth, count and write."""
     if not (out / FROZEN).exists():
         names = sorted(commitments["cases"])[: first or None]
         _answer(cases, out, commitments, names, baselines, engine, jobs, scheduler, progress)
@@ -147,7 +163,7 @@ def _counted(
 
 
 def _write_worst(cases: Path, out: Path, found: dict[str, Any], reports: int, report: Report) -> None:
-    """Write reports of the worst answers, and where they lie into the score."""
+    """Write reports of the worst answers, and their paths."""
     answered = [row for row in found["worst"] if not row["error"]][:reports]
     paths = write_worst(cases, [row["case"] for row in answered], out / "worst", report)
     for row in found["worst"]:
@@ -156,17 +172,24 @@ def _write_worst(cases: Path, out: Path, found: dict[str, Any], reports: int, re
 
 
 def read_commitments(cases: Path, *, recordings: bool = True) -> dict[str, Any]:
-    """Read the commitments of a folder of cases and check that the recordings are those that were committed to.
+    """Read the commitments of cases and check the recordings.
 
     Parameters
     ----------
+    cases : Path
+        Folder of the cases.
     recordings : bool
-        Whether they must be there; what is answered already can be counted again without them.
+        Whether the recordings must exist; counting needs none.
+
+    Returns
+    -------
+    dict
+        Document of commitments.
 
     Raises
     ------
     BadProof
-        They are not.
+        A recording differs from its commitment.
     """
     document = committed(cases)
     for name, kept in document["cases"].items():
@@ -190,7 +213,7 @@ def _answer(
     scheduler: str,
     progress: Progress,
 ) -> None:
-    """Answer what is not answered yet; every answer is written whole when it is there."""
+    """Answer the open cases; each answer is written whole."""
     now = manifest(commitments, baselines=baselines)
     if (out / MANIFEST).exists():
         _check_same(read_shaped(out / MANIFEST, {}, "a manifest"), now, out)
@@ -205,12 +228,12 @@ def _answer(
         write_json(out / ANSWERS / f"{name}.json", answer, is_new=True)
         done += 1
         progress(done, len(names))
-    # processes that start late read what is there then
+    # late processes read the present state
     _check_same(now, manifest(commitments, baselines=baselines), out)
 
 
 def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
-    """Refuse to go on with answers that other code began."""
+    """Refuse to continue with answers of other code."""
     for key, value in now.items():
         if before.get(key) != value:
             raise BadProof(
@@ -220,14 +243,23 @@ def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
 
 
 def freeze(out: Path, commitments: dict[str, Any], names: Sequence[str]) -> None:
-    """Write the hashes of the answers to some cases: from here on they cannot change unnoticed, and no others are counted.
+    """Write the hashes of the answers; later changes are detected.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the answers.
+    commitments : dict
+        Commitments of the cases.
+    names : sequence of str
+        Names of the answered cases; no others are counted.
 
     Raises
     ------
     BadProof
         An answer is missing.
     OutputRefused
-        They are frozen already.
+        The answers are frozen already.
     """
     hashes = {name: digest(_read_answer(out, name)) for name in names}
     frozen = {"answers": hashes, "manifest": digest(read_json(out / MANIFEST)), "commitments": digest(commitments)}
@@ -239,7 +271,19 @@ def _read_answer(out: Path, name: str) -> dict[str, Any]:
 
 
 def frozen_answers(out: Path, commitments: dict[str, Any]) -> dict[str, Any]:
-    """Return the answers, after checking that they are those that were frozen.
+    """Return the answers after a check of their hashes.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the answers.
+    commitments : dict
+        Commitments of the cases.
+
+    Returns
+    -------
+    dict
+        Answers by case.
 
     Raises
     ------
@@ -270,7 +314,20 @@ def _row(j: Judged) -> dict[str, Any]:
 
 
 def table_rows(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
-    """Return heads and rows of the table of measures; a target is shown to be met where the whole interval meets it."""
+    """Return heads and rows of the table of measures.
+
+    A target is met if the whole interval meets it.
+
+    Parameters
+    ----------
+    found : mapping
+        Score.
+
+    Returns
+    -------
+    tuple
+        Headings and rows.
+    """
     rows = []
     for m in found["measures"]:
         interval = f"{m['ci95'][0]:.3f} to {m['ci95'][1]:.3f}" if m.get("ci95") and m["of"] else ""
@@ -281,7 +338,18 @@ def table_rows(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[A
 
 
 def baseline_table(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
-    """Return heads and rows of the table of simpler methods, each beside the diagnosis of the same cases."""
+    """Return heads and rows of the table of simple methods.
+
+    Parameters
+    ----------
+    found : mapping
+        Score.
+
+    Returns
+    -------
+    tuple
+        Headings and rows.
+    """
     rows = [
         [
             b["method"],

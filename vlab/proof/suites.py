@@ -1,4 +1,4 @@
-"""Suites of concealed cases by name: what is hidden, how large, on which bench."""
+"""Suites of concealed cases: effects, sizes, benches."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,23 +12,23 @@ from vlab.proof.generator.forms import FORMS
 from vlab.proof.generator.hidden import Kind
 from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.library import LIBRARY
+from vlab.proof.generator.out_of_library import STRANGE
 from vlab.proof.generator.rigs import shaft, slider
-from vlab.proof.generator.strange import STRANGE
 
 BENCHES: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft, "beam": beam, "grid": grid}
 SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03}
-"""How often each bench comes up: the structures seldom, for a case of theirs takes as long as ten of a rig."""
+"""SHARES [-]: frequency of each bench; a case of a structure takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
-"""What a refit leaves of something hidden, in units of the noise: range of all suites but near-threshold."""
+"""DETECTABLE, OBVIOUS [-]: range of sizes after calibration, in units of the noise, of all suites but near-threshold."""
 NEAR = (0.1, 1.5)
-"""The same of near-threshold."""
+"""NEAR [-]: range of sizes of near-threshold."""
 EXPLAINED_AWAY, ABSORBED = (1.0, 10.0), 0.5
-"""The same where a linear refit explains it away, and the share of the change that the refit takes up at least."""
+"""EXPLAINED_AWAY, ABSORBED [-]: range of sizes of explained-away, and least share of the change absorbed by calibration."""
 IN_LOOP, ONE_LEVEL = 0.15, 0.15
-"""How often a law is in the loop, or all recordings to fit have nearly one level, where nothing known is hidden: as often as in all
-suites together, for loops and single levels must not tell that something is hidden."""
+"""IN_LOOP, ONE_LEVEL [-]: frequencies of loops and of single levels without a known hidden effect. They equal those of
+all suites together, so that neither indicates a hidden effect."""
 ATTEMPTS = 8
-"""Draws of bench and physics for one case before it is given up."""
+"""ATTEMPTS [-]: draws of bench and physics before a case is given up."""
 CHAIN = ("actuator", "sensor", "sensor and coil", "two sensors")
 LOOK_ALIKE = (
     "cubic-stiffness",
@@ -40,7 +40,7 @@ LOOK_ALIKE = (
     "soft-saturation",
     "actuator-dead-zone",
 )
-"""What a linear refit explains away where all recordings have nearly one level."""
+"""LOOK_ALIKE: effects that calibration absorbs if all recordings have nearly one level."""
 
 _STRUCTURAL = tuple(k for k in LIBRARY if k.on not in CHAIN)
 _CHAIN = tuple(k for k in LIBRARY if k.on in CHAIN)
@@ -60,7 +60,7 @@ def _null(rng: np.random.Generator) -> Wanted:
 
 def _strange(rng: np.random.Generator) -> Wanted:
     in_loop, one_level = rng.random() < IN_LOOP, rng.random() < ONE_LEVEL
-    # the law of a case sees its sensors as they are
+    # the law of a case reads the true sensors
     kinds = tuple(k for k in STRANGE if not in_loop or k.on not in CHAIN)
     return Wanted(suite="out-of-library", kinds=(kinds,), in_loop=in_loop, one_level=one_level)
 
@@ -85,11 +85,25 @@ MIXTURES = {
     + ("two-effects", "masked", "near-threshold", "chain-only"),
     "all": tuple(SUITES),
 }
-"""Suites that are mixed in these shares, in an order that the seed shuffles."""
+"""MIXTURES: mixed suites; the seed shuffles their order."""
 
 
 def drawn_suites(names: Sequence[str], count: int, seed: int) -> list[str]:
-    """Return the suite of every case, shuffled so that a case's number says nothing.
+    """Return the suite of every case, in shuffled order.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of suites or mixtures.
+    count : int
+        Number of cases.
+    seed : int
+        Seed of the order.
+
+    Returns
+    -------
+    list of str
+        Name of a suite per case.
 
     Raises
     ------
@@ -107,23 +121,34 @@ def drawn_suites(names: Sequence[str], count: int, seed: int) -> list[str]:
 
 
 def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Concealed:
-    """Make the case of an index; the same seed gives the same bits.
+    """Make the case of an index, reproducible by its seed.
 
     Parameters
     ----------
+    suite : str
+        Name of the suite.
     benches : sequence of str
-        Benches that may come up, in their shares of `SHARES`.
+        Possible benches, with frequencies of `SHARES`.
+    seed : int
+        Seed of all cases.
+    index : int
+        Index of the case.
+
+    Returns
+    -------
+    Concealed
+        Finished case.
 
     Raises
     ------
     BadExperiment
-        None of the attempts gave something of the wanted size.
+        No attempt gave an effect of the wanted size.
     """
     last: BadExperiment | None = None
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, index, attempt])
         wanted = SUITES[suite](rng)
-        possible = [b for b in benches if not wanted.in_loop or b != "slider"]  # nothing there measures velocity
+        possible = [b for b in benches if not wanted.in_loop or b != "slider"]  # no velocity sensor there
         if not possible:
             continue
         shares = np.array([SHARES[b] for b in possible])
@@ -137,12 +162,12 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Conc
 
 
 def check_benches(names: Sequence[str]) -> None:
-    """Refuse the name of a bench that there is none of."""
+    """Refuse an unknown bench."""
     for name in names:
         if name not in BENCHES:
             raise unknown_name("bench", name, BENCHES)
 
 
 def kinds() -> tuple[Kind, ...]:
-    """Return everything that can be hidden."""
+    """Return all kinds of hidden effects."""
     return (*LIBRARY, *FORMS, *STRANGE)

@@ -7,10 +7,10 @@ import numpy as np
 
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, unknown_name
+from vlab.files.text import one_line
 from vlab.recordings.files import refuse
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, Array, Channel, Recording
-from vlab.text import one_line
 
 _SI = (
     "1",

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 
 from vlab.errors import BadRecording
-from vlab.outputs import MANIFEST
+from vlab.files.output_folder import MANIFEST
 from vlab.recordings.files import read_guarded, refuse
 
 RECORDING = "recording.parquet"

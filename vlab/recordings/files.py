@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vlab.errors import BadRecording, OutputRefused
-from vlab.inside import NotInside, PathLike, path_inside
-from vlab.leftovers import part_beside
-from vlab.text import one_line
+from vlab.files.containment import NotInside, PathLike, path_inside
+from vlab.files.leftovers import part_beside
+from vlab.files.text import one_line
 
 MAX_BYTES = 2 * 1024**3
 """MAX_BYTES [bytes]: largest accepted file and largest unpacked content. A recording is held in memory."""

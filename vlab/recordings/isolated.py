@@ -21,7 +21,7 @@ import numpy as np
 
 from vlab.recordings import files
 from vlab.recordings.files import refuse
-from vlab.recordings.variables import Skipped
+from vlab.recordings.formats.variables import Skipped
 
 WORKERS = Path(__file__).parent / "workers"
 """Folder of `sandbox.py` and of the readers."""
@@ -50,7 +50,7 @@ def read_isolated(
     Returns
     -------
     dict
-        ``variables``: list of (name, value) for `vlab.recordings.variables.Variables.add`; ``units``; ``meta``;
+        ``variables``: list of (name, value) for `vlab.recordings.formats.variables.Variables.add`; ``units``; ``meta``;
         ``notes``.
 
     Raises

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.errors import BadRecording, BadUnit
+from vlab.files.text import one_line
 from vlab.recordings.files import refuse
 from vlab.recordings.table import Table
 from vlab.signals import FrequencyResponse
-from vlab.text import one_line
 
 FORM_UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
 """SI unit of each form of a frequency response."""

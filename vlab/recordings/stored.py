@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from vlab.errors import BadRecording
-from vlab.recordings import csv, mat, parquet, uff
 from vlab.recordings.files import PathLike, refuse
+from vlab.recordings.formats import csv_writer, mat, parquet, uff
 from vlab.recordings.table import open_table
 from vlab.signals import Recording
 
 WRITERS = {
     ".parquet": parquet.write_parquet,
-    ".csv": csv.write_csv,
+    ".csv": csv_writer.write_csv,
     ".mat": mat.write_mat,
     ".uff": uff.write_uff,
     ".unv": uff.write_uff,

@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
+from vlab.files.text import one_line
 from vlab.recordings.bound import check_bound
 from vlab.recordings.files import PathLike, read_guarded, refuse
 from vlab.signals import Channel
-from vlab.text import one_line
 
 READERS = {
-    ".csv": "vlab.recordings.csv",
-    ".parquet": "vlab.recordings.parquet",
-    ".mat": "vlab.recordings.mat",
-    ".npz": "vlab.recordings.npz",
-    ".h5": "vlab.recordings.hdf5",
-    ".hdf5": "vlab.recordings.hdf5",
-    ".uff": "vlab.recordings.uff",
-    ".unv": "vlab.recordings.uff",
-    ".tdms": "vlab.recordings.tdms",
+    ".csv": "vlab.recordings.formats.csv",
+    ".parquet": "vlab.recordings.formats.parquet",
+    ".mat": "vlab.recordings.formats.mat",
+    ".npz": "vlab.recordings.formats.npz",
+    ".h5": "vlab.recordings.formats.hdf5",
+    ".hdf5": "vlab.recordings.formats.hdf5",
+    ".uff": "vlab.recordings.formats.uff",
+    ".unv": "vlab.recordings.formats.uff",
+    ".tdms": "vlab.recordings.formats.tdms",
 }
 """Reader module by suffix.
 

@@ -1,9 +1,9 @@
-"""The control tests of chapters 2 and 6 on the virtual bench: open and closed loop, analysis beside simulated experiment.
+"""Control tests of chapters 2 and 6: analysis beside simulated experiment.
 
-What stands on the bench is the structure as it can be built (its `physical` variant) in MuJoCo, under the laws that the
-dissertation compares, with the hardware of the laboratory: unshielded leads, noise, steps of the converter, amplifiers with
-a limit. What is compared with it is theory on the models that the laws are designed on, which are others: the `published`
-variant, and on the grid Guyan's reduction corrected with a modal test of what stands on the bench.
+The bench holds the structure as it can be built (its `physical` variant) in MuJoCo, under the laws of the
+dissertation. The hardware is that of the laboratory: unshielded leads, noise, converter steps, limited amplifiers.
+The analysis uses the design models of the laws. These are the `published` variant, and on the grid Guyan's reduction
+corrected by a modal test of the bench.
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ import numpy as np
 from vlab.controllers import Controller, lqdrf, lqg, mfdrf
 from vlab.controllers.catalogue import published_way
 from vlab.controllers.linear import LinearController
+from vlab.design.published_tables import published_design
 from vlab.design.state_model import state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadExperiment, unknown_name
@@ -34,8 +35,7 @@ from vlab.modal.frf import MeasuredFrequencyResponse, estimate_frf
 from vlab.modal.modal_test import ModalTest, run_modal_test
 from vlab.plants import Plant, build_plant
 from vlab.plants.modal import build_modal
-from vlab.published import published_design
-from vlab.reproduce.measured_shapes import measured_at, measured_coordinates
+from vlab.reproduce.correction.measured_shapes import measured_at, measured_coordinates
 from vlab.reproduce.study import Study
 from vlab.signals import Array, FrequencyResponse, Recording
 
@@ -46,36 +46,37 @@ HARDWARE = (
     "converter.resolution=1mV",
     "coil.limit=2N",
 )
-"""What the bench has and the default laboratory has not; assumed, for the text gives no levels."""
+"""HARDWARE: settings of the bench beyond the default laboratory; assumed, for the text gives no levels."""
 LIMIT = 2.0
-"""[N]; the amplifiers' limit above."""
+"""LIMIT [N]: amplifier limit of `HARDWARE`."""
 PEAK = 4.0
-"""The rms motion of the most mobile sensor is this share of half its linear travel, the rms force of the limit: a multisine
-peaks at about four times its rms. Section 5.4.1: as high as possible within linear behaviour."""
+"""PEAK [-]: divisor from half the linear travel to the rms motion of the most mobile sensor, and from the limit to the
+rms force. A multisine peaks at about four times its rms. Section 5.4.1 demands the highest level with linear
+behaviour."""
 LQG_RATE = 1000.0
-"""Samples per second of LQG [Hz], section 5.3; direct feedback runs at the hardware's own."""
+"""LQG_RATE [Hz]: sample rate of LQG, section 5.3; direct feedback runs at the rate of the hardware."""
 MEASURED_MODES = 11
-"""Modes whose shapes correct the grid's Guyan reduction, section 3.3."""
+"""MEASURED_MODES [-]: modes whose shapes correct the grid's Guyan reduction, section 3.3."""
 KEPT_MODES = 40
-"""Modes of what stands on the bench that its theory has; the grid's fine mesh has ten times as many coordinates."""
+"""KEPT_MODES [-]: modes in the theory of the bench; the grid's fine mesh has ten times as many coordinates."""
 GRID_MODES = 20
-"""Modes of the grid's modal plant: up to 20 Hz, twice the band."""
+"""GRID_MODES [-]: modes of the grid's modal plant, up to 20 Hz, twice the band."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenchTest:
-    """How a structure is tested.
+    """Settings of the tests of a structure.
 
     Parameters
     ----------
     band_hz : (low, high)
-        Of the multisine.
+        Band of the multisine [Hz].
     open_period_s, closed_period_s : float
-        Its period, without and with control; one period settles, `periods` are measured.
+        Period of the multisine without and with control [s]; one period settles, `periods` are measured.
     quantity : str
-        What is measured: displacement by the probe, or velocity by the coils.
+        Measured quantity: displacement by the probe, or velocity by the coils.
     plant : str
-        What stands on the bench unless another plant is asked for.
+        Default plant of the bench.
     """
 
     band_hz: tuple[float, float]
@@ -94,23 +95,23 @@ TESTS = {
         band_hz=(0.2, 11.0), open_period_s=60.0, closed_period_s=20.0, quantity="velocity", plant="modal"
     ),
 }
-"""The tests of both structures. The grid's physical variant runs in modal coordinates unless the composite plant is asked
-for, which takes six times as long."""
+"""TESTS: tests of both structures. The grid's physical variant runs in modal coordinates by default; the composite plant
+takes six times as long."""
 NAMES: dict[Quantity, str] = {"displacement": "probe", "velocity": "sensor"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopRun:
-    """One simulated experiment of a control test.
+    """Simulated experiment of a control test.
 
     Parameters
     ----------
     law : Controller or None
-        In the loop; None for the open loop.
+        Law in the loop; None for the open loop.
     level : float
-        Rms of the force added [N].
+        Rms of the added force [N].
     response : MeasuredFrequencyResponse
-        Of all sensors of the test's quantity.
+        Response of all sensors of the test's quantity.
     """
 
     law: Controller | None
@@ -122,7 +123,7 @@ class LoopRun:
 
 
 class ControlBench:
-    """One structure on the bench, with the models and laws of its tests; each made once.
+    """Structure on the bench, with cached models and laws of its tests.
 
     Parameters
     ----------
@@ -131,14 +132,14 @@ class ControlBench:
     plant : str
         ``"composite"`` or ``"modal"``; that of `TESTS` by default.
     shorten : float
-        Divides all periods, for a quick look; lines are coarser then.
+        Divisor of all periods, for a quick run with coarser lines.
 
     Raises
     ------
     UnknownName
-        Another structure or plant.
+        The structure or plant is unknown.
     BadExperiment
-        A seed or a factor out of range.
+        A seed or a factor is out of range.
     """
 
     def __init__(
@@ -170,35 +171,41 @@ class ControlBench:
 
     @cached_property
     def built(self) -> FeModel:
-        """The FE model of what stands on the bench."""
+        """FE model of the structure on the bench."""
         return build_fe_model(self.study.structure, "physical")
 
     @cached_property
     def real(self) -> FeModel:
-        """Its first modes; they set levels, tell where peaks are looked for, and predict what a release shows."""
+        """First modes of the structure on the bench.
+
+        They set the levels, locate peaks and predict releases.
+        """
         shapes = self.built.linear.eigen[1][:, :KEPT_MODES]
         names = [f"mode:{j + 1}" for j in range(shapes.shape[1])]
         return self.built.with_coordinates(self.built.linear.transformed(shapes, names), shapes)
 
     @cached_property
     def plant(self) -> Plant:
-        """What stands on the bench."""
+        """Plant on the bench."""
         if self.plant_name == "modal":
             return build_modal(self.built, modes=GRID_MODES if self.study.name == "grid" else 12)
         return build_plant(self.study.structure, self.plant_name, "physical")
 
     @cached_property
     def hardware(self) -> Hardware:
-        """The bench's hardware."""
+        """Hardware of the bench."""
         return load_hardware(values=HARDWARE)
 
     def model(self, name: str) -> FeModel:
-        """Return a model that theory is compared on: ``"full"``, ``"exact"``, or ``"corrected-guyan"`` as corrected here."""
+        """Return a model of the theory by name.
+
+        Names are ``"full"``, ``"exact"``, and ``"corrected-guyan"`` as corrected on the bench.
+        """
         return self.corrected if name == "corrected-guyan" else self.study.fe(name)
 
     @cached_property
     def corrected(self) -> FeModel:
-        """Guyan's reduction of the published model, corrected with the modes that the open-loop test of the bench shows."""
+        """Guyan's reduction, corrected by the open-loop test of the bench."""
         fe, structure = self.study.fe(), self.study.structure
         keep = measured_coordinates(fe)
         self.progress("modes from the open-loop test")
@@ -211,8 +218,23 @@ class ControlBench:
         return fe.with_coordinates(damped, guyan.T)
 
     def law(self, name: str, model: str) -> Controller:
-        """Return a law: with the printed gains where it was designed on the full or exact model, else designed on the
-        corrected one as published."""
+        """Return a law for a design model.
+
+        Printed gains apply to designs on the full or exact model. Other laws are designed on the corrected model as
+        published.
+
+        Parameters
+        ----------
+        name : str
+            Name of the law.
+        model : str
+            Design model.
+
+        Returns
+        -------
+        Controller
+            Control law.
+        """
         structure = self.study.structure
         if model != "corrected-guyan":
             if name == "lqg":
@@ -231,7 +253,7 @@ class ControlBench:
         ).controller
 
     def run(self, law: str = "", model: str = "") -> LoopRun:
-        """Return the simulated experiment under a law designed on a model; open loop without a law."""
+        """Return the simulated experiment under a law."""
         key = (law, model)
         if key not in self._runs:
             self._runs[key] = self._experiment(law, model)
@@ -270,7 +292,7 @@ class ControlBench:
         )
 
     def _level(self, law: Controller | None, hardware: Hardware, period: float) -> float:
-        """Return the rms force that keeps sensors in their linear travel and the amplifier below its limit."""
+        """Return the largest rms force within linear travel and limit."""
         low, high = self.test.band_hz
         freq = np.arange(np.ceil(low * period), np.floor(high * period) + 1) / period
         places = [sensor.at for sensor in self.study.structure.sensor]
@@ -280,21 +302,38 @@ class ControlBench:
 
     @property
     def exciter(self) -> str:
-        """Where the force acts."""
+        """Place of the force."""
         structure = self.study.structure
         return next(coil.at for coil in structure.coil if coil.name == structure.exciter)
 
     def modes_hz(self, model: str = "") -> Array:
-        """Return the open-loop frequencies of a model's modes that the coils can drive; of the bench's own by default."""
+        """Return open-loop frequencies of the drivable modes [Hz]."""
         fe = self.model(model) if model else self.real
         return np.asarray(fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])])
 
     def analysis(self, model: str, run: LoopRun, freq: Array, place: str) -> FrequencyResponse:
-        """Return the response that theory predicts on a model under the law of a run, at `freq` [Hz]."""
+        """Return the predicted response under the law of a run."""
         return self.theory(self.model(model), run, freq, place)
 
     def theory(self, fe: FeModel, run: LoopRun, freq: Array, place: str) -> FrequencyResponse:
-        """Return the same on any model of the structure."""
+        """Return the predicted response on any model of the structure.
+
+        Parameters
+        ----------
+        fe : FeModel
+            Model of the structure.
+        run : LoopRun
+            Experiment with its law.
+        freq : array
+            Frequencies [Hz].
+        place : str
+            Place of the response.
+
+        Returns
+        -------
+        FrequencyResponse
+            Response at the place.
+        """
         quantity = self.test.quantity
         H = self._theory(fe, run.law, run.hardware, freq, self.exciter, [place], quantity)
         name = f"{NAMES[quantity]}:{place}"
@@ -302,7 +341,20 @@ class ControlBench:
         return FrequencyResponse(freq=freq, H=H, outputs=(name,), inputs=run.response.inputs, unit=unit)
 
     def measured(self, run: LoopRun, place: str) -> FrequencyResponse:
-        """Return the response of one sensor in a run."""
+        """Return the response of one sensor in a run.
+
+        Parameters
+        ----------
+        run : LoopRun
+            Experiment.
+        place : str
+            Place of the sensor.
+
+        Returns
+        -------
+        FrequencyResponse
+            Measured response.
+        """
         i = run.response.outputs.index(f"{NAMES[self.test.quantity]}:{place}")
         coherence = run.response.coherence
         unit = "m/N" if self.test.quantity == "displacement" else "m/s/N"
@@ -344,7 +396,7 @@ class ControlBench:
 
 
 def dense_lines(low: float, high: float, modes_hz: Array) -> Array:
-    """Return frequencies for a smooth analytical curve, closer around every resonance [Hz]."""
+    """Return frequencies for a smooth curve, dense around resonances [Hz]."""
     near = [hz * (1 + 0.05 * np.sinh(np.linspace(-5, 5, 81)) / np.sinh(5)) for hz in modes_hz]
     freq = np.unique(np.concatenate([np.linspace(low, high, 800), *near]))
     return np.asarray(freq[(freq >= low) & (freq <= high)])

@@ -1,4 +1,4 @@
-"""FE model, plants and published values of one structure side by side."""
+"""Cross-check of FE model, plants and published values of a structure."""
 
 import time
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vlab.design.published_tables import published_tables
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
@@ -16,42 +17,41 @@ from vlab.fe.second_order import SecondOrderModel
 from vlab.modal.mac import mac
 from vlab.plants import PLANTS, Plant, build_plant
 from vlab.plants.base import check_run
-from vlab.published import published_tables
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
 CLOSE = 0.006
-"""Modes within this share of each other are compared as a group: models that agree within 0.6 % cannot tell them apart."""
+"""CLOSE [-]: relative distance of modes compared as a group; models that agree within 0.6 % cannot distinguish them."""
 NEAR = 1.5
-"""A plant's mode is a mode of the FE model's only within this factor of its frequency, however alike few points make shapes
-look; a Guyan reduction puts the grid's highest retained modes up to 1.4 times too high."""
+"""NEAR [-]: largest frequency ratio of paired modes, for few points make shapes look alike. A Guyan reduction raises the
+grid's highest retained modes up to 1.4 times."""
 SILENT = 1e-6
-"""Modes whose motion at every point of the drawing is below this share are not modes of the drawing (bounce on cables)."""
+"""SILENT [-]: relative motion at the points of the drawing below which a mode is not compared (bounce on cables)."""
 PUBLISHED = {
     "full": ("analytical",),
     "exact": ("full model and exact reduction", "analytical"),
     "guyan": ("guyan reduction", "analytical"),
     "corrected-guyan": ("analytical",),
 }
-"""Columns of the published tables that hold a model's frequencies: its own first, the full model's where it has none."""
+"""PUBLISHED: table columns of a model's frequencies; those of the full model if it has none."""
 FREE_RUN_S = 10.0
-"""How long a plant runs free to show the damping of its integration [s]; the longer, the finer."""
+"""FREE_RUN_S [s]: duration of a free run for the numerical damping; longer runs resolve less damping."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantCheck:
-    """One plant against the FE model.
+    """Comparison of a plant with the FE model.
 
     Parameters
     ----------
     freq, mac : (n_modes,) array
-        Of the plant's mode that matches each FE mode; within a close group the MAC with the subspace of the group.
+        Frequency [Hz] and MAC of the plant's mode for each FE mode; within a close group the MAC with its subspace.
     shapes : (n_points, n_modes) array
-        Its shapes at the points of the drawing, unit maximum.
+        Shapes at the points of the drawing, unit maximum.
     numerical_damping : float
-        Damping ratio that integration alone gives to the highest mode compared.
+        Damping ratio of the highest compared mode by integration alone [-].
     real_time_factor : float
-        Simulated over elapsed time of the bare plant, on this machine, now.
+        Simulated over elapsed time of the bare plant on this machine.
     """
 
     plant: Plant
@@ -65,7 +65,7 @@ class PlantCheck:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossCheck:
-    """Everything `vlab modes` shows."""
+    """All results of `vlab modes`."""
 
     structure: Structure
     fe: FeModel
@@ -77,7 +77,7 @@ class CrossCheck:
 
     @property
     def points(self) -> list[str]:
-        """The points at which shapes are compared."""
+        """Points of the compared shapes."""
         return [p.name for p in self.structure.point]
 
     def fe_modes(self) -> ModalModel:
@@ -91,7 +91,7 @@ class CrossCheck:
         )
 
     def plant_modes(self, name: str) -> ModalModel:
-        """Return the matching modes of a plant at the points of the drawing."""
+        """Return the paired modes of a plant at the points."""
         check = self.plants[name]
         return ModalModel(freq=check.freq, zeta=check.zeta, shapes=check.shapes, coordinates=tuple(self.points))
 
@@ -143,10 +143,29 @@ def cross_check(
     plants: Sequence[str] = (),
     seconds: float = FREE_RUN_S,
 ) -> CrossCheck:
-    """Compare frequencies and shapes of the FE model, every plant and the published table; as many modes as published.
+    """Compare frequencies and shapes of FE model, plants and publication.
 
-    `model` reduces the FE model (see `vlab.fe.reduced`); the plants stay as they are. Modes of the FE model that no coil can drive (arms swinging against each other) are passed over: no experiment
-    saw them.
+    Modes that no coil can drive (opposed arms) are omitted, for no experiment measured them.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    variant : str
+        Variant of the model.
+    model : str
+        Reduction of the FE model (see `vlab.fe.reduced`); the plants stay complete.
+    modes : int or None
+        Number of modes; all published ones by default.
+    plants : sequence of str
+        Names of the plants; all by default.
+    seconds : float
+        Duration of a free run [s].
+
+    Returns
+    -------
+    CrossCheck
+        Comparison.
     """
     fe = build_reduced_model(structure, model, variant)
     tables = published_tables(structure.name)
@@ -169,9 +188,23 @@ def cross_check(
 
 
 def check_plant(plant: Plant, fe: FeModel, modes: Array, *, seconds: float = FREE_RUN_S) -> PlantCheck:
-    """Match a plant's modes to the FE model's by MAC over the points of the drawing.
+    """Pair the modes of a plant with those of the FE model by MAC.
 
-    `seconds` is how long the plant runs free to show its numerical damping; see `numerical_damping`.
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    fe : FeModel
+        FE model.
+    modes : array
+        Compared modes of the FE model.
+    seconds : float
+        Duration of the free run [s], see `numerical_damping`.
+
+    Returns
+    -------
+    PlantCheck
+        Comparison of the plant.
     """
     names = [p.name for p in fe.structure.point]
     linear = plant.linearise()
@@ -179,7 +212,7 @@ def check_plant(plant: Plant, fe: FeModel, modes: Array, *, seconds: float = FRE
     seen = np.flatnonzero(np.abs(shapes).max(axis=0) > SILENT * np.abs(shapes).max())
     target = fe.deflections(names) @ fe.linear.eigen[1][:, modes]
     apart = np.abs(np.log(linear.freq[seen][None, :] / fe.linear.freq[modes][:, None]))
-    likeness = mac(target, shapes[:, seen]) - (apart > np.log(NEAR))  # a MAC is at most 1: near ones come first
+    likeness = mac(target, shapes[:, seen]) - (apart > np.log(NEAR))  # a MAC is at most 1, so near modes come first
     rows, columns = linear_sum_assignment(-likeness)
     chosen = seen[columns[np.argsort(rows)]]
     matched = shapes[:, chosen]
@@ -198,24 +231,40 @@ def check_plant(plant: Plant, fe: FeModel, modes: Array, *, seconds: float = FRE
 
 
 def _close(freq: Array, mode: int, among: Array) -> Array:
-    """Return the modes of a close group: those within `CLOSE` of one, itself included."""
+    """Return the modes within `CLOSE` of one, itself included."""
     return among[np.abs(freq[among] / freq[mode] - 1) < CLOSE]
 
 
 def _subspace_mac(target: Array, shapes: Array) -> float:
-    """Return the MAC of a shape with the subspace of a group of shapes; with one shape it is the MAC.
+    """Return the MAC of a shape with the subspace of a group.
 
-    Modes closer than the models agree mix arbitrarily, while the subspace that they span is well defined.
+    Closer modes than the agreement of the models mix arbitrarily, but their subspace is well defined.
     """
     basis = np.linalg.qr(shapes)[0]
     return float(np.sum((basis.T @ target) ** 2) / np.sum(target**2))
 
 
 def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seconds: float = FREE_RUN_S) -> float:
-    """Return the damping ratio that the integration alone gives to a mode.
+    """Return the damping ratio of a mode by integration alone.
 
-    The plant runs free from the mode's shape with all its dampers taken out; the modal amplitude is fitted by a
-    sinusoid over one second at the start and at the end.
+    The plant without dampers runs free from the mode shape. A sinusoid is fitted to the modal amplitude over one
+    second at the start and at the end.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    linear : SecondOrderModel
+        Linearised plant.
+    mode : int
+        Number of the mode, from 0.
+    seconds : float
+        Duration of the free run [s].
+
+    Returns
+    -------
+    float
+        Damping ratio [-].
     """
     model = plant.spec.compile() if plant.dissipation is None else plant.model
     model = mujoco.MjModel.__copy__(model)
@@ -224,7 +273,7 @@ def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seco
     data = mujoco.MjData(model)
     points = [name for name, port in plant.ports.items() if port.unit == "m" and not port.tag]
     largest = np.abs(plant.port_rows(points) @ shapes[:, mode]).max()
-    size = 1e-4 / largest  # 0.1 mm where the structure moves most: small motion
+    size = 1e-4 / largest  # largest motion 0.1 mm: small motion
     start = size * shapes[:, mode]
     mujoco.mj_integratePos(model, data.qpos, start, 1.0)
     momentum = linear.M @ shapes[:, mode]
@@ -250,7 +299,20 @@ def numerical_damping(plant: Plant, linear: SecondOrderModel, mode: int, *, seco
 
 
 def real_time_factor(plant: Plant, *, seconds: float = 1.0) -> float:
-    """Return simulated over elapsed time of the bare plant: best of three short runs."""
+    """Return simulated over elapsed time, best of three short runs.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    seconds : float
+        Simulated duration [s].
+
+    Returns
+    -------
+    float
+        Factor [-].
+    """
     data = plant.new_data()
     steps = round(seconds / plant.timestep)
     best = np.inf

@@ -1,4 +1,4 @@
-"""Peak levels of frequency responses near modes, as they are read off a plot, and their ratios."""
+"""Peak levels of frequency responses near modes, and their ratios."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from vlab.errors import BadRecording
 from vlab.signals import Array, FrequencyResponse
 
 WIDEST = 0.2
-"""How far from a mode's frequency its peak is looked for, relative to it, and no farther than half way to the next."""
+"""WIDEST [-]: relative distance of a peak from its mode, at most half way to the next."""
 
 
 def peak_ratios(
@@ -18,19 +18,29 @@ def peak_ratios(
     analysis_hz: Sequence[float] | Array,
     experiment_hz: Sequence[float] | Array,
 ) -> Array:
-    """Return the ratio of the peak levels of two responses, each first output per first input, mode by mode.
+    """Return the ratio of the peak levels of two responses, by mode.
 
-    Each is read at its own peak. Where damping leaves the analysis no peak, both are read at the mode's own frequency.
+    Ratios use the first output and the first input. Each level is read at its own peak. If damping removes the peak
+    of the analysis, both are read at the mode's frequency.
 
     Parameters
     ----------
+    analysis : FrequencyResponse
+        Analytical response.
+    experiment : FrequencyResponse
+        Measured response.
     analysis_hz, experiment_hz : (n_modes,) array
         Natural frequencies without control, ascending [Hz].
+
+    Returns
+    -------
+    array
+        Ratios, (n_modes,).
 
     Raises
     ------
     BadRecording
-        A mode outside the lines of its response.
+        A mode lies outside the lines of its response.
     """
     levels = [peak_levels_near(*pair) for pair in ((analysis, analysis_hz), (experiment, experiment_hz))]
     at_modes = [levels_at(*pair) for pair in ((analysis, analysis_hz), (experiment, experiment_hz))]
@@ -39,7 +49,25 @@ def peak_ratios(
 
 
 def levels_at(response: FrequencyResponse, modes_hz: Sequence[float] | Array) -> Array:
-    """Return the level of the first response at some frequencies, (n_modes,); raises as `peak_ratios` does."""
+    """Return the levels of the first response at some frequencies.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Frequency response.
+    modes_hz : sequence of float or array
+        Frequencies [Hz].
+
+    Returns
+    -------
+    array
+        Levels, (n_modes,).
+
+    Raises
+    ------
+    BadRecording
+        A mode lies outside the lines of the response.
+    """
     freq, modes = response.freq, np.asarray(modes_hz, dtype=float)
     if modes.size and not freq[0] <= modes.min() <= modes.max() <= freq[-1]:
         raise BadRecording(
@@ -50,7 +78,20 @@ def levels_at(response: FrequencyResponse, modes_hz: Sequence[float] | Array) ->
 
 
 def peak_levels_near(response: FrequencyResponse, modes_hz: Sequence[float] | Array) -> Array:
-    """Return the level of the first response at the largest peak near each mode, (n_modes,); NaN where there is none."""
+    """Return the largest peak of the first response near each mode.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Frequency response.
+    modes_hz : sequence of float or array
+        Frequencies of the modes [Hz].
+
+    Returns
+    -------
+    array
+        Levels, (n_modes,); NaN without a peak.
+    """
     freq, size, modes = response.freq, np.abs(response.H[:, 0, 0]), np.asarray(modes_hz, dtype=float)
     tops = find_peaks(size)[0]
     half_ways = np.concatenate([[-np.inf], (modes[1:] + modes[:-1]) / 2, [np.inf]])
@@ -64,5 +105,8 @@ def peak_levels_near(response: FrequencyResponse, modes_hz: Sequence[float] | Ar
 
 
 def average_error(ratios: Sequence[float] | Array) -> float:
-    """Return the average of how far ratios are from one, as Tables 2, 10 and 19 to 21 have it in their last row."""
+    """Return the mean deviation of ratios from one.
+
+    Tables 2, 10 and 19 to 21 have it in their last row.
+    """
     return float(np.mean(np.abs(1 - np.asarray(ratios, dtype=float))))

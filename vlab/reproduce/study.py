@@ -1,4 +1,4 @@
-"""Models and designs of one structure that several tables share, each made once."""
+"""Models and designs of one structure, shared by several tables."""
 
 from functools import cached_property
 
@@ -10,18 +10,18 @@ from vlab.controllers.lqg import LqgDesign
 from vlab.controllers.mfdrf import MfdrfDesign
 from vlab.design import performance
 from vlab.design.closed_loop import RateFeedbackLoop
+from vlab.design.published_tables import published_design, published_table
 from vlab.design.state_model import StateModel, state_model
 from vlab.design.weights import noise_of, weights_of
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
-from vlab.published import published_design, published_table
 from vlab.signals import Array
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
 
 class Study:
-    """One structure: its models by name, and the published designs made again.
+    """Structure with cached models and published designs.
 
     Parameters
     ----------
@@ -53,19 +53,37 @@ class Study:
         return self._states[model]
 
     def lqg(self, model: str, design: str = "identity") -> LqgDesign:
-        """Return the LQG design on a model, with the weights and noise of a published one; its regulator is the LQR."""
+        """Return the LQG design on a model, with published weights.
+
+        Its regulator is the LQR.
+        """
         if (model, design) not in self._laws:
             asked, state = published_design(self.name, design), self.state(model)
             self._laws[model, design] = lqg.design(state, weights_of(asked, state), noise_of(asked, state))
         return self._laws[model, design]
 
     def mfdrf(self, model: str, design: str = "identity") -> MfdrfDesign:
-        """Return a minimised maximum force design on a model, bounded as a published one."""
+        """Return a minimised maximum force design on a model."""
         asked = published_design(self.name, design)
         return mfdrf.design(self.fe(model), damping=asked.zeta_min, modes=asked.damped_modes)
 
     def lqdrf(self, model: str, design: str = "identity", *, diagonal: bool = False) -> LqdrfDesign:
-        """Return a linear quadratic direct rate feedback design on a model, bounded and weighted as a published one."""
+        """Return a linear quadratic direct rate feedback design on a model.
+
+        Parameters
+        ----------
+        model : str
+            Name of the model.
+        design : str
+            Published design, for bounds and weights.
+        diagonal : bool
+            Whether the gain matrix is diagonal.
+
+        Returns
+        -------
+        LqdrfDesign
+            Design.
+        """
         asked = published_design(self.name, design)
         return lqdrf.design(
             self.fe(model),
@@ -77,23 +95,23 @@ class Study:
         )
 
     def printed_gains(self, table: str, law: str) -> Array:
-        """Return a printed gain matrix D [N s/m], rows and columns in the order of the coils."""
+        """Return a printed gain matrix [N s/m], in the order of the coils."""
         printed = published_table(self.name, table, law)
         channels = self.state().channels
         order = [printed.rows.index(name) for name in channels]
         return printed.si("N s/m")[np.ix_(order, order)]
 
     def rate_feedback_ratios(self, model: str, gains: Array, count: int) -> Array:
-        """Return the damping ratios of the first modes under u = -D y, each mode tracked from the open loop."""
+        """Return damping ratios of the first modes under u = -D y."""
         fe = self.fe(model)
         return RateFeedbackLoop(fe.linear, fe.coils).track(gains, count).zeta[0]
 
     def published_modes(self, count: int) -> Array:
-        """Return which modes of the full model (from 0) the first published ones are: those of the exact reduction."""
+        """Return the full model's modes of the first published ones."""
         return performance.shared_modes(self.state(), self.state("exact"))[:count]
 
     def rate_feedback_index(self, model: str, gains: Array, count: int, design: str = "identity") -> Array:
-        """Return J of u = -D y on a model for its first initial shapes (4.33), weights as in a published design."""
+        """Return J of u = -D y for the first initial shapes (4.33)."""
         state = self.state(model)
         x0 = performance.initial_states(state, self.published_modes(count) if model == "full" else count)
         weights = weights_of(published_design(self.name, design), state)

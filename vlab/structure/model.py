@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from vlab.errors import BadStructure, unknown_name
-from vlab.schema import Provenance, number
+from vlab.files.toml import Provenance, number
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from vlab.assets import asset
 from vlab.errors import unknown_name
-from vlab.schema import Reader
+from vlab.files.assets import asset
+from vlab.files.toml import Reader
 from vlab.structure.model import Structure
 
 BUILT_IN = ("beam", "grid")

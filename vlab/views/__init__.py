@@ -1,1 +1,1 @@
-"""What the laboratory shows: matplotlib figures, Rerun scenes, one-file HTML reports. Nothing else imports this room."""
+"""Figures, reports and scenes; imports the other rooms."""

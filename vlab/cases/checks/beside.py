@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.bands import Bands, bands
-from vlab.cases.playback import plan_clock
+from vlab.cases.clock import plan_clock
 from vlab.cases.simulate import simulate
-from vlab.cases.wiring import Run
 from vlab.errors import BadCase, Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording

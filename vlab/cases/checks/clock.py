@@ -11,9 +11,9 @@ import numpy as np
 
 from vlab import units
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.beside import EXPLAINED, UNEXPLAINED, Beside, beside, first_seconds
 from vlab.cases.description import RecordingTable
-from vlab.cases.wiring import Run
 from vlab.errors import BadCase
 
 COARSE = 50.0

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.bands import UPPER
 from vlab.cases.checks.beside import Beside
-from vlab.cases.wiring import Run
 from vlab.signals import Array, Recording
 
 SEGMENTS, EACH = 8, 4

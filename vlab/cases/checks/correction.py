@@ -7,9 +7,9 @@ import numpy as np
 
 from vlab import units
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.slips import REACH
 from vlab.cases.description import ChannelTable
-from vlab.cases.wiring import Run
 
 Severity = Literal["fatal", "warning", "note"]
 

@@ -12,6 +12,7 @@ from itertools import combinations, islice
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.bands import bands
 from vlab.cases.checks.beside import EXPLAINED, FEWEST, UNEXPLAINED, Beside, beside, first_seconds
 from vlab.cases.checks.clock import check_clock
@@ -27,7 +28,6 @@ from vlab.cases.checks.correction import (
 )
 from vlab.cases.checks.shifts import shifts
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
-from vlab.cases.wiring import Run
 from vlab.signals import Recording
 
 WORSE = 1.2
@@ -71,7 +71,7 @@ def check_recordings(
         check_clock(case, runs)
     runs = [first_seconds(case.plant, run) for run in runs]
     look = _Look(case, beside(case.plant, runs, simulated))
-    found = look.slips() or look.swaps() or look.read_otherwise() or look.unrelated() or look.without_sign()
+    found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
     return FileCheck(found=(*found, *look.shifts({name for f in found for name in f.channels})))
 
 
@@ -192,7 +192,7 @@ class _Look:
 
     # ---- columns read otherwise -----------------------------------------------------------------------------------
 
-    def read_otherwise(self) -> list[Found]:
+    def choose_convention(self) -> list[Found]:
         """Return mistakes found by trial simulations.
 
         Such mistakes concern inputs, or outputs that spoil the initial state. A nonlinear model hides both from the

@@ -1,4 +1,4 @@
-"""The independent generator: things as built, their hardware, what can be hidden in them, recordings of it.
+"""Independent generator: benches as built, hardware, hidden effects, recordings.
 
-Nothing here imports MuJoCo, `vlab.physics` or `vlab.plants`; a test asserts it.
+The generator imports neither MuJoCo nor `vlab.physics` nor `vlab.plants`; a test asserts it.
 """

@@ -1,4 +1,4 @@
-"""A thing on the bench as it was built: matrices, places, actuators, sensors, and what may be a little off in it."""
+"""Bench as built: matrices, places, actuators, sensors, uncertain parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,24 +12,24 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """A place where physics can act on the structure.
+    """Place of the structure for physics.
 
     Parameters
     ----------
     row : (n,) array
-        Its coordinate z = row q.
+        Coordinate z = row q.
     angular : bool
         Whether z is an angle.
     stiffness : float
-        Of the elastic element at the place [N/m or N m/rad]; zero without one.
+        Stiffness of the elastic element at the place [N/m or N m/rad]; zero without one.
     K : (n, n) array or None
-        Stiffness that the element contributes, where it is more than stiffness row row^T.
+        Stiffness matrix of the element, if it exceeds stiffness row row^T.
     alike : tuple of str
         Other names of the same coordinate.
     near : tuple of str
         Places one element or joint away.
     actuator : str
-        The actuator that pushes along the place.
+        Actuator along the place.
     """
 
     row: Array
@@ -43,7 +43,7 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensor:
-    """A sensor of displacement (`order` 0) or velocity (1) along a row."""
+    """Sensor of displacement (`order` 0) or velocity (1) along a row."""
 
     row: Array
     order: int
@@ -53,14 +53,16 @@ class Sensor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bench:
-    """M q'' + C q' + K q = sum of loads times forces, with named places, actuators and sensors.
+    """Linear bench with named places, actuators and sensors.
+
+        M q'' + C q' + K q = sum of loads times forces
 
     Parameters
     ----------
     actuators : mapping of str to (n,) array
-        Load per unit force, true gain included.
+        Load per unit force, with the true gain.
     basis : (n_mesh, n) array or None
-        Mesh coordinates per coordinate, where the bench was projected.
+        Mesh coordinates per coordinate of a projected bench.
     """
 
     M: Array
@@ -82,7 +84,7 @@ class Bench:
         return np.column_stack(list(self.actuators.values()))
 
     def first_order(self) -> tuple[Array, Array]:
-        """Return A (2n, 2n) of the state [q, q'] and the inverse of M."""
+        """Return A (2n, 2n) of the state [q, q'] and inv(M)."""
         inverse = np.linalg.inv(self.M)
         A = np.block([[np.zeros((self.n, self.n)), np.eye(self.n)], [-inverse @ self.K, -inverse @ self.C]])
         return A, inverse
@@ -93,13 +95,24 @@ class Bench:
         return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)
 
     def in_modes(self, highest_hz: float) -> "Bench":
-        """Return the bench in its undamped modes up to a frequency; every row and matrix is projected."""
+        """Return the bench in its undamped modes up to a frequency."""
         squared, shapes = linalg.eigh(self.K, self.M)
         T = shapes[:, squared < (2 * np.pi * highest_hz) ** 2]
         return self.projected(T)
 
     def projected(self, T: Array) -> "Bench":
-        """Return the bench in coordinates p, q = T p."""
+        """Return the bench in coordinates p, q = T p.
+
+        Parameters
+        ----------
+        T : array
+            Basis, (n, p).
+
+        Returns
+        -------
+        Bench
+            Projected bench.
+        """
         return replace(
             self,
             M=T.T @ self.M @ T,
@@ -119,7 +132,24 @@ class Bench:
         return replace(self, M=self.M + M, C=self.C + C, K=self.K + K)
 
     def with_oscillator(self, place: str, mass: float, omega: float, zeta: float) -> "Bench":
-        """Return the bench with one more coordinate: a mass on a spring and a damper at a place."""
+        """Return the bench with a sprung and damped mass at a place.
+
+        Parameters
+        ----------
+        place : str
+            Name of the place.
+        mass : float
+            Mass [kg].
+        omega : float
+            Natural frequency [rad/s].
+        zeta : float
+            Damping ratio [-].
+
+        Returns
+        -------
+        Bench
+            Bench with one more coordinate.
+        """
         n, row = self.n, self.places[place].row
         wide = np.concatenate([-row, [1.0]])
         pair = np.outer(wide, wide)
@@ -145,7 +175,7 @@ class Bench:
 
 @dataclass(frozen=True, kw_only=True)
 class Benign:
-    """Something that may be a little off: a log-factor with its standard deviation.
+    """Uncertain parameter: a log-factor with its standard deviation.
 
     Parameters
     ----------
@@ -160,36 +190,36 @@ class Benign:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Blueprint:
-    """A kind of bench: how it is built with log-factors on its parameters, and what a case says of it.
+    """Kind of bench: assembly from log-factors, and content of its case.
 
     Parameters
     ----------
     build : callable
-        Log-factors by the names of `benign` (missing: zero) and shifts of places [m] by sensor name to a `Bench`.
+        Maps log-factors of `benign` (missing: zero) and shifts of places [m] by sensor name to a `Bench`.
     matrices : callable
-        Log-factors to M, C and K in mesh coordinates.
+        Maps log-factors to M, C and K in mesh coordinates.
     benign : tuple of Benign
-        Everything that varies from case to case without being physics that is missing.
+        Parameters that vary from case to case without missing physics.
     model : mapping of str to str
-        What the case's ``[model]`` says.
+        Table ``[model]`` of the case.
     files : mapping of str to str
         Files of the nominal model.
     uncertain : mapping
-        ``[model.uncertain]``: what the case states of it.
+        Table ``[model.uncertain]`` of the case.
     rate_hz : float
-        Of the recordings and the commands.
+        Sample rate of recordings and commands [Hz].
     substeps : int
         Integration steps per sample.
     seconds : float
-        Length of a recording.
+        Duration of a recording [s].
     band_hz : (float, float)
-        Of the excitation.
+        Band of the excitation [Hz].
     force : float
         Rms of the command at the middle level [N or N m].
     input_kind : str
-        ``command`` passes the laboratory's converter, delay and filter; ``force`` and ``moment`` are held as they are.
+        ``command`` passes converter, delay and filter of the laboratory; ``force`` and ``moment`` are held unchanged.
     place_sd : float
-        Standard deviation of the sensors' places [m].
+        Standard deviation of the sensor places [m].
     """
 
     name: str

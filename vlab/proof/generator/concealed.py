@@ -1,4 +1,4 @@
-"""One concealed case: a thing as built, what is hidden in it, its recordings, and the whole truth about both."""
+"""Concealed case: bench as built, hidden effects, recordings, truth."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -10,51 +10,51 @@ from vlab.errors import BadExperiment, Diverged
 from vlab.proof.generator.bench import Bench, Blueprint
 from vlab.proof.generator.hardware import Output, Pickup
 from vlab.proof.generator.hidden import Hidden, Kind, places_for
-from vlab.proof.generator.march import Feedback
+from vlab.proof.generator.integration import Feedback
 from vlab.proof.generator.plan import Plan, plan
 from vlab.proof.generator.simulate import Setup, scale_at
 from vlab.proof.generator.sizing import Refit, Size
 from vlab.signals import Array
 
 NOISE = {"low": 0.002, "middle": 0.007, "high": 0.02}
-"""Standard deviation of the noise over the rms of each channel at the middle level."""
+"""NOISE [-]: standard deviation of the noise over the rms of each channel at the middle level."""
 SEARCH_HZ = 1000.0
-"""Integration steps per second while the size is looked for, at least."""
+"""SEARCH_HZ [Hz]: least integration rate during the search for the size."""
 TRIES, DRAWS = 9, 12
-"""Sizes tried for one draw, and draws, before a case is given up."""
+"""TRIES, DRAWS [-]: sizes per draw, and draws per case, before the case is given up."""
 CLOSE = 1.25
-"""A size is right within this factor of the one wanted."""
+"""CLOSE [-]: accepted factor between found and wanted size."""
 LARGEST = 0.6
-"""Something hidden changes the signals by at most this share of their rms."""
+"""LARGEST [-]: largest change of the signals by a hidden effect, as a share of their rms."""
 PER_PERIOD = 16
-"""Samples a period of the highest frequency excited that the refit works on."""
+"""PER_PERIOD [-]: samples per period of the highest excited frequency in the calibration."""
 HALVED_S, MOST_HALVED = 4.0, 0.1
-"""Seconds of the loudest recording that are integrated again with half the step, and how much of the noise that may change: a
-case whose integration is no better is not worth diagnosing."""
+"""HALVED_S [s], MOST_HALVED [-]: part of the loudest recording integrated with half the step, and largest change over
+the noise. A case with coarser integration is worthless."""
 MOST_VEILED = 0.7
-"""A loop hides something where it shows in the loop by at most this share of what it would show without."""
+"""MOST_VEILED [-]: largest visible share of an effect in a veiling loop over that without the loop."""
 DELAY_SAMPLES, CORNER_HZ = 1.35, 677.0
-"""Nominal converter of the laboratory (its description says the same); the true one is within 2 %."""
+"""DELAY_SAMPLES [samples], CORNER_HZ [Hz]: nominal converter of the laboratory; the true one is within 2 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a case shall hide.
+    """Wanted content of a case.
 
     Parameters
     ----------
     kinds : tuple of tuples of Kind
-        One tuple of candidates per hidden thing; empty for nothing.
+        One tuple of candidates per hidden effect; empty for nothing.
     low, high : float
-        Range of the size left after a refit, in units of the noise.
+        Range of the size after calibration, in units of the noise.
     one_level : bool
-        The recordings to fit stay near one level.
+        Whether the fit recordings stay near one level.
     absorbed : float
-        Share of the change that the refit takes up, at least.
+        Least share of the change that calibration absorbs.
     in_loop : bool
-        A rate feedback is at work in every recording.
+        Whether a rate feedback acts in every recording.
     veiled : bool
-        ...and what is hidden shows less for it, see `MOST_VEILED`.
+        Whether the feedback also makes the effect less visible, see `MOST_VEILED`.
     """
 
     suite: str
@@ -69,12 +69,12 @@ class Wanted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Concealed:
-    """A finished case.
+    """Finished case.
 
     Parameters
     ----------
     outputs : (n_samples, n_sensors, runs) array
-        As recorded.
+        Recorded values.
     law : dict or None
         Sensors, actuators and gains of the rate feedback.
     truth : dict
@@ -91,7 +91,7 @@ class Concealed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Drawn:
-    """A thing as built, with its recordings planned and its response without anything hidden."""
+    """Bench as built, with planned recordings and its response without hidden effects."""
 
     factors: dict[str, float]
     plan: Plan
@@ -108,10 +108,24 @@ class _Drawn:
 def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> Concealed:
     """Make one case.
 
+    Parameters
+    ----------
+    blueprint : Blueprint
+        Kind of bench.
+    wanted : Wanted
+        Wanted content.
+    rng : Generator
+        Random numbers.
+
+    Returns
+    -------
+    Concealed
+        Finished case.
+
     Raises
     ------
     BadExperiment
-        Nothing of the wanted kinds and size was found.
+        No effect of the wanted kinds and size was found.
     """
     drawn = _draw(blueprint, wanted, rng)
     hidden, size, y = _hide(blueprint, wanted, drawn, rng)
@@ -187,7 +201,7 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
 
 
 def _closed(blueprint: Blueprint, setup: Setup, noise: Array, rng: np.random.Generator) -> tuple[Setup, dict[str, Any]]:
-    """Close a collocated rate feedback around the first actuator that has a velocity sensor at its place."""
+    """Close a collocated rate feedback around an actuator."""
     bench = setup.bench
     for i, (name, load) in enumerate(bench.actuators.items()):
         for j, (sensor, s) in enumerate(bench.sensors.items()):
@@ -205,14 +219,14 @@ def _closed(blueprint: Blueprint, setup: Setup, noise: Array, rng: np.random.Gen
 def _hide(
     blueprint: Blueprint, wanted: Wanted, drawn: _Drawn, rng: np.random.Generator
 ) -> tuple[list[Hidden], Size | None, Array]:
-    """Draw what is hidden and its size until the size is in the range; return it with the true outputs."""
+    """Draw hidden effects until their size is in the range."""
     if not wanted.kinds:
         return [], None, drawn.null
     fit = drawn.plan.fit
     setup = drawn.setup
     commands = drawn.plan.commands
     bench, feedback = setup.bench, setup.feedback
-    if feedback is not None:  # the refit sees the loop as a damper
+    if feedback is not None:  # calibration treats the loop as a damper
         load, row = bench.loads[:, feedback.actuators[0]], list(bench.sensors.values())[feedback.sensors[0]].row
         bench = bench.adding(C=float(feedback.gains[0, 0]) * np.outer(load, row))
     refit = Refit(
@@ -247,7 +261,7 @@ def _hide(
 
 
 def _is_veiled(drawn: _Drawn, hidden: list[Hidden], y: Array) -> bool:
-    """Say whether hidden things show less with the law in the loop than they would without it."""
+    """Return whether the loop makes hidden effects less visible."""
     loud = [drawn.plan.loudest]
     commands = drawn.plan.commands[:, :, loud]
     try:
@@ -263,7 +277,7 @@ def _is_veiled(drawn: _Drawn, hidden: list[Hidden], y: Array) -> bool:
 def _sized(
     blueprint: Blueprint, wanted: Wanted, drawn: _Drawn, refit: Refit, rng: np.random.Generator
 ) -> list[Hidden] | None:
-    """Draw things and places; find the size of each one alone, by secants in the logarithm."""
+    """Draw effects and places, and find the size of each alone."""
     out: list[Hidden] = []
     taken: set[str] = set()
     for candidates in wanted.kinds:
@@ -293,7 +307,10 @@ def _sized(
 
 
 def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden | None:
-    """Change the size of something until what a refit leaves of it is `target`; None where that is out of reach."""
+    """Change the size of an effect to a target after calibration.
+
+    The search uses secants in the logarithm. The result is None for an unreachable target.
+    """
     fit = drawn.plan.fit
     commands = drawn.plan.commands[:, :, fit]
     substeps = max(1, round(SEARCH_HZ / drawn.setup.rate_hz))
@@ -302,7 +319,7 @@ def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden 
         feedback = replace(feedback, noise=feedback.noise[:, :, fit])
     setup = replace(drawn.setup, substeps=substeps, feedback=feedback)
     null = drawn.null[:, :, fit]
-    low, high = 0.0, np.inf  # sizes known to be too small and too large
+    low, high = 0.0, np.inf  # bracket: too small, too large
     for _ in range(TRIES):
         left, share = _left(setup, commands, one, null, refit)
         left = np.inf if share > LARGEST else left
@@ -324,7 +341,7 @@ def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden 
 
 
 def _left(setup: Setup, commands: Array, one: Hidden, null: Array, refit: Refit) -> tuple[float, float]:
-    """Return what a refit leaves of something hidden, and its share of the signals; infinite where the motion is wild."""
+    """Return the residual of an effect after calibration, and its share."""
     try:
         with np.errstate(all="ignore"):
             y = setup.run(commands, [one])
@@ -336,7 +353,7 @@ def _left(setup: Setup, commands: Array, one: Hidden, null: Array, refit: Refit)
 
 
 def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
-    """Integrate the beginning of the loudest recording again with half the step."""
+    """Integrate the start of the loudest recording with half the step."""
     setup, loud = drawn.setup, drawn.plan.loudest
     count = round(HALVED_S * setup.rate_hz)
     commands = drawn.plan.commands[:count, :, [loud]]
@@ -356,7 +373,7 @@ def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
 
 
 def _described(x: Hidden, bench: Bench) -> dict[str, Any]:
-    """Return what the truth says of something hidden."""
+    """Return the truth about a hidden effect."""
     place = bench.places.get(x.place)
     alike: tuple[str, ...] = () if place is None else place.alike
     near: tuple[str, ...] = () if place is None else place.near

@@ -1,4 +1,4 @@
-"""Excitation signals, each of unit size and drawn from a random generator."""
+"""Excitation signals of unit size from a random generator."""
 
 from typing import Any
 
@@ -8,21 +8,30 @@ from scipy import signal
 from vlab.signals import Array
 
 REST_S = 0.25
-"""Silence at the beginning of every recording."""
+"""REST_S [s]: silence at the beginning of every recording."""
 CLASSES = ("multisine", "sweep", "pulses", "steps", "noise")
 
 
 def excite(kind: str, rng: np.random.Generator, time: Array, band: tuple[float, float]) -> Array:
-    """Return a signal of unit rms (pulses and steps: whose rms is that of the band-limited part).
+    """Return an excitation signal of unit rms.
+
+    Pulses and steps have a band-limited part of unit rms.
 
     Parameters
     ----------
     kind : str
         One of `CLASSES`.
+    rng : Generator
+        Random numbers.
     time : (n,) array
         Even time stamps [s].
     band : (float, float)
-        [Hz].
+        Band [Hz].
+
+    Returns
+    -------
+    array
+        Signal, (n,).
     """
     made: dict[str, Any] = {
         "multisine": _multisine,
@@ -40,7 +49,7 @@ def excite(kind: str, rng: np.random.Generator, time: Array, band: tuple[float, 
 
 
 def _multisine(rng: np.random.Generator, time: Array, band: tuple[float, float]) -> Array:
-    """All lines of half the record's length, equal amplitudes, random phases: two periods."""
+    """Return two periods of equal lines with random phases."""
     period = 0.5 * (time[-1] + time[1] - time[0])
     lines = np.arange(np.ceil(band[0] * period), np.floor(band[1] * period) + 1) / period
     phase = rng.uniform(0, 2 * np.pi, lines.size)
@@ -57,7 +66,7 @@ def _sweep(rng: np.random.Generator, time: Array, band: tuple[float, float]) -> 
 
 
 def _pulses(rng: np.random.Generator, time: Array, band: tuple[float, float]) -> Array:
-    """Half sines at random moments and of random sign, one every two seconds."""
+    """Return half sines at random moments, one every two seconds."""
     width, out = 1.0 / band[1] * 1.5, np.zeros(time.size)
     start = 0.1 + rng.uniform(0, 0.5)
     while start < time[-1] - 1.0:
@@ -68,7 +77,7 @@ def _pulses(rng: np.random.Generator, time: Array, band: tuple[float, float]) ->
 
 
 def _steps(rng: np.random.Generator, time: Array, band: tuple[float, float]) -> Array:
-    """Steps of random height at random moments, rounded over the shortest period of the band."""
+    """Return random steps, rounded over the shortest period of the band."""
     out, at, value = np.zeros(time.size), 0.0, 0.0
     while at < time[-1]:
         value = rng.uniform(-1, 1)

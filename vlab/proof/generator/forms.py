@@ -1,6 +1,7 @@
-"""Other forms of physics that `vlab effects` has: the law is not the vocabulary's, the name still is the right answer.
+"""Other forms of physics in `vlab effects`.
 
-`accepted` lists every name of the vocabulary that says the same physics; the first one is the nearest.
+The laws differ from those of the vocabulary, but a name of the vocabulary is the right answer. `accepted` lists all
+right names, the nearest first.
 """
 
 from typing import Any
@@ -15,7 +16,7 @@ from vlab.signals import Array
 Shapes = Any
 Made = tuple[dict[str, float], Action]
 SLIDERS = 16
-"""Of an Iwan element."""
+"""SLIDERS [-]: sliders of an Iwan element."""
 
 
 def _static(of: Any) -> Action:
@@ -33,14 +34,14 @@ def _dahl(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _friction_with_load(s: float, p: Shapes, at: Scale) -> Made:
-    """Dry friction whose normal force grows with the displacement, as of a bowed guide."""
+    """Dry friction with a normal force that grows with displacement."""
     force, grows, speed = s * at.k * at.z, p["grows"] / at.z, 0.03 * at.v
     law = _static(lambda z, v, t, u: -force * (1 + grows * np.abs(z)) * np.tanh(v / speed))
     return {"force": force, "grows": grows}, law
 
 
 def _iwan(s: float, p: Shapes, at: Scale) -> Made:
-    """Sliders whose strength is spread evenly from zero to twice the mean: 16 elements of one stiffness."""
+    """Iwan element of equal springs and evenly spread slider strengths."""
     force, slip = s * at.k * at.z, p["slip"] * at.z
     k = force / slip / SLIDERS
     strength = 2 * force / SLIDERS * (np.arange(SLIDERS) + 0.5) / SLIDERS
@@ -59,7 +60,7 @@ def _sinh(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _tangent(s: float, p: Shapes, at: Scale) -> Made:
-    """A stretched string between fixed ends: F = -k z (1 - d/sqrt(d^2 + z^2)), cubic at first, then linear."""
+    """Stretched string between fixed ends: F = -k z (1 - d/sqrt(d^2 + z^2))."""
     d, k = p["width"] * at.z, s * at.k
     return {"stiffness": k, "width": d}, _static(lambda z, v, t, u: -k * z * (1 - d / np.sqrt(d * d + z * z)))
 
@@ -76,7 +77,7 @@ def _smooth_band(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _hertz(s: float, p: Shapes, at: Scale) -> Made:
-    """A Hertzian stop with Hunt and Crossley's damping: F = -k d^1.5 (1 + c d'), on both sides."""
+    """Two-sided Hertzian stop with Hunt-Crossley damping: F = -k d^1.5 (1 + c d')."""
     gap, k, c = p["gap"] * at.z, s * at.k / np.sqrt(at.z), p["loss"] / at.v
 
     def law(z: Array, v: Array, t: Any, u: Any) -> Array:
@@ -88,13 +89,13 @@ def _hertz(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _settling(s: float, p: Shapes, at: Scale) -> Made:
-    """A joint that loosens and comes to rest: stiffness lost as 1 - exp(-t/tau)."""
+    """Loosening joint: stiffness lost as 1 - exp(-t/tau)."""
     k, tau = s * at.k, p["tau"] * at.T
     return {"stiffness": k, "tau": tau}, _static(lambda z, v, t, u: k * -np.expm1(-t / tau) * z)
 
 
 def _fractional(s: float, p: Shapes, at: Scale) -> Made:
-    """Damping of order one half by eight Maxwell elements, stiffness as the square root of the frequency."""
+    """Damping of order one half by eight Maxwell elements."""
     omega = 2 * np.pi * np.geomspace(at.low_hz / 10, at.high_hz * 10, 8)
     k = s * at.k * np.sqrt(omega / omega.mean())
     return {"stiffness": float(k.mean()), "order": 0.5}, Action(law=Relaxing(k, omega))
@@ -112,7 +113,7 @@ def _skew_clip(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _lag_of_two(s: float, p: Shapes, at: Scale) -> Made:
-    """Two equal lags one behind the other, half the time constant each."""
+    """Two equal lags in series, half the time constant each."""
     tau = s * at.h
 
     def act(f: Array, x: Signals) -> Array:
@@ -132,13 +133,13 @@ def _soft_sensor(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _bessel(s: float, p: Shapes, at: Scale) -> Made:
-    """A second-order Bessel filter in the sensor: nearly a pure delay."""
+    """Second-order Bessel filter in the sensor, nearly a pure delay."""
     tau = s * at.h
     return {"delay": tau}, Action(sensor=lambda y, x: filtered(y, [1.0], [tau**2 / 3, tau, 1.0], x.h))
 
 
 def _two_masses(s: float, p: Shapes, at: Scale) -> Made:
-    """Two small oscillators a tenth apart in frequency, as two cables of a pair."""
+    """Two small oscillators a tenth apart in frequency."""
     m, f, zeta = s * at.m, at.low_hz * (at.high_hz / at.low_hz) ** p["where"], p["zeta"]
 
     def bench(b: Any, place: str) -> Any:
@@ -149,7 +150,7 @@ def _two_masses(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _following(s: float, p: Shapes, at: Scale) -> Made:
-    """Drag of air that is itself carried along: v|v| of the speed over a slow wake."""
+    """Drag of entrained air: v|v| of the speed over a slow wake."""
     c = s * at.k * at.z / at.v**2
     law = Tracking(lambda z, v: np.abs(v), lambda z, v, level: -c * v * (0.5 * np.abs(v) + 0.5 * level), 0.05, 0.05)
     return {"coefficient": c}, Action(law=law)
@@ -200,4 +201,4 @@ FORMS: tuple[Kind, ...] = (
     Kind(name="sensor-delay", form="Bessel", family="timing", on="sensor", make=_bessel,
          accepted=("sensor-delay", "sensor-lag"), start=0.5, most=20.0, same=False),
 )  # fmt: skip
-"""Every other form."""
+"""FORMS: all other forms."""

@@ -1,4 +1,4 @@
-"""What can be hidden: its names, where it can sit, how it is drawn, and what it does to the thing on the bench."""
+"""Kinds of hidden effects: names, places, draws and actions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -11,20 +11,20 @@ from vlab.proof.generator.law import Law
 from vlab.signals import Array
 
 On = Literal["point", "element", "any", "coil", "actuator", "sensor", "sensor and coil", "two sensors"]
-"""Where something can sit: a point or joint, an elastic element, either of both, a point that an actuator pushes, an
-actuator, a sensor, a sensor that picks up a coil or what another sensor sees."""
+"""Places of an effect. Point or joint; elastic element; either of both; driven point; actuator; sensor; sensor with
+pick-up of a coil or another sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How large things are at a place in the loudest recording to fit, without anything hidden.
+    """Signal sizes at a place in the loudest fit recording, without hidden effects.
 
     Parameters
     ----------
     z, v : float
-        Rms displacement and velocity of a place; rms of a sensor's signal and zero.
+        Rms displacement and velocity of a place; rms and zero for a sensor.
     peak : float
-        Largest displacement; of a sensor's signal, of an actuator's command.
+        Largest displacement, sensor signal or command.
     k, m : float
         Static stiffness and effective mass of a place.
     own : float
@@ -32,11 +32,11 @@ class Scale:
     u : float
         Rms of the command.
     slope : float
-        Largest rate of the command, in its unit per second, of the band-limited signal.
+        Largest rate of the band-limited command [unit/s].
     h, T : float
-        Sample period and length of a recording [s].
+        Sample period and duration of a recording [s].
     low_hz, high_hz : float
-        Band of the excitation.
+        Band of the excitation [Hz].
     """
 
     z: float = 0.0
@@ -55,16 +55,16 @@ class Scale:
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """What a sensor's or actuator's change may look at besides its own signal.
+    """Other inputs of a changed sensor or actuator.
 
     Parameters
     ----------
     h : float
         Step of the clock [s].
     rng : Generator
-        For what changes at random from sample to sample.
+        Random numbers of each sample.
     other : array or None
-        The second signal.
+        Second signal.
     """
 
     h: float
@@ -74,20 +74,20 @@ class Signals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Action:
-    """What something hidden does: exactly one of these.
+    """Action of a hidden effect; exactly one field is set.
 
     Parameters
     ----------
     bench : callable
-        From the bench and the place to the bench with it.
+        Maps the bench and the place to the changed bench.
     law : callable
-        Makes a force law; a law holds no memory, so one serves all recordings.
+        Returns a force law without memory, for all recordings.
     command, force : callable
         Changes samples of a command, (n, runs), or the force on the fine clock.
     sensor : callable
         Changes samples of a sensor, (n, runs), before its noise.
     reading : callable
-        Changes them behind the noise: a converter rounds and cuts off what it is given.
+        Changes samples after the noise, as a converter does.
     """
 
     bench: Callable[[Bench, str], Bench] | None = None
@@ -100,26 +100,25 @@ class Action:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kind:
-    """A kind of hidden physics.
+    """Kind of hidden effect.
 
     Parameters
     ----------
     name : str
-        In the vocabulary of `vlab effects` where that has it; else a name of its own.
+        Name in `vlab effects`, or a name of its own.
     form : str
-        Which form of the physics: ``""`` is the form of the vocabulary.
+        Form of the physics; ``""`` is that of the vocabulary.
     accepted : tuple of str
-        Names that are right answers; empty for what no library has.
+        Right answers; empty outside the library.
     make : callable
-        Size, drawn shapes and scales to parameters (SI, by the names of `vlab effects` where the law is the same) and the
-        action.
+        Maps size, drawn shapes and scales to parameters and action. Parameters are in SI, with the names of `vlab
+        effects` for the same law.
     shapes : mapping
-        What is drawn besides the size: name to (low, high), evenly; (low, high, "log") evenly in the logarithm;
-        ``"sign"`` is +-1.
+        Draws besides the size: name to (low, high), uniform; (low, high, "log"), log-uniform; ``"sign"``, +-1.
     start, most : float
-        Size to begin with and the largest that makes sense.
+        Initial and largest size.
     same : bool
-        Whether the parameters mean what those of the vocabulary mean.
+        Whether the parameters have the meaning of the vocabulary.
     """
 
     name: str
@@ -135,7 +134,18 @@ class Kind:
     angular: bool | None = None
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Draw the shapes."""
+        """Draw the shapes.
+
+        Parameters
+        ----------
+        rng : Generator
+            Random numbers.
+
+        Returns
+        -------
+        dict
+            Values by name.
+        """
         out = {}
         for name, given in self.shapes.items():
             if given == "sign":
@@ -149,7 +159,7 @@ class Kind:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hidden:
-    """Something hidden, drawn, at a place and of a size."""
+    """Drawn hidden effect with place and size."""
 
     kind: Kind
     place: str
@@ -164,19 +174,28 @@ class Hidden:
 
     @property
     def action(self) -> Action:
-        """What it does."""
+        """Its action."""
         return self.kind.make(self.size, self.shapes, self.scale)[1]
 
 
 def places_for(bench: Bench, on: On, *, angular: bool | None, driven: tuple[str, ...]) -> list[str]:
-    """Return the places where something can sit.
+    """Return the possible places of an effect.
 
     Parameters
     ----------
+    bench : Bench
+        Bench.
+    on : On
+        Kind of place.
     angular : bool or None
-        Only at rotations, only at translations, or either.
+        True for rotations, False for translations, None for both.
     driven : tuple of str
-        The actuators that recordings use.
+        Actuators of the recordings.
+
+    Returns
+    -------
+    list of str
+        Names of the places.
     """
     sensors = [f"sensor:{name.partition(':')[2] or name}" for name in bench.sensors]
     if on == "actuator":

@@ -1,4 +1,7 @@
-"""The beam and the hanging grid as built, on a mesh that is at least three times as fine as that of the models to diagnose."""
+"""Beam and hanging grid as built, on a fine mesh.
+
+The mesh is at least three times as fine as those of the diagnosed models.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,14 +18,14 @@ from vlab.structure import load_structure
 from vlab.structure.model import Bar, Structure
 
 SD = {"stiffness": 0.02, "mass": 0.02, "damping": 0.2, "tension": 0.03, "gain": 0.02, "sensor": 0.005}
-"""Relative standard deviations of what was built; the case states them."""
+"""SD [-]: relative standard deviations of the built parameters, stated by the case."""
 REFINE = {"beam": 3, "grid": 2}
-"""Times the physical variant's four elements a span: 96 elements on the beam, 8 a bar of the grid, where the MuJoCo models
-have 16 links and 2."""
+"""REFINE [-]: refinement of the physical variant's four elements per span. The beam has 96 elements, a bar of the grid
+8; the MuJoCo models have 16 links and 2."""
 HIGHEST_HZ = {"beam": 400.0, "grid": 60.0}
-"""Modes up to here are integrated; commands and noise reach 45 Hz and 15 Hz."""
+"""HIGHEST_HZ [Hz]: highest integrated mode; commands and noise reach 45 Hz and 15 Hz."""
 PLACE_SD = 1e-3
-"""Of a sensor's height [m]."""
+"""PLACE_SD [m]: standard deviation of a sensor height."""
 
 
 def _edited(structure: Structure, factors: Mapping[str, float]) -> Structure:
@@ -75,7 +78,7 @@ def _benign(structure: Structure) -> tuple[Benign, ...]:
 
 
 def _slope(fe: FeModel, bar: Bar, point: str) -> Array:
-    """Return the row of the slope of the deflection along a bar at one of its points."""
+    """Return the row of the slope along a bar at a point."""
     (x0, z0), (x1, z1) = (fe.structure.position(bar.points[i]) for i in (0, -1))
     length = np.hypot(x1 - x0, z1 - z0)
     node = 3 * fe.mesh.node(point)
@@ -83,7 +86,7 @@ def _slope(fe: FeModel, bar: Bar, point: str) -> Array:
 
 
 def _spans(fe: FeModel) -> dict[str, Place]:
-    """Return the spans between neighbouring points as places: the difference of the slopes at their ends."""
+    """Return the spans between points as places, by slope differences."""
     out: dict[str, Place] = {}
     for bar in fe.structure.bar:
         section = fe.structure.section[bar.section]
@@ -108,7 +111,7 @@ def _spans(fe: FeModel) -> dict[str, Place]:
 
 
 def _bending(fe: FeModel, bar: Bar, a: str, b: str) -> Array:
-    """Return the part of K that is the bending stiffness of a span: a share of it can be lost."""
+    """Return the bending stiffness matrix of a span."""
     stations = [np.hypot(*np.subtract(fe.structure.position(p), fe.structure.position(bar.points[0]))) for p in (a, b)]
     low, high = min(stations) - 1e-6, max(stations) + 1e-6
     K = np.zeros((fe.linear.n, fe.linear.n))
@@ -122,7 +125,7 @@ def _bending(fe: FeModel, bar: Bar, a: str, b: str) -> Array:
         L, EI = e.flexible, e.section.bending_stiffness
         v1, v2 = v1 + e.rigid_start * s1, v2 - e.rigid_end * s2
         chord = (v2 - v1) / L
-        even, odd = s2 - s1, s1 + s2 - 2 * chord  # constant curvature, and linear curvature that vanishes in the middle
+        even, odd = s2 - s1, s1 + s2 - 2 * chord  # constant curvature, and linear curvature with zero in the middle
         K += EI / L * (np.outer(even, even) + 3 * np.outer(odd, odd))
     return K
 
@@ -169,7 +172,7 @@ def _matrices(name: str, factors: Mapping[str, float], refine: int) -> tuple[Arr
 
 
 def _shifted(fe: FeModel, at: str, shift: float) -> Array:
-    """Return the deflection a little beside a point, along the first bar that goes through it."""
+    """Return the deflection beside a point along its first bar."""
     bar = next((b for b in fe.structure.bar if at in b.points), None)
     if bar is None or shift == 0.0:
         return fe.deflection(at)
@@ -177,7 +180,7 @@ def _shifted(fe: FeModel, at: str, shift: float) -> Array:
 
 
 def _beside(places: dict[str, Place]) -> dict[str, Place]:
-    """Add what is one element away: spans beside points, and spans beside spans."""
+    """Add places one element away."""
     ends = {name: set(p.near) for name, p in places.items() if ":" in name or name.startswith("crosspiece")}
     out = {}
     for name, place in places.items():
@@ -215,15 +218,18 @@ def _blueprint(name: str, title: str, **settings: object) -> Blueprint:
 
 
 def beam() -> Blueprint:
-    """Return the beam: three coil velocities and a displacement probe, commands at 2 kHz.
+    """Return the beam: three coil velocities, one displacement probe, 2 kHz.
 
-    The loudest recording moves the coils by 1.5 mm: within 3.2 mm their sensors are linear.
+    The loudest recording moves the coils by 1.5 mm, within the linear range of 3.2 mm.
     """
     return _blueprint("beam", "Beam", rate_hz=2000.0, substeps=5, seconds=16.0, band_hz=(0.8, 45.0), force=0.04)
 
 
 def grid() -> Blueprint:
-    """Return the hanging grid: twelve joint velocities and two plates, commands at 2 kHz; it moves by 3 mm at most."""
+    """Return the hanging grid: twelve joint and two plate velocities, 2 kHz.
+
+    The largest motion is 3 mm.
+    """
     return _blueprint(
         "grid", "Hanging grid", rate_hz=2000.0, substeps=5, seconds=20.0, band_hz=(0.3, 15.0), force=0.015
     )

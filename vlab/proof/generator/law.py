@@ -1,6 +1,6 @@
-"""Force laws at places: how one is solved within a step, and the laws themselves in the generator's own words.
+"""Force laws at places, and their solution within a step.
 
-A force is positive along the place's coordinate. Everything is an array over the recordings that run side by side.
+A force is positive along the coordinate of the place. All values are arrays over parallel recordings.
 """
 
 from collections.abc import Callable
@@ -14,10 +14,10 @@ Memory = dict[str, Any]
 
 
 class Law:
-    """A force along a place."""
+    """Force along a place."""
 
     def start(self, runs: int) -> Memory:
-        """Return the memory before anything happened."""
+        """Return the initial memory."""
         return {"force": np.zeros(runs)}
 
     def solve(
@@ -38,17 +38,24 @@ class Law:
         Parameters
         ----------
         z0, v0 : (runs,) array
-            At the beginning.
+            Displacement and velocity at the beginning.
         z1, v1 : (runs,) array
-            At the end without the force.
+            Displacement and velocity at the end without the force.
         a, b : float
-            What a unit force over the step adds to them.
+            Displacement and velocity added by a unit force over the step.
         t, h : float
             Beginning and length of the step [s].
         coil : array or 0
-            Force that the actuator along the place is asked for.
+            Commanded force of the actuator along the place.
+        memory : Memory
+            Memory of the law.
+
+        Returns
+        -------
+        array
+            Mean force, (runs,).
         """
-        # one iteration from the last step's force: its error is a step's change of force times the small mobility
+        # one iteration from the last force; the error is the change of force times the small mobility
         z = 0.5 * (z0 + z1 + a * memory["force"])
         v = 0.5 * (v0 + v1 + b * memory["force"])
         force = memory["force"] = self.force(z, v, t + 0.5 * h, h, coil, memory)
@@ -60,11 +67,11 @@ class Law:
         raise NotImplementedError
 
     def keep(self, z: Array, v: Array, h: float, memory: Memory) -> None:
-        """Move the memory over a step whose middle this is."""
+        """Update the memory over a step with this midpoint."""
 
 
 class Static(Law):
-    """A force without memory, of displacement, velocity, time and the coil's force.
+    """Force without memory, of displacement, velocity, time and coil force.
 
     `of` also takes windows: (steps, runs) arrays with times of shape (steps, 1).
     """
@@ -78,7 +85,7 @@ class Static(Law):
 
 
 class DryFriction(Law):
-    """Coulomb friction as an impulse that stops the motion as far as it reaches; `level` of speed and time."""
+    """Coulomb friction as a stopping impulse; `level` depends on speed and time."""
 
     def __init__(self, level: Callable[[Array, float], Any]) -> None:
         self._level = level
@@ -96,18 +103,18 @@ class DryFriction(Law):
         coil: Any,
         memory: Memory,
     ) -> Array:
-        """See `Law`: no iteration, the stopping force is known."""
+        """See `Law`: the stopping force is explicit."""
         most = self._level(v0, t)
         return np.minimum(np.maximum(v1 * (-1.0 / b), -most), most)
 
 
 class Sliders(Law):
-    """Springs in series with dry sliders, side by side: one is Jenkins' element, many of different strength Iwan's.
+    """Parallel spring-slider pairs: Jenkins element, or Iwan element of several.
 
     Parameters
     ----------
     stiffness, strength : (m,) array
-        Of each element [N/m, N].
+        Values of each element [N/m, N].
     """
 
     def __init__(self, stiffness: Any, strength: Any) -> None:
@@ -126,12 +133,12 @@ class Sliders(Law):
         return -self._each(z, memory).sum(axis=0)
 
     def keep(self, z: Array, v: Array, h: float, memory: Memory) -> None:
-        """See `Law`: sliders follow beyond their strength."""
+        """See `Law`: sliders yield beyond their strength."""
         memory["at"] = z - self._each(z, memory) / self._k
 
 
 class Yielding(Law):
-    """An element's own spring with a slider inside it: the force that its plastic set takes off, +k s."""
+    """Elastic element with plastic set s: force +k s."""
 
     def __init__(self, stiffness: float, yields_at: float) -> None:
         self._k, self._at = stiffness, yields_at
@@ -154,9 +161,11 @@ class Yielding(Law):
 
 
 class Bristles(Law):
-    """A force -F x with dx/dt = (v - |v| shape(x) x/g(v))/d, moved exactly over a step of constant velocity.
+    """Bristle friction, exact over a step of constant velocity.
 
-    With g = 1 + s exp(-(v/vs)^2) it is LuGre without micro-damping, with g = 1 Dahl's model.
+        F = -F x,  dx/dt = (v - |v| shape(x) x/g(v))/d
+
+    With g = 1 + s exp(-(v/vs)^2) the law is LuGre without micro-damping, with g = 1 Dahl's model.
     """
 
     def __init__(self, force: float, bend: float, g: Callable[[Array], Any]) -> None:
@@ -181,7 +190,10 @@ class Bristles(Law):
 
 
 class Hysteresis(Law):
-    """Bouc and Wen: -F s, ds/dt = (v - beta |v| |s|^(n-1) s - gamma v |s|^n)/d."""
+    """Bouc-Wen hysteresis.
+
+    F = -F s,  ds/dt = (v - beta |v| |s|^(n-1) s - gamma v |s|^n)/d
+    """
 
     def __init__(
         self, force: float, yields_at: float, *, beta: float = 0.5, gamma: float = 0.5, n: float = 2.0
@@ -209,14 +221,16 @@ class Hysteresis(Law):
 
 
 class Relaxing(Law):
-    """Maxwell elements side by side, -sum k_i (z - y_i), dy_i/dt = (z - y_i) w_i: a fading memory of displacement.
+    """Parallel Maxwell elements: a fading memory of displacement.
+
+        F = -sum k_i (z - y_i),  dy_i/dt = (z - y_i) w_i
 
     Parameters
     ----------
     stiffness, omega : (m,) array
         k_i [N/m] and w_i [rad/s].
     stored : float
-        Stiffness that is taken off: what the elements store at some frequency [N/m].
+        Subtracted stiffness, stored by the elements at some frequency [N/m].
     """
 
     def __init__(self, stiffness: Any, omega: Any, stored: float = 0.0) -> None:
@@ -239,7 +253,7 @@ class Relaxing(Law):
 
 
 class Delayed(Law):
-    """A force of what the place did a while ago, gain z(t - tau) + rate v(t - tau)."""
+    """Force of the past motion: gain z(t - tau) + rate v(t - tau)."""
 
     def __init__(self, delay: float, gain: float, rate: float) -> None:
         self._delay, self._gain, self._rate = delay, gain, rate
@@ -260,7 +274,10 @@ class Delayed(Law):
 
 
 class Tracking(Law):
-    """A force of place, speed and a slow level that follows a motion: `level' = (measure - level)/tau`."""
+    """Force of place, speed and a slow level.
+
+    d level/dt = (measure - level)/tau
+    """
 
     def __init__(
         self,
@@ -287,7 +304,10 @@ class Tracking(Law):
 
 
 class Absorber(Law):
-    """A mass on an own nonlinear spring and a damper: -m x'', x'' = of(z - x) + 2 zeta omega (v - x')."""
+    """Mass on its own nonlinear spring and damper.
+
+    F = -m x'',  x'' = of(z - x) + 2 zeta omega (v - x')
+    """
 
     def __init__(self, mass: float, damping: float, spring: Callable[[Array], Array]) -> None:
         self._m, self._c, self._spring = mass, damping, spring
@@ -297,7 +317,7 @@ class Absorber(Law):
         return {"force": np.zeros(runs), "x": np.zeros(runs), "u": np.zeros(runs)}
 
     def force(self, z: Array, v: Array, t: float, h: float, coil: Any, memory: Memory) -> Array:
-        """See `Law`: the force of its spring and damper, half way."""
+        """See `Law`: spring and damper force at the midpoint."""
         x = memory["x"] + 0.5 * h * memory["u"]
         return -(self._spring(z - x) + self._c * (v - memory["u"]))
 

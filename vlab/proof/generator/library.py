@@ -1,4 +1,4 @@
-"""Physics that `vlab effects` has, in its own form: names and parameters are that vocabulary's, the laws are written anew."""
+"""Physics of `vlab effects` with the vocabulary's names and independent laws."""
 
 from typing import Any
 
@@ -81,7 +81,7 @@ def _stop(s: float, p: Shapes, at: Scale) -> Made:
 
 
 def _one_sided(s: float, p: Shapes, at: Scale) -> Made:
-    side, way, k = p["sign"], p["gap"] * at.z, s * at.k  # a negative gap: it touches on the other side
+    side, way, k = p["sign"], p["gap"] * at.z, s * at.k  # negative gap: contact on the other side
     law = _static(lambda z, v, t, u: -side * k * np.maximum(side * z - way, 0.0))
     return {"stiffness": k, "gap": side * way}, law
 
@@ -117,7 +117,7 @@ def _oscillator(s: float, p: Shapes, at: Scale) -> Made:
 def _loss(s: float, p: Shapes, at: Scale) -> Made:
     loss, centre = s * at.k, np.sqrt(at.low_hz * at.high_hz)
     omega = 2 * np.pi * centre * np.array([0.1, 1.0, 10.0])
-    # at the centre 1/2 + 2 * 0.1/1.01 of one element's stiffness are lost and 3/2 stored, which the element already has
+    # at the centre 1/2 + 2 * 0.1/1.01 of an element's stiffness are lost; the stored 3/2 are part of the element
     law = Relaxing(np.full(3, loss / 0.7), omega, stored=1.5 * loss / 0.7)
     return {"loss": loss, "centre": centre}, _port(law)
 
@@ -135,7 +135,10 @@ def _held(u: Array, every: int) -> Array:
 
 
 def _jittered(u: Array, most: float, x: Signals) -> Array:
-    """Samples come out late by a random share of `most` steps of the fine clock, redrawn wherever the command changes."""
+    """Delay samples by a random share of `most` fine steps.
+
+    The share is drawn again at every change of the command.
+    """
     change = np.any(np.diff(u, axis=0, prepend=u[:1] + 1.0) != 0.0, axis=1)
     each = np.cumsum(change) - 1
     delay = most * x.rng.random(each[-1] + 1)
@@ -143,7 +146,7 @@ def _jittered(u: Array, most: float, x: Signals) -> Array:
     for i in np.flatnonzero(change)[1:]:
         whole = int(delay[each[i]])
         out[i : i + whole] = u[i - 1]
-        if i + whole < len(u):  # the mean over the step in which the sample comes out
+        if i + whole < len(u):  # mean over the step of the delayed sample
             share = delay[each[i]] - whole
             out[i + whole] = share * u[i - 1] + (1 - share) * u[i + whole]
     return out
@@ -172,7 +175,7 @@ def _resonance(s: float, p: Shapes, at: Scale) -> Made:
     return made, _sensor(lambda y, x: filtered(y, [1.0], [1 / w**2, 2 * zeta / w, 1.0], x.h))
 
 
-def _hum(s: float, p: Shapes, at: Scale) -> Made:
+def _interference(s: float, p: Shapes, at: Scale) -> Made:
     a, f, phase = s * at.z, p["f"], p["phase"]
 
     def add(y: Array, x: Signals) -> Array:
@@ -271,7 +274,7 @@ LIBRARY: tuple[Kind, ...] = (
                                 _sensor(lambda y, x: filtered(y, [d, 0.0], [d, 1.0], x.h)))),
     Kind(name="sensor-quantisation", family="resolution", on="sensor", most=2.0,
          make=lambda s, p, at: ({"step": (q := s * at.z)}, _reading(lambda y, x: q * np.round(y / q)))),
-    Kind(name="mains-hum", family="disturbance", on="sensor", make=_hum,
+    Kind(name="mains-hum", family="disturbance", on="sensor", make=_interference,
          shapes={"f": (49.9, 50.1), "phase": (0.0, 6.28)}),
     Kind(name="sensor-resonance", family="sensor-dynamics", on="sensor", make=_resonance, start=0.2, most=0.9,
          shapes={"zeta": (0.05, 0.4, "log")}),
@@ -280,4 +283,4 @@ LIBRARY: tuple[Kind, ...] = (
     Kind(name="cross-axis", family="pick-up", on="two sensors", shapes={"sign": "sign"}, most=0.4,
          make=lambda s, p, at: ({"share": (d := p["sign"] * s)}, _second(d))),
 )  # fmt: skip
-"""Every kind in the form of the vocabulary."""
+"""LIBRARY: all kinds in the form of the vocabulary."""

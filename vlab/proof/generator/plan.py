@@ -1,4 +1,4 @@
-"""The recordings of a case: which signals at which levels, through which actuator, to fit or held out."""
+"""Planned recordings of a case: signals, levels, actuators, roles."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +12,7 @@ from vlab.signals import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """One recording that is planned: its signal's class, its level in multiples of the middle one, its actuator."""
+    """Planned recording: signal class, relative level, actuator."""
 
     signal: str
     level: float
@@ -27,7 +27,7 @@ class Plan:
     Parameters
     ----------
     commands : (n_samples, n_actuators, runs) array
-        At the rate of the recordings.
+        Commands at the sample rate of the recordings.
     """
 
     recordings: tuple[Recording, ...]
@@ -35,36 +35,45 @@ class Plan:
 
     @property
     def fit(self) -> list[int]:
-        """Indices of the recordings to fit."""
+        """Indices of the fit recordings."""
         return [i for i, r in enumerate(self.recordings) if r.role == "fit"]
 
     @property
     def loudest(self) -> int:
-        """Index of the loudest recording to fit."""
+        """Index of the loudest fit recording."""
         return max(self.fit, key=lambda i: self.recordings[i].level)
 
     @property
     def middle(self) -> int:
-        """Index of the recording to fit whose level is the median."""
+        """Index of the fit recording with the median level."""
         order = sorted(self.fit, key=lambda i: self.recordings[i].level)
         return order[len(order) // 2]
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """The actuators that are used, the most used one first."""
+        """Used actuators, the most used first."""
         return tuple(dict.fromkeys(r.actuator for r in self.recordings))
 
 
 def plan(blueprint: Blueprint, rng: np.random.Generator, *, one_level: bool = False) -> Plan:
     """Draw the recordings of a case.
 
-    Three to five recordings to fit of one signal class at three levels at least, then two or three held out, the first of
-    the same class at another level, the second of another class.
+    Three to five fit recordings have one signal class and at least three levels. Two or three held-out recordings
+    follow. The first has the same class at another level, the second another class.
 
     Parameters
     ----------
+    blueprint : Blueprint
+        Kind of bench.
+    rng : Generator
+        Random numbers.
     one_level : bool
-        The recordings to fit lie within a tenth of one level: what depends on the level looks like something linear.
+        Whether levels of the fit recordings differ by at most a tenth, which makes level dependence look linear.
+
+    Returns
+    -------
+    Plan
+        Recordings with commands.
     """
     main = str(rng.choice(blueprint.exciters))
     usual = str(rng.choice(["multisine", "noise"], p=[0.8, 0.2]))

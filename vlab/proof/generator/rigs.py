@@ -1,7 +1,6 @@
-"""Two small rigs from first principles, each with an MJCF of its nominal model: a belt-driven slider and a shaft.
+"""Two small rigs with MJCF models: belt-driven slider and shaft.
 
-Their equations of motion are written out here as masses on springs; the MJCF is text that the case ships and that nothing
-here reads.
+The equations of motion are masses on springs. The MJCF is text for the case and is not read here.
 """
 
 from collections.abc import Mapping
@@ -14,17 +13,17 @@ from vlab.proof.generator.bench import Bench, Benign, Blueprint, Place, Sensor
 from vlab.signals import Array
 
 SD = {"stiffness": 0.03, "mass": 0.02, "damping": 0.2, "gain": 0.02, "sensor": 0.005}
-"""Relative standard deviations of what was built; the case states them."""
+"""SD [-]: relative standard deviations of the built parameters, stated by the case."""
 
 
 class _Chain(NamedTuple):
-    """Bodies in a row: names, inertias, own springs and dampers to ground, couplings to the next one."""
+    """Bodies in a row with inertias, springs, dampers and couplings."""
 
     bodies: tuple[str, ...]
     inertia: tuple[float, ...]
-    ground: tuple[tuple[float, float], ...]  # stiffness and damping to ground, one a body
+    ground: tuple[tuple[float, float], ...]  # stiffness and damping to ground of each body
     couplings: tuple[str, ...]
-    coupling: tuple[tuple[float, float], ...]  # stiffness and damping, one a pair of neighbours
+    coupling: tuple[tuple[float, float], ...]  # stiffness and damping between neighbours
     motors: Mapping[str, str]  # name to body
     seen: Mapping[str, str]  # sensor name to body
     angular: bool
@@ -42,7 +41,7 @@ SLIDER = _Chain(
     angular=False,
     order=0,
 )
-"""Belt-driven slider [kg, N/m, N s/m]: 2.3, 12.9 and 17.2 Hz."""
+"""SLIDER [kg, N/m, N s/m]: belt-driven slider with modes at 2.3, 12.9 and 17.2 Hz."""
 
 SHAFT = _Chain(
     bodies=("rotor", "flywheel", "hub", "fan"),
@@ -55,7 +54,7 @@ SHAFT = _Chain(
     angular=True,
     order=1,
 )
-"""Shaft with four discs [kg m^2, N m/rad, N m s/rad]: 2.4, 12.0, 17.6 and 22.5 Hz."""
+"""SHAFT [kg m^2, N m/rad, N m s/rad]: shaft with four discs and modes at 2.4, 12.0, 17.6 and 22.5 Hz."""
 
 
 def _xml(chain: _Chain) -> str:
@@ -121,7 +120,7 @@ def _built(chain: _Chain, factors: Mapping[str, float]) -> Bench:
     n = len(chain.bodies)
     M = np.diag([m * factor(f"mass:{name}") for name, m in zip(chain.bodies, chain.inertia, strict=True)])
     C, K = np.zeros((n, n)), np.zeros((n, n))
-    order = [f"joint:{chain.bodies[0]}"]  # places in the order in which they follow each other
+    order = [f"joint:{chain.bodies[0]}"]  # places in their order along the chain
     for i, name in enumerate(chain.couplings):
         order += [f"tendon:{name}", f"joint:{chain.bodies[i + 1]}"]
     places: dict[str, Place] = {}
@@ -177,10 +176,10 @@ def _blueprint(chain: _Chain, name: str, title: str, *, force: float, band_hz: t
 
 
 def slider() -> Blueprint:
-    """Return the belt-driven slider: displacements measured."""
+    """Return the belt-driven slider with measured displacements."""
     return _blueprint(SLIDER, "slider", "Belt-driven slider", force=6.0, band_hz=(0.8, 24.0))
 
 
 def shaft() -> Blueprint:
-    """Return the shaft with four discs: rates measured."""
+    """Return the shaft with four discs and measured rates."""
     return _blueprint(SHAFT, "shaft", "Shaft with four discs", force=0.4, band_hz=(0.8, 30.0))

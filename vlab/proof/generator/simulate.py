@@ -1,4 +1,4 @@
-"""True outputs of a bench with things hidden in it, and how large things are without them."""
+"""True outputs of a bench with hidden effects, and signal sizes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,20 +8,20 @@ import numpy as np
 from vlab.proof.generator.bench import Bench
 from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.hidden import Hidden, Scale, Signals
-from vlab.proof.generator.march import Feedback, Poles, march, port_rows
+from vlab.proof.generator.integration import Feedback, Poles, integrate, port_rows
 from vlab.signals import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setup:
-    """A bench with its output hardware and clock.
+    """Bench with output hardware and clock.
 
     Parameters
     ----------
     feedback : Feedback or None
-        A law in the loop; it is given the sensors' noise.
+        Law in the loop, with its sensor noise.
     seed : int
-        Of what changes at random from sample to sample.
+        Seed of changes from sample to sample.
     """
 
     bench: Bench
@@ -32,11 +32,37 @@ class Setup:
     seed: int = 0
 
     def run(self, commands: Array, hidden: Sequence[Hidden]) -> Array:
-        """Return samples without noise, (n_samples, n_sensors, runs), of commands (n_samples, n_actuators, runs), from rest."""
+        """Return samples without noise, from rest.
+
+        Parameters
+        ----------
+        commands : array
+            Commands, (n_samples, n_actuators, runs).
+        hidden : sequence of Hidden
+            Hidden effects.
+
+        Returns
+        -------
+        array
+            Samples, (n_samples, n_sensors, runs).
+        """
         return self.read(self.sensed(commands, hidden), hidden)
 
     def read(self, y: Array, hidden: Sequence[Hidden]) -> Array:
-        """Return samples (n_samples, n_sensors, runs) as hidden converters read them, their noise included or not."""
+        """Return samples as hidden converters read them.
+
+        Parameters
+        ----------
+        y : array
+            Samples, (n_samples, n_sensors, runs), with or without noise.
+        hidden : sequence of Hidden
+            Hidden effects.
+
+        Returns
+        -------
+        array
+            Converted samples.
+        """
         for x in hidden:
             change = x.action.reading
             if change is not None:
@@ -45,7 +71,20 @@ class Setup:
         return y
 
     def sensed(self, commands: Array, hidden: Sequence[Hidden]) -> Array:
-        """Return what sensors make of the motion, before their noise and converters; see `run`."""
+        """Return sensor samples before noise and converters.
+
+        Parameters
+        ----------
+        commands : array
+            Commands, (n_samples, n_actuators, runs).
+        hidden : sequence of Hidden
+            Hidden effects.
+
+        Returns
+        -------
+        array
+            Samples, (n_samples, n_sensors, runs).
+        """
         bench, h = self.bench, 1.0 / self.rate_hz
         step = h / self.substeps
         rng = np.random.default_rng(self.seed)
@@ -63,7 +102,7 @@ class Setup:
                 bench = action.bench(bench, x.place)
         laws = [(x.place, action.law) for x, action in acts if action.law is not None]
         feedback = None if self.feedback is None else replace(self.feedback, output=self.output)
-        y = march(bench, forces, laws, step=step, substeps=self.substeps, feedback=feedback)
+        y = integrate(bench, forces, laws, step=step, substeps=self.substeps, feedback=feedback)
         for x, action in acts:
             if action.sensor is not None:
                 name, _, second = x.place.partition("/")
@@ -92,7 +131,26 @@ def _sensor(bench: Bench, place: str) -> int:
 
 
 def scale_at(setup: Setup, commands: Array, place: str, outputs: Array, band_hz: tuple[float, float]) -> Scale:
-    """Return how large things are at a place in one recording, (n_samples, n_actuators) of commands."""
+    """Return the signal sizes at a place in one recording.
+
+    Parameters
+    ----------
+    setup : Setup
+        Bench with its clock.
+    commands : array
+        Commands, (n_samples, n_actuators).
+    place : str
+        Name of the place.
+    outputs : array
+        Outputs of the recording, (n_samples, n_sensors).
+    band_hz : tuple
+        Band of the excitation [Hz].
+
+    Returns
+    -------
+    Scale
+        Sizes at the place.
+    """
     bench, h = setup.bench, 1.0 / setup.rate_hz
     common = {"h": h, "T": len(commands) * h, "low_hz": band_hz[0], "high_hz": band_hz[1]}
     which = int(np.argmax(np.abs(commands).sum(axis=0)))

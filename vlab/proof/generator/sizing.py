@@ -1,4 +1,4 @@
-"""How large something hidden is: what is left of it, in units of the noise, when everything benign is fitted to it."""
+"""Size of a hidden effect: its residual after calibration, over the noise."""
 
 from dataclasses import dataclass
 
@@ -6,31 +6,31 @@ import numpy as np
 
 from vlab.proof.generator.bench import Bench, Benign, Blueprint
 from vlab.proof.generator.hardware import Output
-from vlab.proof.generator.march import Poles, port_rows
+from vlab.proof.generator.integration import Poles, port_rows
 from vlab.signals import Array
 
 STEP = 1e-2
-"""Of the log-factors in the differences that give the derivatives."""
+"""STEP [-]: difference of log-factors in the derivatives."""
 CYCLES, SHARES, ENOUGH = 10, (1.0, 0.4, 0.15, 0.05), 0.9
-"""Gauss-Newton steps, the shares of a step that are tried, and the share of the cost below which a step is worth it;
-derivatives are taken again where a step with old ones is not."""
+"""CYCLES, SHARES, ENOUGH [-]: Gauss-Newton steps, tried step lengths, and cost ratio of an accepted step. A rejected
+step with old derivatives causes new ones."""
 GROWING = ((0.08, 10.0), (0.25, 10.0), (1.0, 10.0), (1.0, 3.0), (1.0, 1.0))
-"""Shares of the recordings that are fitted one after the other, and by how much the noise is taken for larger: over a whole
-recording a frequency that is off by more than a line has many minima, and without priors that count parameters run off."""
+"""GROWING [-]: fitted shares of the recordings and noise factors, in turn. Over a whole recording a frequency error
+beyond a line has many minima. Without effective priors parameters diverge."""
 MOST = 3.0
-"""Standard deviations that a benign parameter may be refitted by at most: a linearisation is not trusted beyond."""
+"""MOST [-]: largest change of a benign parameter in standard deviations; a linearisation fails beyond."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """Sizes of a change of the recordings to fit, rms over samples and channels.
+    """Sizes of a change of the fit recordings, rms over samples and channels.
 
     Parameters
     ----------
     change : float
-        Of the outputs, in units of their noise.
+        Change of the outputs in units of the noise.
     left : float
-        After the refit of everything benign.
+        Residual after calibration of everything benign.
     of_signal : float
         Change over the rms of the signals.
     """
@@ -41,23 +41,23 @@ class Size:
 
     @property
     def absorbed(self) -> float:
-        """Share of the change that the refit takes up."""
+        """Share of the change absorbed by calibration."""
         return 1.0 - self.left / self.change if self.change else 0.0
 
 
 class Refit:
-    """Refits of the benign parameters of a bench as built to a changed response.
+    """Calibration of the benign parameters to a changed response.
 
     Parameters
     ----------
     factors : mapping
-        Log-factors that the bench was built with.
+        Log-factors of the bench as built.
     commands : (n_samples, n_actuators, runs) array
-        Of the recordings to fit.
+        Commands of the fit recordings.
     sigma : (n_sensors,) array
-        Noise.
+        Standard deviation of the noise.
     every : int
-        Samples are thinned by this, and forces are averaged over as many: both sides of every difference alike.
+        Thinning of samples and averaging length of forces, on both sides of every difference.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Refit:
         self._J = self._jacobian(np.zeros(len(self._benign)), self._null)
 
     def _jacobian(self, theta: Array, here: Array) -> Array:
-        """Return the derivatives of the outputs by the log-factors, (samples, sensors, runs, parameters)."""
+        """Return the derivatives of the outputs by the log-factors."""
         columns = []
         for i in range(len(theta)):
             moved = theta.copy()
@@ -108,7 +108,7 @@ class Refit:
         return np.asarray(y * seen[None, :, None])
 
     def left(self, y: Array, null: Array) -> tuple[float, float]:
-        """Return what a refit leaves of a change over the noise, and the change over the signals; see `size`."""
+        """Return residual over noise and change over signal; see `size`."""
         thin = slice(None, len(self._forces) * self._every, self._every)
         weight = 1.0 / self._sigma[None, :, None]
         change = y[thin] - null[thin]
@@ -120,7 +120,12 @@ class Refit:
         Parameters
         ----------
         y, null : (n_samples, n_sensors, runs) array
-            True outputs with and without what is hidden, in the recordings to fit.
+            True outputs with and without the hidden effect, in the fit recordings.
+
+        Returns
+        -------
+        Size
+            Sizes of the change.
         """
         weight = 1.0 / self._sigma[None, :, None]
         thin = slice(None, len(self._forces) * self._every, self._every)
@@ -129,7 +134,7 @@ class Refit:
         return Size(change=_rms(change), left=left, of_signal=_rms(change) / max(_rms(null[thin] * weight), 1e-300))
 
     def _left(self, change: Array) -> float:
-        """Return the rms over the noise of what is left of a change."""
+        """Return the rms residual over the noise."""
         sd = np.array([b.sd for b in self._benign])
         target = change + self._null
         theta, rest = np.zeros(len(sd)), np.zeros(0)
@@ -138,7 +143,7 @@ class Refit:
         return _rms(rest)
 
     def _fitted(self, theta: Array, target: Array, sd: Array, louder: float) -> tuple[Array, Array]:
-        """Fit the beginning of the recordings from a start; return the parameters over their sd, and what is left."""
+        """Fit the beginning of the recordings; return parameters and residual."""
         weight, count = 1.0 / (louder * self._sigma[None, :, None]), len(target)
 
         def missed(theta: Array) -> tuple[Array, float, Array]:
@@ -172,7 +177,7 @@ class Refit:
 def _matrices(
     blueprint: Blueprint, factors: dict[str, float], bench: Bench, benign: Benign, here: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array] | None:
-    """Return the derivatives of M, C and K by a log-factor, in the coordinates of the bench."""
+    """Return the derivatives of M, C and K by a log-factor."""
     if benign.kind in ("gain", "sensor"):
         return None
     T = np.eye(bench.n) if bench.basis is None else bench.basis

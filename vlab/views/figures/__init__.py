@@ -1,4 +1,4 @@
-"""Figures: functions of data that return a matplotlib `Figure`, never shown, with a unit on every axis."""
+"""Figures: functions of data that return a matplotlib `Figure`, with units on every axis."""
 
 from vlab.views.figures.modes import (
     bar_curve,

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: what was compared, what is left where, which alternatives there are, how far parameters moved."""
+"""Figures of a diagnosis: overlays, residuals, alternatives, calibrated parameters."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,49 +24,62 @@ from vlab.views.figures.style import (
 )
 
 WINDOW = 0.06
-"""Length of the stretch that is shown enlarged, as a share of the recording, at least..."""
+"""WINDOW [-]: shortest enlarged stretch as a share of the recording."""
 LEAST_SAMPLES = 150
-"""...this many samples."""
+"""LEAST_SAMPLES [samples]: shortest enlarged stretch."""
 SEGMENTS = 8
 MOST_LABELLED = 100.0
-"""Of a panel of half the width, the most that its frequencies may span if they are labelled within decades, too."""
+"""MOST_LABELLED [-]: largest frequency ratio of a half-width panel with labels within decades."""
 LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": INK, "linestyle": "-"},
-    "as given": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
-    "refitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
-    "amended": {"color": COLOURS[0], "linestyle": "-"},
+    "nominal": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
+    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "extended": {"color": COLOURS[0], "linestyle": "-"},
 }
-"""How what was measured and what every model does is drawn."""
+"""LOOKS: line styles of the measurement and of every model."""
 
 
 @styled
 def overlay_figure(
     measured: Recording,
-    refitted: Recording,
-    amended: Recording | None,
+    calibrated: Recording,
+    extended: Recording | None,
     channel: str,
     *,
     noise: float,
     worst_s: float,
-    before: str = "refitted",
+    before: str = "calibrated",
 ) -> Figure:
-    """Draw a channel measured, refitted and amended: all of it, the worst stretch enlarged, what is left, and spectra of what is left.
+    """Draw a channel of the measurement and the models.
+
+    The panels show the whole recording, the worst stretch enlarged, the residuals, and the spectra.
 
     Parameters
     ----------
-    amended : Recording or None
-        None where no physics was added.
+    measured : Recording
+        Measured recording.
+    calibrated : Recording
+        Simulation of the model named by `before`.
+    extended : Recording or None
+        Simulation of the extended model; None without added physics.
+    channel : str
+        Name of the channel.
     noise : float
         Standard deviation of the channel's noise, in its unit.
     worst_s : float
-        Middle of the stretch that is enlarged [s].
+        Middle of the enlarged stretch [s].
     before : str
-        What is refitted, or ``"as given"`` where that is nearer.
+        ``"calibrated"``, or ``"nominal"`` if that model is nearer.
+
+    Returns
+    -------
+    Figure
+        Figure with four panels.
     """
     label = measured.channels[measured.index(channel)]
     curves = [
         (name, LOOKS[name], r[channel])
-        for name, r in (("measured", measured), (before, refitted), ("amended", amended))
+        for name, r in (("measured", measured), (before, calibrated), ("extended", extended))
         if r is not None
     ]
     figure = Figure(figsize=(7.2, 6.8), layout="constrained")
@@ -86,27 +99,27 @@ def overlay_figure(
         (zoom, f"where the {before} model is furthest off, around {worst_s:.4g} s"),
     ):
         axes.set_title(as_text(what), loc="left")
-    rest.set_title("left over: measured minus simulated; grey: noise, one standard deviation", loc="left")
+    rest.set_title("residual: measured minus simulated; grey: noise, one standard deviation", loc="left")
     for axes in (whole, zoom, rest):
         axes.margins(x=0)
         axes.set(ylabel=axis_label(label), xlabel="time [s]")
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     _spectra(spectra, measured, curves, channel, noise)
-    spectra.set_title("measured, and what each model leaves over", loc="left")
+    spectra.set_title("measured, and the residual of each model", loc="left")
     spectra.set(ylabel=axis_label(label, power="/√Hz"))
     draw_legend(figure, list(handles.values()), list(handles))
     return figure
 
 
 def stretch(time: Array, middle: float) -> Any:
-    """Return the samples around a time that are shown enlarged."""
+    """Return the samples of the enlarged stretch around a time."""
     count = min(len(time), max(LEAST_SAMPLES, round(WINDOW * len(time))))
     first = int(np.clip(np.searchsorted(time, middle) - count // 2, 0, len(time) - count))
     return slice(first, first + count)
 
 
 def _even(recording: Recording, values: Array) -> tuple[Array, float]:
-    """Return values on an even clock and its rate."""
+    """Return values at even times, and their rate."""
     rate = (len(recording) - 1) / float(recording.time[-1] - recording.time[0])
     if recording.is_uniform:
         return values, rate
@@ -131,7 +144,7 @@ def _spectra(
 
 
 def _frequencies(axes: Any, *, decades_only: bool = False) -> None:
-    """Label a logarithmic frequency axis with plain numbers, at the decades and, where there is room, at 2 and 5."""
+    """Label a logarithmic frequency axis with plain numbers."""
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(10.0, (1.0,) if decades_only else (1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda hz, _: f"{hz:g}"))
@@ -140,7 +153,22 @@ def _frequencies(axes: Any, *, decades_only: bool = False) -> None:
 
 @styled
 def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Channel, source: Channel) -> Figure:
-    """Draw the magnitude of one frequency response as measured, refitted and amended, with the coherence of the measured one."""
+    """Draw one frequency response of measurement and models.
+
+    Parameters
+    ----------
+    curves : sequence of tuple
+        Label and response of each curve.
+    output : Channel
+        Output channel.
+    source : Channel
+        Input channel.
+
+    Returns
+    -------
+    Figure
+        Figure with magnitude and coherence.
+    """
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
     size, coherence = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
     handles = []
@@ -163,18 +191,25 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
 def mismatch_figure(
     rows: Sequence[str], edges_hz: Array, bands: Array, times: Sequence[tuple[Array, Array]], *, title: str = ""
 ) -> Figure:
-    """Draw where a model is off: channel over frequency band, and channel over time.
+    """Draw residuals of channels over frequency and time.
 
     Parameters
     ----------
     rows : sequence of str
-        One a channel of a recording.
+        Label of each channel and recording.
     edges_hz : (n + 1,) array
         Edges of the bands [Hz].
     bands : (n_rows, n) array
-        Rms of the error in the band over the channel's rms.
+        Rms residual in the band over the rms of the channel [-].
     times : sequence of (time [s], error)
-        Rms of the error in moving windows over the channel's rms, one pair a row.
+        Rms residual in moving windows over the rms of the channel [-], one pair per row.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    Figure
+        Figure with two panels.
     """
     count = len(rows)
     figure = Figure(figsize=(7.2, max(2.2, 1.4 + 0.3 * count)), layout="constrained")
@@ -209,15 +244,21 @@ def mismatch_figure(
 def ranking_figure(
     options: Sequence[tuple[str, float, float]], chosen: int = 0, *, is_probability: bool = True
 ) -> Figure:
-    """Draw the probabilities of alternatives, or what share of the misfit they leave, and how much each leaves over.
+    """Draw probabilities or residual shares of alternatives, and their residuals.
 
     Parameters
     ----------
-    options : sequence of (label, probability or share, left over in multiples of the noise)
+    options : sequence of (label, probability or share, residual)
+        Alternatives, with residuals in multiples of the noise.
     chosen : int
-        The one that the diagnosis reports; -1 for none.
+        Index of the reported alternative; -1 for none.
     is_probability : bool
-        Whether the first number is one.
+        Whether the second number is a probability.
+
+    Returns
+    -------
+    Figure
+        Figure with two panels.
     """
     count, lines = len(options), 1 + any(" + " in label for label, _, _ in options)
     figure = Figure(figsize=(7.2, 1.1 + 0.28 * lines * count), layout="constrained")
@@ -230,7 +271,7 @@ def ranking_figure(
         bars.text(p + 0.01 * widest, i, text, va="center", fontsize=8)
     bars.set(
         xlim=(0, 1.18 * widest),
-        xlabel="probability [-]" if is_probability else "left over / left over by the refitted model [-]",
+        xlabel="probability [-]" if is_probability else "residual / residual of the calibrated model [-]",
         yticks=np.arange(count),
         yticklabels=[as_text(o[0].replace(" + ", "\n+ ")) for o in options],
     )
@@ -240,7 +281,7 @@ def ranking_figure(
     finite = levels[np.isfinite(levels)]
     if finite.size and finite.max() > 8 * max(finite.min(), 1e-9):
         rest.set_xscale("log")
-    rest.set(xlabel="left over / noise [-]")
+    rest.set(xlabel="residual / noise [-]")
     for axes in (bars, rest):
         axes.grid(visible=False, axis="y")
         axes.set_ylim(count - 0.4, -0.6)
@@ -249,12 +290,17 @@ def ranking_figure(
 
 @styled
 def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
-    """Draw refitted uncertain parameters against what was known of them: bands of one and three prior standard deviations.
+    """Draw calibrated parameters over one and three prior standard deviations.
 
     Parameters
     ----------
     rows : sequence of (name, log-factor, prior standard deviation)
-        Of a place, ``place:NAME``, the distance [m] instead of the factor.
+        Parameters; for ``place:NAME`` the distance [m] instead of the factor.
+
+    Returns
+    -------
+    Figure
+        Figure with one row per parameter.
     """
     texts = [
         f"{1e3 * value:+.3g} mm  (± {1e3 * sd:.3g} mm)"
@@ -275,7 +321,7 @@ def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     for i, text in enumerate(texts):
         axes.text(1.02 * limit, i, text, va="center", fontsize=8, clip_on=False)
     axes.set(xlim=(-limit, limit), yticks=np.arange(len(rows)), yticklabels=[as_text(name) for name, _, _ in rows])
-    axes.set_xlabel("deviation from the model as given [prior standard deviations]")
+    axes.set_xlabel("deviation from the nominal model [prior standard deviations]")
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     return figure
@@ -289,16 +335,23 @@ def force_figure(
     law: str = "",
     series: tuple[Array, Array, Array | None] | None = None,
 ) -> Figure:
-    """Draw a fitted law over what it acts on, with what was found without it scattered behind.
+    """Draw a fitted law over its variables.
 
     Parameters
     ----------
     curves : sequence of (x label, x unit, x, free estimate or None, law)
-        One panel each; every array has one value a sample.
+        One panel each; arrays have one value per sample.
     ylabel : str
-        What the law gives, with its unit.
+        Quantity and unit of the law.
+    law : str
+        Not used.
     series : (time [s], law, free estimate or None) or None
-        A stretch in time.
+        Stretch in time.
+
+    Returns
+    -------
+    Figure
+        Figure with one panel per variable.
     """
     wide = len(curves)
     figure = Figure(figsize=(7.2, 3.4 if series is None else 5.2), layout="constrained")
@@ -306,7 +359,7 @@ def force_figure(
     handles: dict[str, Any] = {}
     for k, (name, unit, x, free, force) in enumerate(curves):
         axes = figure.add_subplot(grid[0, k])
-        axes.locator_params(axis="x", nbins=6)  # of half the width: numbers must not touch
+        axes.locator_params(axis="x", nbins=6)  # separate numbers on half the width
         if free is not None:
             dots = _thinned(x, free)
             handles["force found without a law"] = axes.plot(*dots, ".", color="#b5b5b5", ms=2.2, zorder=1)[0]
@@ -332,7 +385,7 @@ def force_figure(
 
 
 def _limit(axes: Any, free: Array | None, force: Array) -> None:
-    """Leave out the outermost per cent of the scatter."""
+    """Exclude the outermost per cent of the scatter."""
     low, high = float(force.min()), float(force.max())
     if free is not None:
         low, high = min(low, float(np.quantile(free, 0.005))), max(high, float(np.quantile(free, 0.995)))

@@ -1,4 +1,4 @@
-"""A drawing of any MuJoCo model or structure at rest, seen along an axis, with places marked in it."""
+"""Drawing of a MuJoCo model or structure at rest, with marked places."""
 
 import contextlib
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from vlab.structure.model import Structure
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, styled
 
 LABELS = 16
-"""Beyond this many joints only the marked places are named."""
+"""LABELS [-]: number of joints above which only marked places have names."""
 LARGEST = 8.0
-"""A fixed geom that is larger than this multiple of all that moves (a floor) is not drawn."""
+"""LARGEST [-]: size of a fixed geom, over that of all moving ones, above which it is not drawn."""
 _UP = np.array([0.0, 0.0, 1.0])
 _ROUND = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 _BALL = np.array(
@@ -28,14 +28,21 @@ _BALL = np.array(
 
 @styled
 def model_figure(plant: Plant, marks: Sequence[tuple[str, float]], *, structure: Structure | None = None) -> Figure:
-    """Draw a model at rest with places marked.
+    """Draw a model at rest with marked places.
 
     Parameters
     ----------
+    plant : Plant
+        Plant.
     marks : sequence of (place, probability)
-        The likeliest first, which is drawn filled; the others are drawn as rings.
+        Places; the first is filled, the others are rings.
     structure : Structure or None
-        What the plant was built from; its bars and points are drawn instead of the model's bodies.
+        Structure of the plant, drawn instead of the bodies.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure = Figure(figsize=(7.2, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -76,7 +83,7 @@ def _padded(low: float, high: float, size: float) -> tuple[float, float]:
 
 
 class _View:
-    """The two axes along which a model is drawn, and the box that it fills."""
+    """Plane of the drawing: two axes and a box."""
 
     def __init__(self, plant: Plant, data: Any) -> None:
         model = plant.model
@@ -95,7 +102,7 @@ class _View:
 
     @classmethod
     def of_structure(cls, structure: Structure) -> "_View":
-        """Return the drawing's own plane, x to the right and z up."""
+        """Return the plane of a structure's drawing."""
         self = cls.__new__(cls)
         self.axes = [0, 2]
         self._box(np.array([structure.position(p.name) for p in structure.point]))
@@ -110,16 +117,29 @@ class _View:
         return ["xyz"[i] for i in self.axes]
 
     def widen(self) -> None:
-        """Take the size again from the box."""
+        """Update the size from the box."""
         self.size = max(float(np.max(self.high - self.low)), 1e-3)
 
     def flat(self, points: Array) -> Array:
-        """Return points in the drawing's plane."""
+        """Return points in the plane of the drawing."""
         return np.asarray(points)[..., self.axes]
 
 
 def outlines(model: Any, data: Any) -> list[tuple[int, Array]]:
-    """Return points on the surface of every geom that has an end, (n, 3) in the world."""
+    """Return surface points of every finite geom.
+
+    Parameters
+    ----------
+    model : object
+        MuJoCo model.
+    data : object
+        MuJoCo data.
+
+    Returns
+    -------
+    list of (int, array)
+        Number and points of each geom, (n, 3) in the world [m].
+    """
     types, out = mujoco.mjtGeom, []
     for i in range(model.ngeom):
         kind, size = int(model.geom_type[i]), model.geom_size[i]
@@ -147,7 +167,7 @@ def _draw_bodies(axes: Any, model: Any, data: Any, seen: _View) -> None:
         flat, is_fixed = seen.flat(points), model.geom_bodyid[i] == 0
         if is_fixed and np.ptp(flat, axis=0).max() > LARGEST * moving:
             continue
-        with contextlib.suppress(QhullError):  # it lies on a line
+        with contextlib.suppress(QhullError):  # degenerate: all points on a line
             flat = flat[ConvexHull(flat).vertices]
         face = "#e4e4e4" if is_fixed else "#cfe3f1"
         axes.add_patch(
@@ -180,7 +200,7 @@ def _draw_bodies(axes: Any, model: Any, data: Any, seen: _View) -> None:
 
 
 def _tendon(model: Any, data: Any, i: int) -> Array:
-    """Return the path of a tendon: through its sites, or between the joints that it couples (from the ground, where one)."""
+    """Return the path of a tendon."""
     first, count = int(model.tendon_adr[i]), int(model.tendon_num[i])
     if all(model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT for w in range(first, first + count)):
         points = [data.xanchor[int(model.wrap_objid[w])] for w in range(first, first + count)]
@@ -200,7 +220,24 @@ def _draw_structure(axes: Any, structure: Structure) -> None:
 
 
 def place_position(plant: Plant, data: Any, place: str, structure: Structure | None) -> tuple[Array, Array | None]:
-    """Return where a place is and, of a sensor or an actuator, the direction in which it acts."""
+    """Return position and direction of a place.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    data : object
+        MuJoCo data.
+    place : str
+        Name of the place.
+    structure : Structure or None
+        Structure of the plant, if it has one.
+
+    Returns
+    -------
+    tuple
+        Position [m], and direction or None.
+    """
     kind, _, name = place.partition(":")
     name = name.partition("/")[0]
     if structure is not None:
@@ -217,7 +254,7 @@ def place_position(plant: Plant, data: Any, place: str, structure: Structure | N
     try:
         if kind in finders:
             return finders[kind](model, data, name.split(".")[0])
-    except KeyError:  # a channel that reads a port: the sensor is where the port is
+    except KeyError:  # channel of a port: the sensor is at the port
         pass
     if kind == "sensor" and ":" in name:
         return place_position(plant, data, name, structure)
@@ -225,7 +262,7 @@ def place_position(plant: Plant, data: Any, place: str, structure: Structure | N
 
 
 def _place_in_structure(plant: Plant, structure: Structure, place: str, name: str) -> Array:
-    """Return where a place of a structure is: a point or a fitting on one, the middle of an element, or of the bars."""
+    """Return the position of a structure's place."""
     points = {p.name for p in structure.point}
     parts: list[Any] = [*plant.actuators, *plant.sensors]
     at = {t.name.partition(":")[2] or t.name: t.at for t in parts}
@@ -241,7 +278,7 @@ def _place_in_structure(plant: Plant, structure: Structure, place: str, name: st
     for cut in [i for i, c in enumerate(text) if c == "-"] if not found else []:
         ends = [*known(text[:cut]), *known(text[cut + 1 :])]
         bar = next((b for b in structure.bar if b.name == text[:cut]), None)
-        if bar is not None:  # an arm of a bar: from its end to the next point
+        if bar is not None:  # arm of a bar, from its end to the next point
             ends = [n for n in bar.points if n.endswith(text[cut:])][:1]
             ends += [bar.points[1 if ends[0] == bar.points[0] else -2]] if ends else []
         found = ends if len(ends) == 2 else found
@@ -317,7 +354,7 @@ def _arrow(axes: Any, seen: _View, at: Array, towards: Array, colour: str) -> No
 def _names(
     axes: Any, seen: _View, plant: Plant, data: Any, marked: dict[str, tuple[Array, str]], structure: Structure | None
 ) -> None:
-    """Name the marked places, and the others as long as they do not crowd the drawing; equal points share a label."""
+    """Name the marked places, and others if they fit."""
     labels: dict[tuple[float, ...], list[str]] = {}
     for point, text in marked.values():
         labels.setdefault(_key(point, seen), []).append(text)

@@ -1,4 +1,4 @@
-"""Modes: shapes of a structure, MAC matrices, natural frequencies from several sources."""
+"""Figures of modes: shapes of a structure, MAC matrices, natural frequencies."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -18,10 +18,26 @@ from vlab.views.figures.style import COLOURS, GREY, INK, MARKERS, as_text, draw_
 
 
 def bar_curve(structure: Structure, bar: Bar, points: Sequence[str], *, count: int = 41) -> tuple[Array, Array]:
-    """Return points (x, z) along a bar, and the matrix that takes the deflections at named points to deflections there.
+    """Return points along a bar with their interpolation matrix.
 
-    Between the points runs the natural cubic spline, the shape of a bar that is loaded at its points only. An upright
-    bar does not twist in its clamp, so the arms of a bar across it start out straight on both sides.
+    The curve is the natural cubic spline, the shape of a bar loaded at its points. An upright bar does not twist in
+    its clamp, so bars across it start straight on both sides.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    bar : Bar
+        Bar.
+    points : sequence of str
+        Names of points with known deflections.
+    count : int
+        Number of points along the bar.
+
+    Returns
+    -------
+    tuple
+        Points, (count, 2) [m], and matrix, (count, n_points).
     """
     at = np.array([structure.position(name) for name in points])
     stations = np.hypot(*(at - at[0]).T)
@@ -40,7 +56,7 @@ def bar_curve(structure: Structure, bar: Bar, points: Sequence[str], *, count: i
 
 
 def is_upright(structure: Structure, bar: Bar) -> bool:
-    """Say whether a bar is closer to the vertical than to the horizontal."""
+    """Return whether a bar is closer to the vertical."""
     (x0, z0), (x1, z1) = structure.position(bar.points[0]), structure.position(bar.points[-1])
     return abs(z1 - z0) >= abs(x1 - x0)
 
@@ -54,17 +70,26 @@ def mode_shapes_figure(
     labels: tuple[str, str] = ("FE", "plant"),
     columns: int = 6,
 ) -> Figure:
-    """Draw the modes of a structure as in Figure 3 of the dissertation: one panel a mode, the deflection to the right.
+    """Draw the modes of a structure as in Figure 3.
 
-    Vertical bars stand upright; horizontal ones recede obliquely from lower left to upper right, so that their
-    deflection shows as an offset to the right of the undeformed bar in grey.
+    Deflections point to the right. Horizontal bars recede obliquely from lower left to upper right. Undeformed bars
+    are grey.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     fe_modes, plant_modes : ModalModel
-        Shapes at points of the structure. The second model's modes are paired with the first's by MAC.
+        Shapes at points of the structure; the second model is paired with the first by MAC.
     labels : (str, str)
-        What the two are called.
+        Names of the two models.
+    columns : int
+        Panels per row.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     rows_of = {name: fe_modes.coordinates.index(c) for c in fe_modes.coordinates if (name := _point(structure, c))}
     bars = [(bar, [p for p in bar.points if p in rows_of]) for bar in structure.bar]
@@ -103,9 +128,11 @@ def mode_shapes_figure(
         axes.set(title=title, xticks=(-1, 0, 1))
         axes.tick_params(
             labelbottom=mode + columns >= n
-        )  # below the lowest of a column, also where the last row is not full
+        )  # below the lowest panel of a column, also in an incomplete last row
     drawn = np.array([axes.dataLim.intervalx for axes in panels.flat[:n]])
-    panels[0, 0].set_xlim(min(-1.75, drawn.min() - 0.1), max(1.75, drawn.max() + 0.1))  # of all: they share it
+    panels[0, 0].set_xlim(
+        min(-1.75, drawn.min() - 0.1), max(1.75, drawn.max() + 0.1)
+    )  # once, for all panels share the axis
     for axes in panels[:, 0]:
         axes.set_ylabel("height z [m]")
     figure.supxlabel("deflection y relative to the largest [-]", fontsize=9)
@@ -122,20 +149,27 @@ def mode_difference_figure(
     *,
     labels: tuple[str, str] = ("experimental", "analytical"),
 ) -> Figure:
-    """Draw one mode of two models and their difference on one scale, as in Figures 6 to 16 of the dissertation.
+    """Draw one mode of two models and their difference.
 
-    The left model stands below on the left, the right one below on the right, left minus right above them. Each is an
-    axonometric drawing of the hanging structure; both shapes have a unit largest deflection over the points that both
-    models have, and the sign that brings them closest.
+    The figures are those of the dissertation. Axonometric drawings show the left model below on the left, the right
+    model below on the right, and left minus right above. Both shapes have a unit largest deflection over their common
+    points, and the closest signs.
 
     Parameters
     ----------
+    structure : Structure
+        Structure.
     left, right : ModalModel
-        Shapes at points of the structure. The modes of the left are paired with those of the right by MAC.
+        Shapes at points of the structure; the left model is paired with the right by MAC.
     mode : int
-        Number of the mode in `right`, counted from 1 as it is printed.
+        Number of the mode in `right`, from 1 as printed.
     labels : (str, str)
-        What the left and the right model are called.
+        Names of the left and the right model.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     count = right.freq.size
     if not 1 <= mode <= count:
@@ -166,7 +200,7 @@ def mode_difference_figure(
     across, up = (np.concatenate([line[k] for line in drawn]) for k in (0, 1))
     margin = 0.03 * max(np.ptp(across), np.ptp(up))
     box = (across.min() - margin, across.max() + margin, up.min() - margin, up.max() + margin)
-    inch = min(3.5 / (box[1] - box[0]), 3.3 / (box[3] - box[2]))  # inches for a metre on paper, in every panel
+    inch = min(3.5 / (box[1] - box[0]), 3.3 / (box[3] - box[2]))  # inches per metre on paper, equal in every panel
     wide, high = inch * (box[1] - box[0]), inch * (box[3] - box[2])
     head, caption, gap = 0.42, 0.30, 0.12
     width = max(2 * wide + gap, wide + 4.0, 7.2)
@@ -205,23 +239,23 @@ def mode_difference_figure(
 
 @dataclass(frozen=True)
 class _Lines:
-    """What is drawn of one shape: splines and last the points; thin lines from where the points rest."""
+    """Lines of one drawn shape."""
 
     curves: list[tuple[Array, Array]]
     ties: list[tuple[Array, Array]]
 
 
 class _Axonometry:
-    """A structure seen from the front, from the left and from above.
+    """Axonometric view of a structure.
 
-    The axes on paper lie such that a deflection crosses level, upright and diagonal bars at a wide angle each.
+    Deflections cross level, upright and diagonal bars at a wide angle.
     """
 
     X = np.array([np.cos(np.radians(-12.0)), np.sin(np.radians(-12.0))]) * 0.9
     Y = np.array([np.cos(np.radians(35.0)), np.sin(np.radians(35.0))])
     Z = np.array([0.0, 1.0])
     SHARE = 0.12
-    """Length of the largest deflection relative to the size of the structure."""
+    """SHARE [-]: length of the largest deflection over the size of the structure."""
 
     def __init__(self, structure: Structure) -> None:
         self.structure = structure
@@ -231,13 +265,13 @@ class _Axonometry:
         self.bars = [self.project(points, 0.0) for points in ends]
 
     def project(self, xz: Array, y: Any) -> tuple[Array, Array]:
-        """Return where points with a deflection relative to the largest lie on paper [m]."""
+        """Return positions on paper of deflected points [m]."""
         offset = np.broadcast_to(np.asarray(y, dtype=float) * self.SHARE * self.size, len(xz))
         paper = xz[:, :1] * self.X + xz[:, 1:] * self.Z + offset[:, None] * self.Y
         return paper[:, 0], paper[:, 1]
 
     def lines(self, names: Sequence[str], shape: Array) -> _Lines:
-        """Return the splines along the bars of a shape at named points, and the points."""
+        """Return splines and points of a shape."""
         value = dict(zip(names, shape.tolist(), strict=True))
         curves = []
         for bar in self.structure.bar:
@@ -251,7 +285,7 @@ class _Axonometry:
         return _Lines([*curves, moved], ties)
 
     def draw_key(self, axes: Any, inch: float) -> None:
-        """Draw the directions with the lengths that they stand for."""
+        """Draw the directions with their scales."""
         length = next((n for n in _ROUND if n * inch * 0.9 >= 0.35), _ROUND[-1])
         arrows = (
             (length * self.X, f"x, {length:g} m", ("left", "top")),
@@ -269,19 +303,19 @@ _ROUND = tuple(m * 10.0**e for e in range(-4, 4) for m in (1, 2, 5))
 
 
 def _unit_maximum(shape: Array) -> Array:
-    """Scale a shape to a largest deflection of 1; of several that are as large, the first is positive."""
+    """Scale a shape to a largest deflection of 1."""
     size = np.abs(shape)
     largest = size.max()
     return shape / np.copysign(largest, shape[np.flatnonzero(size >= largest * (1 - 1e-6))[0]])
 
 
 def _cut(text: str, limit: int = 40) -> str:
-    """Return a text that fits above a panel."""
+    """Return a text shortened to the width of a panel."""
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
 def _at_points(structure: Structure, model: ModalModel) -> ModalModel:
-    """Return the model at points of the structure, real."""
+    """Return the real modal model at points of the structure."""
     names = {name: i for i, c in enumerate(model.coordinates) if (name := _point(structure, c))}
     shapes = np.array([[_real(column)[i] for column in model.shapes.T] for i in names.values()])
     shapes = shapes.reshape(len(names), model.freq.size)
@@ -289,19 +323,19 @@ def _at_points(structure: Structure, model: ModalModel) -> ModalModel:
 
 
 def _point(structure: Structure, coordinate: str) -> str:
-    """Return the point that a coordinate such as ``base``, ``v:base`` or ``sensor:base`` names, or nothing."""
+    """Return the point of a coordinate such as ``v:base``."""
     names = {p.name for p in structure.point}
     tail = coordinate.rpartition(":")[2]
     return coordinate if coordinate in names else tail if tail in names and coordinate[:2] not in ("rx", "rz") else ""
 
 
 def _real(shape: NDArray[Any]) -> Array:
-    """Turn a complex shape to where it is most nearly real."""
+    """Rotate a complex shape to be as real as possible."""
     return np.real(shape * np.exp(-0.5j * np.angle(np.sum(shape**2)))) if np.iscomplexobj(shape) else shape
 
 
 def _partners(structure: Structure, first: ModalModel, second: ModalModel) -> dict[int, tuple[int, dict[str, float]]]:
-    """Return for modes of the first model the column of the second and its shape, scaled and signed alike."""
+    """Return paired columns and shapes of the second model."""
     first, second = _at_points(structure, first), _at_points(structure, second)
     common = [name for name in first.coordinates if name in second.coordinates]
     out = {}
@@ -315,7 +349,7 @@ def _partners(structure: Structure, first: ModalModel, second: ModalModel) -> di
 
 
 def _oblique(structure: Structure) -> Callable[[Array, Any], tuple[Array, Array]]:
-    """Return the projection of (x, z) and deflection onto paper: x recedes at an angle, deflection goes to the right."""
+    """Return the oblique projection onto paper."""
     at = np.array([structure.position(p.name) for p in structure.point])
     low, high = at.min(axis=0), at.max(axis=0)
     half = max((high[0] - low[0]) / 2, 1e-9)
@@ -338,10 +372,17 @@ def mac_figure(
 
     Parameters
     ----------
+    mac_matrix : ArrayLike
+        MAC values [-].
     rows, columns : str
-        What the modes of the rows and of the columns belong to.
+        Names of the row and column models.
     row_freq, column_freq : sequence of float or None
-        Their frequencies [Hz], written beside the mode numbers.
+        Natural frequencies [Hz], written beside the mode numbers.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     values = np.atleast_2d(np.asarray(mac_matrix, dtype=float))
     n, m = values.shape
@@ -372,14 +413,21 @@ def mac_figure(
 def frequencies_figure(
     frequencies: Mapping[str, ArrayLike], *, reference: str = "published", title: str = ""
 ) -> Figure:
-    """Draw natural frequencies from several sources as deviations from one of them.
+    """Draw natural frequencies as deviations from a reference.
 
     Parameters
     ----------
     frequencies : mapping of label to (n_modes,) array
-        Frequencies [Hz] in the same order of modes; NaN where a source has none.
+        Frequencies [Hz] in one order of modes; NaN without a value.
     reference : str
-        The label that the others are compared with.
+        Label of the reference.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     if reference not in frequencies:
         raise unknown_name("reference", reference, frequencies)

@@ -10,15 +10,16 @@ from vlab.errors import BadRecording
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, styled
 
 NEAR = 3.0
-"""Half width of the picture around -1."""
+"""NEAR [-]: half width of the drawing around -1."""
 
 
 @styled
 def nyquist_figure(freq: ArrayLike, loop: ArrayLike, *, title: str = "") -> Figure:
-    """Draw det(I + L) - 1 over frequency: the closed loop is stable if, like the open loop, -1 is not encircled.
+    """Draw det(I + L) - 1 over frequency.
 
-    Of a single channel this is L itself. The circle of radius one about -1 is where the return difference has size one:
-    outside of it feedback reduces what disturbs.
+    With a stable open loop, the closed loop is stable if the curve does not encircle -1. For one channel the curve is
+    L itself. On the circle of radius one about -1 the return difference has size one. Outside the circle, feedback
+    reduces disturbances.
 
     Parameters
     ----------
@@ -26,11 +27,18 @@ def nyquist_figure(freq: ArrayLike, loop: ArrayLike, *, title: str = "") -> Figu
         Frequencies [Hz], increasing.
     loop : (n, m, m) or (n,) complex array
         Loop gain L, negative feedback.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    Figure
+        Figure.
 
     Raises
     ------
     BadRecording
-        Fewer than two points, shapes that do not fit, or numbers that are not finite.
+        Fewer than two points, inconsistent shapes, or numbers that are not finite.
     """
     f, L = np.asarray(freq, dtype=float), np.asarray(loop, dtype=complex)
     L = L[:, None, None] if L.ndim == 1 else L
@@ -51,9 +59,9 @@ def nyquist_figure(freq: ArrayLike, loop: ArrayLike, *, title: str = "") -> Figu
         axes.plot([-1.0], [0.0], marker="+", color=INK, markersize=9)
         axes.set(xlabel=f"Re {name} [-]", ylabel=f"Im {name} [-]")
     peak = int(np.abs(curve).argmax())
-    inward = {"ha": "right", "xytext": (-4, 0)} if curve[peak].real > 0 else {"ha": "left", "xytext": (4, 0)}
+    to_unbounded = {"ha": "right", "xytext": (-4, 0)} if curve[peak].real > 0 else {"ha": "left", "xytext": (4, 0)}
     at = (curve[peak].real, curve[peak].imag)
-    whole.annotate(f"{f[peak]:.3g} Hz", at, textcoords="offset points", fontsize=7.5, color=INK, **inward)
+    whole.annotate(f"{f[peak]:.3g} Hz", at, textcoords="offset points", fontsize=7.5, color=INK, **to_unbounded)
     whole.set_aspect("equal", adjustable="datalim")
     close.set(xlim=(-NEAR - 1, NEAR - 1), ylim=(-NEAR, NEAR), title="around -1")
     close.set_aspect("equal")

@@ -15,16 +15,21 @@ from vlab.views.figures.style import COLOURS, GREY, INK, MARKERS, draw_legend, s
 def pole_figure(
     poles: Sequence[tuple[str, ArrayLike]], *, damping: Sequence[float] = (), highest_hz: float | None = None
 ) -> Figure:
-    """Draw poles in the upper half of the s-plane, the unstable half shaded.
+    """Draw poles in the upper half of the s-plane.
 
     Parameters
     ----------
     poles : sequence of (label, complex array)
         Poles s [rad/s], for example of the open and the closed loop.
     damping : sequence of float
-        Damping ratios whose lines are drawn.
+        Damping ratios of drawn lines [-].
     highest_hz : float or None
-        Poles above this frequency are left out [Hz].
+        Highest drawn frequency [Hz].
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     upper = []
     for label, s in poles:

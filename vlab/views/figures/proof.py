@@ -1,4 +1,4 @@
-"""Figures of a campaign's score: counts with their intervals, who was taken for whom, what sizes are found, how far odds hold."""
+"""Figures of a campaign's score: rates, confusion, detection limits, reliability."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from scipy import stats
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, styled
 
 SIZE_BINS = 6
-"""Groups of equally many cases in which the share that was found is shown over size."""
+"""SIZE_BINS [-]: groups of equally many cases in the detection rate over size."""
 
 
 @styled
@@ -23,7 +23,12 @@ def rates_figure(
     Parameters
     ----------
     rows : sequence of (name, count, of, interval, (least, most))
-        Of the target its ends; None where it has none.
+        Rates with the bounds of their targets; None without a bound.
+
+    Returns
+    -------
+    Figure
+        Figure with one row per rate.
     """
     figure = Figure(figsize=(7.2, 1.2 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()
@@ -48,7 +53,20 @@ def rates_figure(
 
 @styled
 def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
-    """Draw how often each hidden thing, a row, got each answer, a column; the right effect's own column is ringed."""
+    """Draw counts of first answers for each hidden effect.
+
+    A ring marks the column of the right effect.
+
+    Parameters
+    ----------
+    confusion : mapping
+        Counts of answers by hidden effect.
+
+    Returns
+    -------
+    Figure
+        Figure.
+    """
     truths = list(confusion)
     verdicts = sorted({a for row in confusion.values() for a in row} - set(truths))
     answers = [t for t in truths if any(t in row for row in confusion.values())] + verdicts
@@ -56,7 +74,7 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
     figure = Figure(figsize=(2.4 + 0.2 * len(answers), 2.2 + 0.19 * len(truths)), layout="constrained")
     axes = figure.subplots()
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=2.5, aspect="auto")  # pale: the numbers stand on it
+    axes.imshow(share, cmap="Blues", vmin=0.0, vmax=2.5, aspect="auto")  # pale, for numbers are on top
     for i, truth in enumerate(truths):
         for j in map(int, np.flatnonzero(counts[i])):
             axes.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=7, color=INK)
@@ -71,12 +89,19 @@ def confusion_figure(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
 
 @styled
 def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]) -> Figure:
-    """Draw the share of single effects that were found over what a refit leaves of them in units of the noise.
+    """Draw the found share of effects over their size.
 
     Parameters
     ----------
+    sizes : sequence of float
+        Residuals in multiples of the noise.
     found : mapping of str to sequence of bool
-        By what counts as found, of every size.
+        Result for each size, by criterion.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure = Figure(figsize=(7.2, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -85,14 +110,19 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
     parts = [p for p in np.array_split(np.argsort(size), min(SIZE_BINS, max(size.size, 1))) if p.size]
     for k, (name, flags) in enumerate(found.items()):
         hit, colour, marker = np.asarray(flags, dtype=float), COLOURS[k], "os^"[k % 3]
-        at = np.exp([np.log(size[part]).mean() for part in parts]) * (1.0 + 0.03 * k)  # intervals side by side
+        at = np.exp([np.log(size[part]).mean() for part in parts]) * (1.0 + 0.03 * k)  # separate the intervals
         share = [hit[part].mean() for part in parts]
         for x, part in zip(at, parts, strict=True):
             interval = stats.binomtest(int(hit[part].sum()), part.size).proportion_ci(0.95, method="exact")
             axes.plot([x, x], [interval.low, interval.high], color=colour, lw=1.6)
         (handles[f"{name}, with 95 % intervals"],) = axes.plot(at, share, marker, ls="-", lw=0.8, color=colour, ms=5)
     (handles["a case"],) = axes.plot(size, np.full(size.size, -0.04), "|", color=GREY, ms=7)
-    axes.set(xlabel="left by a refit / noise [-]", ylabel="share of the cases [-]", ylim=(-0.08, 1.06), xscale="log")
+    axes.set(
+        xlabel="residual after calibration / noise [-]",
+        ylabel="share of the cases [-]",
+        ylim=(-0.08, 1.06),
+        xscale="log",
+    )
     axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -102,12 +132,17 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
 
 @styled
 def reliability_figure(curve: Sequence[Mapping[str, float]]) -> Figure:
-    """Draw how often findings were right over the probability that they were given.
+    """Draw the rate of right findings over their stated probability.
 
     Parameters
     ----------
     curve : sequence of mappings
-        See `vlab.proof.statistics.calibration`.
+        Bins of `vlab.proof.statistics.calibration`.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure = Figure(figsize=(4.2, 3.6), layout="constrained")
     axes = figure.subplots()

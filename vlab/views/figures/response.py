@@ -1,4 +1,4 @@
-"""Frequency responses: magnitude, phase and coherence."""
+"""Figures of frequency responses: magnitude, phase and coherence."""
 
 import re
 from collections.abc import Sequence
@@ -30,21 +30,30 @@ def frf_figure(
     Parameters
     ----------
     measured, analytical : FrequencyResponse or None
-        The pair that is usually compared.
+        Compared pair.
     output, input : str
-        Channel names, or what stands behind the colon of one (``"base"`` finds ``"sensor:base"``); the first ones of
-        the first response by default.
+        Channel names, or the part after the colon (``"base"`` finds ``"sensor:base"``); the first channels by
+        default.
     labels : (str, str)
-        What the two are called.
+        Names of the pair.
     overlays : sequence of (label, FrequencyResponse)
-        More responses, for example open and closed loop.
+        Further responses, for example of open and closed loop.
+    log_frequency : bool
+        Whether the frequency axis is logarithmic.
+    title : str
+        Title of the figure.
+
+    Returns
+    -------
+    Figure
+        Figure.
 
     Raises
     ------
     BadRecording
-        Nothing to draw, or responses in different units.
+        There is no response, or units differ.
     UnknownName
-        A response without that output or input.
+        A response has no such output or input.
     """
     pair = zip(labels, (measured, analytical), strict=True)
     curves = [(label, frf) for label, frf in (*pair, *overlays) if frf is not None]
@@ -84,7 +93,7 @@ def _label_response(axes: Any, freqs: Sequence[Array], unit: str, low: float, lo
 
 
 def _common_unit(given: Sequence[str]) -> str:
-    """Return the unit of an axis, or refuse responses that do not share one; ``(m/s)/N`` and ``m/s/N`` are the same."""
+    """Return the common unit of an axis."""
     bare = [re.sub(r"^\(([^()]*)\)(?=/|$)", r"\1", unit) for unit in given]
     for unit in bare[1:]:
         if unit != bare[0] and not same_dimension(unit, bare[0]):
@@ -108,13 +117,13 @@ def _wrapped(degrees: Array, low: float) -> Array:
 
 
 def _phase_cut(phases: Sequence[Array]) -> float:
-    """Return where to cut the circle so that the curves jump least; the usual -180 to 180 degrees where it is as good."""
+    """Return the phase cut with the fewest jumps."""
     cuts = (-180.0, -270.0, -90.0, -225.0, -135.0, -315.0, -45.0)
     jumps = [sum(np.count_nonzero(np.abs(np.diff(_wrapped(p, low))) > 180) for p in phases) for low in cuts]
     return cuts[jumps.index(min(jumps))]
 
 
 def _unjoined(x: Array, degrees: Array) -> tuple[Array, Array]:
-    """Break a line where it jumps across the cut."""
+    """Break a line at its jumps across the cut."""
     at = np.flatnonzero(np.abs(np.diff(degrees)) > 180) + 1
     return np.insert(x, at, x[at]), np.insert(degrees, at, np.nan)

@@ -1,4 +1,4 @@
-"""Robustness of a sampled loop: its least stable pole over delay and gain, and where the law drives instead of damping."""
+"""Robustness of a sampled loop over delay and gain."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,17 +13,22 @@ from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, d
 
 @styled
 def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
-    """Draw the growth of the least stable pole over the delay and over the gain, one curve a law.
+    """Draw the growth of the least stable pole.
 
     Parameters
     ----------
     reports : sequence of (label, report)
-        Of `vlab.lab.robustness.robustness_report`, with their sweeps.
+        Reports of `vlab.lab.robustness.robustness_report` with sweeps.
+
+    Returns
+    -------
+    Figure
+        Figure with two panels.
 
     Raises
     ------
     BadRecording
-        No report, or one without sweeps.
+        There is no report, or one without sweeps.
     """
     if not reports or any("delay_sweep" not in report for _, report in reports):
         raise BadRecording("no robustness report with sweeps was given to draw")
@@ -53,7 +58,7 @@ def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
 
 
 def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: str) -> None:
-    """Write the frequency beside each stretch of a curve that belongs to one mode, on the side that the curve leaves free."""
+    """Write the frequency beside each single-mode stretch of a curve."""
     axes.autoscale_view()
     at = axes.transAxes.inverted().transform(axes.transData.transform([(p[key], p["growth_per_s"]) for p in points]))
     start = 0
@@ -63,7 +68,7 @@ def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: s
             before, after = at[max(k - 2, 0), 1], at[min(k + 2, len(at) - 1), 1]
             rise = 0 if abs(after - before) < 0.04 else int(np.sign(after - before))
             if at[k, 0] < 0.2 and rise > 0:
-                rise = 0  # there is no room to the left of it
+                rise = 0  # no space to the left
             if i - start >= 3:
                 axes.annotate(
                     f"{points[k]['hz']:.1f} Hz", (points[k][key], points[k]["growth_per_s"]), (-4 * rise, 4), textcoords="offset points",
@@ -74,23 +79,30 @@ def _name_modes(axes: Any, points: Sequence[dict[str, Any]], key: str, colour: s
 
 @styled
 def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tuple[float, str]] = ()) -> Figure:
-    """Draw how a law acts as dampers over frequency; below zero it drives a motion of that frequency.
+    """Draw the damper strengths of a law over frequency.
+
+    Below zero the law drives motion of that frequency.
 
     Parameters
     ----------
     freq : (n_freq,) array
-        [Hz].
+        Frequencies [Hz].
     strengths : (n_freq, n_coils) array
-        [N s/m], of `vlab.lab.robustness.damper_strengths`.
+        Strengths [N s/m] of `vlab.lab.robustness.damper_strengths`.
     marks : sequence of (frequency [Hz], label)
-        Frequencies to point out, for example the modes.
+        Marked frequencies, for example of the modes.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     freq, strengths = np.asarray(freq, dtype=float), np.asarray(strengths, dtype=float)
     figure, (axes,) = stacked_axes(1, each=3.0)
     low, high = float(strengths.min()), float(strengths.max())
     axes.axhspan(min(1.15 * low, -0.1), 0.0, color="#eeeeee", zorder=0)
     handles = [draw_line(axes, freq, column, k) for k, column in enumerate(strengths.T)]
-    wide = freq[0] > 0 and freq[-1] > 20 * freq[0]  # low modes would lie on each other on a linear axis
+    wide = freq[0] > 0 and freq[-1] > 20 * freq[0]  # a linear axis would crowd the low modes
     axes.set_xscale("log" if wide else "linear")
     axes.set(
         xlabel="frequency [Hz]",
@@ -98,12 +110,12 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
         ylim=(min(1.15 * low, -0.1), high + 0.25 * (high - low)),
     )
     axes.margins(x=0)
-    axes.autoscale_view()  # the limits, from which positions in the axes follow, are otherwise found when it is drawn
+    axes.autoscale_view()  # fix the limits now; positions in the axes depend on them
     last = -np.inf
     for hz, label in sorted(marks):
         axes.axvline(hz, color=GREY, lw=0.8, linestyle=":")
         at = float(axes.transAxes.inverted().transform(axes.transData.transform((hz, 0.0)))[0])
-        if at - last > 0.02:  # names of close modes would cover each other
+        if at - last > 0.02:  # names of close modes would overlap
             text = {"fontsize": 7, "rotation": 90, "va": "bottom", "ha": "center"}
             on_white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
             axes.text(hz, high + 0.03 * (high - low), as_text(label), bbox=on_white, **text)
@@ -114,11 +126,19 @@ def dampers_figure(freq: ArrayLike, strengths: ArrayLike, *, marks: Sequence[tup
 
 @styled
 def levels_figure(histories: Sequence[tuple[str, ArrayLike, ArrayLike]], *, ylabel: str = "command, rms [N]") -> Figure:
-    """Draw levels over time on a logarithmic axis: steady growth is a straight line.
+    """Draw levels over time on a logarithmic axis.
 
     Parameters
     ----------
     histories : sequence of (label, time [s], level)
+        Curves.
+    ylabel : str
+        Label of the level axis.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     figure, (axes,) = stacked_axes(1, each=3.0)
     handles = [draw_line(axes, time, np.maximum(level, 1e-300), k) for k, (_, time, level) in enumerate(histories)]

@@ -1,4 +1,4 @@
-"""Figures as text and as pixels: SVG to put into HTML, PNG for the Rerun viewer."""
+"""Export of figures: SVG for HTML, PNG for the Rerun viewer."""
 
 import hashlib
 import io
@@ -13,9 +13,20 @@ SVG_SALT = "vlab"
 
 
 def to_svg(figure: Figure) -> str:
-    """Return a figure as an ``<svg>`` element to put into HTML: equal figures give equal text, without dates.
+    """Return a figure as an ``<svg>`` element for HTML.
 
-    Text stays text; identifiers are made from the content, so that several figures in one page do not meet.
+    Equal figures give equal text, without dates. Text stays text. Identifiers derive from the content, so figures in
+    one page do not clash.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure.
+
+    Returns
+    -------
+    str
+        SVG element.
     """
     buffer = io.StringIO()
     with mpl.rc_context({**STYLE, "svg.fonttype": "none", "svg.hashsalt": SVG_SALT, "path.simplify": True}):
@@ -31,7 +42,7 @@ def to_svg(figure: Figure) -> str:
 
 
 def _shortened(path: re.Match[str]) -> str:
-    """Round the coordinates of a path to a hundredth of a point, of a long one to a tenth."""
+    """Round the coordinates of a path."""
     digits = 1 if len(path[0]) > 2000 else 2
     return re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.{digits}f}", path[0])
 

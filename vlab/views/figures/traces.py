@@ -1,4 +1,4 @@
-"""Recordings: time histories, spectra, and a measurement beside its simulation."""
+"""Figures of recordings: time histories, spectra, measurement beside simulation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,21 @@ from vlab.views.figures.style import DASHES, POINTS, axis_label, decimate, draw_
 
 
 def aligned(measured: Recording, simulated: Recording, channel: str) -> tuple[Array, Array, Array]:
-    """Return time and both signals of a channel on the measurement's samples, where both recordings have some.
+    """Return time and both signals in their overlap.
+
+    Parameters
+    ----------
+    measured : Recording
+        Measured recording, whose times are used.
+    simulated : Recording
+        Simulated recording.
+    channel : str
+        Name of the channel.
+
+    Returns
+    -------
+    tuple
+        Time [s], measured and simulated values.
 
     Raises
     ------
@@ -40,7 +54,7 @@ def aligned(measured: Recording, simulated: Recording, channel: str) -> tuple[Ar
 
 
 def residual_percent(measured: Array, simulated: Array) -> float:
-    """Return the rms of the residual in per cent of the rms of the measurement; infinite where that is zero."""
+    """Return the rms residual in per cent."""
     scale = float(np.sqrt(np.mean(measured**2)))
     return 100.0 * float(np.sqrt(np.mean((measured - simulated) ** 2))) / scale if scale else np.inf
 
@@ -54,18 +68,23 @@ def traces_figure(
     stop: float | None = None,
     limit: int = POINTS,
 ) -> Figure:
-    """Draw time histories, one axis a channel, the recordings on top of each other.
+    """Draw time histories, one axis per channel, with overlaid recordings.
 
     Parameters
     ----------
     recordings : sequence of (label, Recording)
-        In drawing order.
+        Recordings in drawing order.
     channels : sequence of str or None
-        Which; by default all, in order of appearance. A recording without a channel has no line there.
+        Drawn channels; all by default.
     start, stop : float or None
-        Stretch that is drawn [s].
+        Drawn stretch [s].
     limit : int
         Most points of a line.
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     found = _channels(recordings, channels)
     figure, axes = stacked_axes(len(found), each=1.1)
@@ -105,7 +124,7 @@ def _channels(recordings: Sequence[tuple[str, Recording]], names: Sequence[str] 
 
 
 def _density(recording: Recording, values: Array, segment_s: float | None) -> tuple[Array, Array]:
-    """Return the amplitude spectral density above 0 Hz, [unit/sqrt(Hz)]; of uneven stamps by straight lines between samples."""
+    """Return the amplitude spectral density [unit/sqrt(Hz)]."""
     if recording.is_uniform:
         rate = recording.rate
     else:
@@ -124,14 +143,23 @@ def spectrum_figure(
     segment_s: float | None = None,
     highest_hz: float | None = None,
 ) -> Figure:
-    """Draw amplitude spectral densities (Welch, Hann window), one axis a channel.
+    """Draw amplitude spectral densities (Welch, Hann window), one axis per channel.
 
     Parameters
     ----------
+    recordings : sequence of (label, Recording)
+        Recordings in drawing order.
+    channels : sequence of str or None
+        Drawn channels; all by default.
     segment_s : float or None
         Length of a segment [s]; an eighth of the recording by default.
     highest_hz : float or None
-        Where the axis ends [Hz].
+        End of the frequency axis [Hz].
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     found = _channels(recordings, channels)
     figure, axes = stacked_axes(len(found), each=1.3)
@@ -161,18 +189,29 @@ def comparison_figure(
     segment_s: float | None = None,
     highest_hz: float | None = None,
 ) -> Figure:
-    """Draw a channel as measured and as simulated, their difference, and the spectra of all three.
+    """Draw a channel of measurement and simulation.
 
-    Times that differ are met by linear interpolation of the simulation; the measurement must be evenly sampled.
+    Different times are matched by linear interpolation of the simulation. The measurement must be evenly sampled.
 
     Parameters
     ----------
+    measured : Recording
+        Measured recording.
+    simulated : Recording
+        Simulated recording.
+    channel : str
+        Name of the channel.
     start, stop : float or None
-        Stretch of time that is drawn [s]; residual and spectra are those of all of it.
+        Drawn stretch [s]; residual and spectra use the whole recording.
     segment_s : float or None
         Length of a segment of the spectra [s]; an eighth of the recording by default.
     highest_hz : float or None
-        Where the axis of the spectra ends [Hz].
+        End of the frequency axis [Hz].
+
+    Returns
+    -------
+    Figure
+        Figure.
     """
     time, truth, model = aligned(measured, simulated, channel)
     label = measured.channels[measured.index(channel)]

@@ -1,0 +1,478 @@
+"""Initial state of a recording: at rest, or estimated from its first samples.
+
+The linearised model gives the response of the compared channels to every mode's initial displacement and velocity.
+Linear least squares over the first two periods of the slowest mode gives both. The Bayesian information criterion [1]_
+chooses the number of modes. Gauss-Newton iterations on the model itself then account for large motion. The window is
+short, so a frequency error changes the phase little.
+
+For large motion the linearised model fails and a local start replaces the estimate. Measured joints start from a
+polynomial through their first samples, and servo-driven joints from their commands. All remaining joints keep the
+linear estimate. Refinement then uses a window that grows from a few samples.
+
+References
+----------
+.. [1] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461-464.
+"""
+
+import copy
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sensors
+from vlab.cases.clock import Clock, plan_clock
+from vlab.cases.linear_start import StartProblem, estimate_linear_start
+from vlab.cases.replay import Bench, State, at_timestep, bench_for, play
+from vlab.errors import BadCase, BadStructure, Diverged
+from vlab.fe.second_order import SecondOrderModel
+from vlab.plants.base import Plant
+from vlab.signals import Array, Channel, Recording
+
+PERIODS = 2.0
+"""PERIODS [1]: periods of the slowest oscillation in the estimate's window."""
+LEAST_SAMPLES, MOST_SAMPLES = 20, 2000
+"""LEAST_SAMPLES [samples]: shortest window of the estimate.
+MOST_SAMPLES [samples]: longest window."""
+AT_REST, STILL = 0.02, 5
+"""AT_REST [1]: largest first deflection, as a share of the largest, at which a driven recording starts at rest.
+STILL [samples]: number of such samples required of accelerations alone."""
+AT_UNSTABLE_REST = 1e-3
+"""AT_UNSTABLE_REST [1]: `AT_REST` for an unstable equilibrium, from which small initial errors grow."""
+REFINEMENTS = 4
+"""REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
+WORTH, ENOUGH = 1.1, 0.02
+"""WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
+larger ratio means large motion.
+ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which the estimate is refined."""
+STAGES = (0.06, 0.25, 1.0)
+"""STAGES [1]: successive window lengths of a local start, as shares of the window."""
+LOCAL, HOPELESS = 0.05, 0.2
+"""LOCAL [1]: rms residual, relative to the recording's deviation from rest, above which a local start is tried if all
+joints are measured.
+HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""
+LEAST_STAGE = 8
+"""LEAST_STAGE [samples]: shortest window of a local start."""
+MOST_LOCAL, PER_CHANNEL = 12, 3
+"""MOST_LOCAL [1]: largest number of degrees of freedom of a local start.
+PER_CHANNEL [1]: largest number per channel. Few sensors identify few joints, and more freedom would absorb the
+model's error."""
+STIFF = 3e-3
+"""STIFF [1]: weight that ties a local start to the preceding stage, relative to samples of the largest deflection. The
+speed of a joint on a stiff servo decays before the first sample and would fit noise."""
+_ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
+"""Kinds of channels that respond to acceleration."""
+_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+"""Joint types with one degree of freedom."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InitialState:
+    """State at a recording's first sample.
+
+    Parameters
+    ----------
+    how : str
+        ``"rest"`` or ``"estimated"``.
+    modes_hz : tuple of float
+        Natural frequencies of the estimated modes [Hz].
+    window_s : float
+        Length of the estimate's window [s].
+    nrmse : float
+        Residual in the window over the recording's deviation from rest.
+    """
+
+    qpos: Array
+    qvel: Array
+    how: str
+    modes_hz: tuple[float, ...] = ()
+    window_s: float = 0.0
+    nrmse: float = 0.0
+
+    def to_json(self) -> dict[str, object]:
+        """Return plain values for a JSON document.
+
+        The state is in the model's own coordinates.
+        """
+        return {
+            "how": self.how,
+            "modes_hz": list(self.modes_hz),
+            "window_s": self.window_s,
+            "nrmse": self.nrmse,
+            "qpos": self.qpos.tolist(),
+            "qvel": self.qvel.tolist(),
+        }
+
+
+def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> InitialState:
+    """Estimate the state at the first sample of a run.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    run : Run
+        Recording with mapped channels.
+    law : Law or None
+        The run's law with its initial memory. Commands over the window are the recorded ones, or else the law's
+        response to the recorded sensors.
+
+    Returns
+    -------
+    InitialState
+        State and details of the estimate.
+
+    Raises
+    ------
+    BadCase
+        The recording does not start at rest and the model cannot be linearised, or has no mode below half the sample
+        rate.
+    """
+    bench = bench_for(plant, run)
+    compared = tuple(c for c in run.compared if c.actuator is None)
+    rest = State(bench.rest.qpos, bench.rest.qvel)
+    offset = bench.rest_values(compared)
+    deviation = np.column_stack([run.measured[c.channel] for c in compared]) if compared else np.zeros((2, 0))
+    deviation = deviation - np.where([c.from_rest for c in compared], 0.0, offset)
+    largest = np.abs(deviation).max(axis=0, initial=0.0)
+    slow = [run.measured.channels[run.measured.index(c.channel)].kind not in _ACCELERATIONS for c in compared]
+    starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
+    if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
+        return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
+    linear: SecondOrderModel | None = None
+    try:
+        linear = plant.linearise()
+    except BadStructure as error:
+        if plant.model.nv > MOST_LOCAL or not all(joint_of(plant, c) for c in compared):
+            raise BadCase(
+                f'{run.name}: the initial state cannot be estimated, say initial = "rest": {error}'
+            ) from error
+    samples = _window(run, np.zeros(0) if linear is None else linear.freq)
+    window = replace(_open_loop(run, law, samples, bench), compared=compared)
+    clock = _clock(plant.timestep, window)
+    problem = StartProblem(
+        bench=bench_for(at_timestep(plant, clock.timestep), window),
+        clock=clock,
+        run=window,
+        measured=deviation[:samples],
+        weight=1.0 / np.where(largest > 0, largest, 1.0),
+        servoed=_servoed(plant, window),
+    )
+    size = float(np.sum((problem.measured * problem.weight) ** 2))
+    state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
+    is_measured = len({j[0] for c in compared if (j := joint_of(plant, c)) and j[1] == 0}) == plant.model.nv
+    unknown = plant.model.nv - len(problem.servoed)
+    can_be_local = plant.model.nv <= MOST_LOCAL and unknown <= PER_CHANNEL * len(compared)
+    if linear is not None:
+        x, chosen, expected = estimate_linear_start(problem, linear)
+        state, lost = problem.state(x), _lost(problem, x, offset)
+        is_hopeless = lost > HOPELESS**2 * size and can_be_local
+        if (
+            not is_hopeless
+            and np.isfinite(lost)
+            and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size)
+        ):
+            x, left = _refine(problem, x, _residual(problem, x, offset), offset)
+            state, lost = problem.state(x), float(left @ left)
+    share = LOCAL if is_measured else HOPELESS
+    if lost > share**2 * size and can_be_local:
+        local = _local_start(problem, state if np.isfinite(lost) else rest)
+        nearby, remains = _from_nearby(problem, local, offset)
+        if remains < lost:
+            state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)
+        elif is_measured and not np.isfinite(lost):  # if the model diverges, the measured joints remain the best start
+            state, chosen = local, np.zeros(0, dtype=int)
+    span = float(window.measured.time[-1] - window.measured.time[0])
+    return InitialState(
+        qpos=state.qpos,
+        qvel=state.qvel,
+        how="estimated",
+        modes_hz=() if linear is None else tuple(float(f) for f in linear.freq[chosen]),
+        window_s=span,
+        nrmse=float(np.sqrt(lost / size)) if size > 0 else 0.0,
+    )
+
+
+def begins_at_rest(deviation: Array, slow: Array, plant: Plant) -> bool:
+    """Return whether channels begin at their rest values.
+
+    Parameters
+    ----------
+    deviation : (n, n_channels) array
+        Deviation from rest.
+    slow : (n_channels,) array of bool
+        Channels that are zero only at rest. Accelerations are zero under a steady force too, so several samples must be
+        zero without other channels.
+    plant : Plant
+        Plant with the equilibrium.
+
+    Returns
+    -------
+    bool
+        True at rest.
+    """
+    largest = np.abs(deviation).max(axis=0, initial=0.0)
+    first, share = (deviation[:1, slow], largest[slow]) if np.any(slow) else (deviation[:STILL], largest)
+    if not np.all(np.abs(first) <= AT_REST * share):
+        return False
+    return bool(np.all(np.abs(first) <= AT_UNSTABLE_REST * share)) or not _is_unstable(plant)
+
+
+def _is_unstable(plant: Plant) -> bool:
+    try:
+        linear = plant.linearise()
+    except BadStructure:
+        return False
+    return bool(np.any(linear.eigen[0] < 0) or np.any(np.nan_to_num(linear.zeta) < 0))
+
+
+def joint_of(plant: Plant, channel: Compared) -> tuple[int, int] | None:
+    """Return the degree of freedom and order of a joint channel.
+
+    The order is 0 for position and 1 for velocity of a hinge or slide.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports and transducers.
+    channel : Compared
+        Compared channel.
+
+    Returns
+    -------
+    tuple of (int, int) or None
+        None for any other channel.
+    """
+    model = plant.model
+    if channel.sensor is None:
+        kind, _, name = channel.port.partition(":")
+        is_motion = kind == "joint" and channel.order <= 1 and channel.actuator is None
+        return (int(model.joint(name).dofadr[0]), channel.order) if is_motion else None
+    (address, *more) = plant.sensors[channel.sensor].addresses
+    found = np.flatnonzero(model.sensor_adr == address)
+    if more or not found.size:
+        return None
+    orders = {int(mujoco.mjtSensor.mjSENS_JOINTPOS): 0, int(mujoco.mjtSensor.mjSENS_JOINTVEL): 1}
+    order = orders.get(int(model.sensor_type[found[0]]))
+    return None if order is None else (int(model.jnt_dofadr[model.sensor_objid[found[0]]]), order)
+
+
+def _lost(problem: StartProblem, x: Array, offset: Array) -> float:
+    """Return the sum of squared residuals on the model.
+
+    The result is infinite if the model diverges.
+    """
+    try:
+        left = _residual(problem, x, offset)
+    except Diverged:
+        return np.inf
+    return float(left @ left)
+
+
+def _clock(timestep: float, run: Run) -> Clock:
+    """Return the clock of a window.
+
+    For uneven samples the clock runs at the mean rate and splines interpolate.
+    """
+    clock = plan_clock(timestep, run)
+    if run.measured.is_uniform or run.law is not None:
+        return clock
+    time = run.measured.time
+    steps = max(1, int((time[-1] - time[0]) / (len(time) - 1) / clock.timestep))
+    return replace(clock, steps=steps, law_every=1, readings=max(2, -(-(clock.readings - 1) // steps) + 1))
+
+
+def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
+    """Return servo-driven, unmeasured degrees of freedom.
+
+    A position servo with a recorded command holds each of them at the command. The result gives the command's channel
+    and the motion per unit command.
+    """
+    model = plant.model
+    out: dict[int, tuple[str, float]] = {}
+    shown = {found[0] for c in run.compared if (found := joint_of(plant, c))}
+    for drive in run.drives:
+        i = drive.actuator
+        if i is None or i >= model.nu or model.actuator_trntype[i] != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        joint, gain, gear = int(model.actuator_trnid[i, 0]), model.actuator_gainprm[i, 0], model.actuator_gear[i, 0]
+        is_affine = model.actuator_biastype[i] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        is_servo = is_affine and model.actuator_biasprm[i, 1] == -gain
+        dof = int(model.jnt_dofadr[joint])
+        if is_servo and gain > 0 and gear and model.jnt_type[joint] in _ONE_WAY and dof not in shown:
+            out[dof] = (drive.channel, 1.0 / float(gear))
+    return out
+
+
+def _stage(problem: StartProblem, share: float) -> StartProblem:
+    """Return the problem on the first part of a window."""
+    whole = problem.run.measured
+    count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
+    part = replace(whole, time=whole.time[:count], data=whole.data[:count])
+    run = replace(problem.run, measured=part)
+    clock = _clock(problem.clock.timestep, run)
+    bench = bench_for(at_timestep(problem.bench.plant, clock.timestep), run)
+    nv = bench.model.nv
+    size = max(float(np.abs(problem.measured[:count]).max()), 1e-9)
+    rate = 2 * np.pi / max(float(whole.time[-1] - whole.time[0]), 1e-9)
+    scale = np.concatenate([np.full(nv, size), np.full(nv, size * rate)])
+    free = np.setdiff1d(np.arange(nv), list(problem.servoed))
+    return replace(
+        problem,
+        bench=bench,
+        clock=clock,
+        run=run,
+        measured=problem.measured[:count],
+        shapes=np.eye(nv)[:, free],
+        scale=scale[np.concatenate([free, nv + free])],
+        held=STIFF * np.sqrt(problem.measured[:count].size),
+    )
+
+
+def _local_start(problem: StartProblem, state: State) -> State:
+    """Return a state with joints from samples and commands.
+
+    A cubic through the first samples gives the measured joints; commands give the servo-driven joints.
+    """
+    first = _stage(problem, STAGES[0]).run.measured
+    time = first.time - first.time[0]
+    qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
+    for dof, (channel, unit) in problem.servoed.items():
+        told = np.polynomial.Polynomial.fit(time, unit * first[channel], 3)
+        qpos[model.jnt_qposadr[model.dof_jntid[dof]]], qvel[dof] = told(0.0), told.deriv()(0.0)
+    rest = problem.bench.rest_values(problem.run.compared)
+    for i, c in enumerate(problem.run.compared):
+        joint = joint_of(problem.bench.plant, c)
+        if joint is None:
+            continue
+        fitted = np.polynomial.Polynomial.fit(time, first[c.channel] + (rest[i] if c.from_rest else 0.0), 3)
+        dof, order = joint
+        if order == 1:
+            qvel[dof] = fitted(0.0)
+            continue
+        qpos[model.jnt_qposadr[model.dof_jntid[dof]]] = fitted(0.0)
+        if not any(joint_of(problem.bench.plant, other) == (dof, 1) for other in problem.run.compared):
+            qvel[dof] = fitted.deriv()(0.0)
+    return State(qpos, qvel)
+
+
+def _from_nearby(problem: StartProblem, state: State, offset: Array) -> tuple[State, float]:
+    """Refine a state on a growing window.
+
+    Returns
+    -------
+    tuple of (State, float)
+        State and its sum of squared residuals.
+    """
+    left = np.array([np.inf])
+    for share in STAGES:
+        stage = replace(_stage(problem, share), origin=state)
+        x = np.zeros(len(stage.scale))
+        try:
+            left = _residual(stage, x, offset)
+        except Diverged:
+            return state, np.inf
+        x, left = _refine(stage, x, left, offset)
+        state = stage.state(x)
+    return state, float(left @ left)
+
+
+def _window(run: Run, freq: Array) -> int:
+    """Return the number of samples in the window."""
+    time = run.measured.time - run.measured.time[0]
+    slow = freq[freq > 0.5 / time[-1]]  # modes with at least half a period in the recording
+    span = PERIODS / slow[0] if slow.size else time[-1] / 10 if freq.size == 0 else 0.0
+    count = int(np.searchsorted(time, span, side="right"))
+    return min(max(count, LEAST_SAMPLES), MOST_SAMPLES, len(run.measured))
+
+
+def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
+    """Return a run's window with commands as recorded inputs."""
+    part = replace(run.measured, time=run.measured.time[:samples], data=run.measured.data[:samples])
+    if law is None:
+        return replace(run, measured=part, law=None)
+    commands = replayed_commands(run, law, part, bench)
+    for c in run.compared:
+        if c.actuator in law.actuators:
+            commands[:, law.actuators.index(c.actuator)] = part[c.channel]
+    names = [f"law:{i}" for i in law.actuators]
+    channels = tuple(Channel(name=name, kind="command", unit="", is_input=True) for name in names)
+    both = Recording(time=part.time, data=np.column_stack([part.data, commands]), channels=(*part.channels, *channels))
+    at_rate = run.hardware is not None and part.is_uniform and abs(part.rate / law.rate_hz - 1) < 1e-6
+    is_held = not part.is_uniform or law.rate_hz < 1.5 * part.rate  # a faster law's staircase is known at samples only
+    drives = tuple(
+        Drive(channel=n, actuator=i, through_chain=at_rate, is_held=is_held)
+        for n, i in zip(names, law.actuators, strict=True)
+    )
+    return replace(run, measured=both, law=None, drives=(*run.drives, *drives))
+
+
+def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Array:
+    """Return a law's response to the recorded sensors.
+
+    Parameters
+    ----------
+    run : Run
+        Recording with mapped channels.
+    law : Law
+        The run's law.
+    part : Recording
+        Window of the recording.
+    bench : Bench
+        Plant prepared for replay.
+
+    Returns
+    -------
+    array
+        Commands (n, n_actuators); zero if a sensor was not recorded.
+    """
+    commands = np.zeros((len(part), len(law.actuators)))
+    channels = compared_with_sensors(run, law.sensors)
+    if channels is None:
+        return commands
+    law = replace(law, controller=copy.deepcopy(law.controller))
+    rest = np.where([c.from_rest for c in channels], bench.rest_values(tuple(channels)), 0.0)
+    samples = part.select([c.channel for c in channels]).data + rest
+    y = np.zeros(max(law.sensors) + 1)
+    tick, present = 0, np.zeros(len(law.actuators))
+    for k, t in enumerate(part.time - part.time[0]):
+        while tick <= t * law.rate_hz + 1e-6:
+            y[list(law.sensors)] = samples[k]
+            present = law.step(y)
+            tick += 1
+        commands[k] = present
+    return commands
+
+
+def _residual(problem: StartProblem, x: Array, offset: Array) -> Array:
+    """Return the weighted residual of the window on the model."""
+    run, clock = problem.run, problem.clock
+    replayed = play(problem.bench, run, clock, problem.state(x), None)
+    time = run.measured.time - run.measured.time[0]
+    model = np.column_stack([replayed.at(time, clock, i) for i in range(len(run.compared))])
+    return np.asarray(((model - offset - problem.measured) * problem.weight).ravel())
+
+
+def _refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, Array]:
+    """Improve the linear estimate by Gauss-Newton iterations.
+
+    A failed iteration keeps the preceding estimate.
+    """
+    try:
+        for _ in range(REFINEMENTS):
+            step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
+            moved = x + step * np.eye(x.size)
+            slopes = np.array([(_residual(problem, point, offset) - left) / step for point in moved])
+            held = problem.held * np.eye(x.size)
+            rows, wanted = np.vstack([slopes.T, held]), np.concatenate([left, problem.held * x])
+            better = x - np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
+            trial = _residual(problem, better, offset)
+            gained = 1.0 - float(trial @ trial) / float(left @ left)
+            if not gained > 0:
+                break
+            x, left = better, trial
+            if gained < 1e-3:
+                break
+    except Diverged:
+        pass  # the step was too long; the preceding estimate stands
+    return x, left

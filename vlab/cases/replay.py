@@ -1,0 +1,481 @@
+"""Step-by-step replay of a recording on a plant.
+
+MuJoCo's semi-implicit steps keep the position half a step ahead of the velocity (see `vlab.plants.base`). A state
+here holds position and velocity at the same time.
+
+A run starts with the position advanced by half a step. Each reading comes from a copy of the state without that half
+step. Positions, velocities and accelerations of all sensors then belong to the time of the reading.
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from vlab.cases.channel_map import Compared, Drive, Law, Run
+from vlab.cases.clock import Clock
+from vlab.errors import BadCase
+from vlab.hardware.laboratory import Converter
+from vlab.hardware.output_chain import OutputChain
+from vlab.hardware.sensing import coil_gain
+from vlab.lab.callback import control_callback
+from vlab.physics.running import STAGGERED, Running
+from vlab.plants.base import Plant, Port, check_run
+from vlab.plants.computable import computable
+from vlab.signals import Array
+
+Loads = Sequence[tuple[Port, float]]
+"""Forces [N or N m] on ports."""
+CHECK_EVERY = 500
+"""CHECK_EVERY [steps]: integration steps between two checks for divergence."""
+
+
+@dataclass(frozen=True)
+class State:
+    """True state: position and velocity at the same time."""
+
+    qpos: Array
+    qvel: Array
+
+
+class Bench:
+    """Plant with its readings.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with the timestep of the run.
+    linear_range : float or None
+        Travel in which coil sensors are linear [m]; None for hardware outside the laboratory.
+    """
+
+    def __init__(self, plant: Plant, linear_range: float | None = None) -> None:
+        self.plant, self.model = plant, plant.model
+        self.data, self._copy = plant.new_data(), plant.new_data()
+        self.rest = State(self.data.qpos.copy(), np.zeros(self.model.nv))
+        self._ahead = self.model.opt.timestep / 2 if self.model.opt.integrator in STAGGERED else 0.0
+        self._sum = np.zeros((len(plant.sensors), self.model.nsensordata))
+        for i, tap in enumerate(plant.sensors):
+            self._sum[i, list(tap.addresses)] = 1.0
+        self.applied = np.zeros(self.model.nv)
+        """Generalised external forces of the present step, without attached physics."""
+        self._range = linear_range
+        self._coils = [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
+
+    def start(self, state: State) -> None:
+        """Set the plant to a true state at time zero."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = state.qpos, state.qvel
+        if self._ahead:
+            mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
+        mujoco.mj_forward(self.model, self.data)
+
+    def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
+        """Return whether compared values depend on forces."""
+        return any(c.order == 2 for c in compared) or bool(
+            np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
+        )
+
+    def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
+        """Evaluate the present true state in the copy.
+
+        Attached physics acts there without updating its memory.
+
+        Parameters
+        ----------
+        ctrl : array
+            Commands, (n_actuators,).
+        physics : Running or None
+            Attached physics.
+        loads : sequence of (Port, float) or None
+            Present forces on ports; None keeps those of the last step.
+        """
+        data, model = self._at_present(), self.model
+        if loads is not None:
+            if not all(port.is_constant for port, _ in loads):  # rows at the present configuration
+                mujoco.mj_fwdPosition(model, data)
+            self.apply(data, loads)
+        data.ctrl[:] = ctrl
+        mujoco.mj_forward(model, data)
+        if physics is not None and physics.ports is not None:
+            data.qfrc_applied[:] = self.applied
+            physics.ports.look(data, physics.force)
+            mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
+
+    def apply(self, data: mujoco.MjData, loads: Loads) -> None:
+        """Apply port forces and prescribed motion at the state of some data."""
+        applied = self.applied
+        if self.plant.prescribed is None:
+            applied[:] = 0.0
+        else:
+            self.plant.prescribed(data.qpos, data.qvel, applied)
+        for port, load in loads:
+            applied += port.row(data) * load
+        data.qfrc_applied[:] = applied
+
+    def look_at_motion(self) -> None:
+        """Evaluate the present motion in the copy, without forces."""
+        data, model = self._at_present(), self.model
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_sensorPos(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_sensorVel(model, data)
+
+    def _at_present(self) -> mujoco.MjData:
+        """Return the copy at the present true state."""
+        data, model = self._copy, self.model
+        mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        if self._ahead:
+            mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
+        return data
+
+    @property
+    def acceleration(self) -> Array:
+        """Generalised acceleration of the last `look`, (nv,)."""
+        return np.asarray(self._copy.qacc)
+
+    @property
+    def raw(self) -> Array:
+        """Sensor values of MuJoCo at the last `look`, (nsensordata,)."""
+        return np.asarray(self._copy.sensordata)
+
+    def sensors(self, raw: Array | None = None) -> Array:
+        """Return the plant's sensor values, (..., n_sensors), from raw values.
+
+        Parameters
+        ----------
+        raw : array or None
+            Sensor values of MuJoCo, (..., nsensordata); those of the last `look` by default.
+
+        Returns
+        -------
+        array
+            Sensor values of the plant, (..., n_sensors).
+        """
+        raw = self.raw if raw is None else raw
+        values = raw @ self._sum.T
+        travel = raw[..., self.plant.travel]
+        if self._range is not None and travel.shape[-1] == len(self._coils):
+            values[..., self._coils] *= coil_gain(travel, self._range)
+        return np.asarray(values)
+
+    def values(self, compared: tuple[Compared, ...], sensors: Array) -> Array:
+        """Return compared channels at the last `look`, with zeros for commands."""
+        return np.array([self._value(c, sensors) for c in compared])
+
+    def _value(self, compared: Compared, sensors: Array) -> float:
+        if compared.sensor is not None:
+            return float(sensors[compared.sensor])
+        if not compared.port:
+            return 0.0
+        port, data = self.plant.port(compared.port), self._copy
+        if compared.order == 0:
+            return port.position(data)
+        return float(port.row(data) @ (data.qvel if compared.order == 1 else data.qacc))
+
+    def rest_values(self, compared: tuple[Compared, ...]) -> Array:
+        """Return the values of compared channels at rest."""
+        self.start(self.rest)
+        self.look(np.zeros(self.model.nu))
+        return self.values(compared, self.sensors())
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """Compared channels at the readings, commands included."""
+
+    times: Array
+    values: Array
+
+    def at(self, time: Array, clock: Clock, column: int, *, is_held: bool = False) -> Array:
+        """Return a channel at given times, interpolated between readings if necessary.
+
+        Parameters
+        ----------
+        time : array
+            Times from the start [s].
+        clock : Clock
+            Clock of the run.
+        column : int
+            Column of the channel.
+        is_held : bool
+            Whether the channel stays constant between readings.
+
+        Returns
+        -------
+        array
+            Values at the times.
+        """
+        values = self.values[:, column]
+        if clock.on_time:
+            return np.asarray(values[np.rint(time / (clock.steps * clock.timestep)).astype(int)])
+        if is_held:
+            return np.asarray(values[np.searchsorted(self.times, time + 1e-9 * clock.timestep, side="right") - 1])
+        return np.asarray(CubicSpline(self.times, values)(time))
+
+
+def at_timestep(plant: Plant, timestep: float) -> Plant:
+    """Return the plant with another integration step.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    timestep : float
+        Integration step [s].
+
+    Returns
+    -------
+    Plant
+        Plant with that step.
+    """
+    if plant.timestep == timestep:
+        return plant
+    model = copy.copy(plant.model)
+    model.opt.timestep = timestep
+    return replace(plant, model=model)
+
+
+def bench_for(plant: Plant, run: Run) -> Bench:
+    """Return the bench for a run of a plant."""
+    return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
+
+
+def play(
+    bench: Bench,
+    run: Run,
+    clock: Clock,
+    state: State,
+    law: Law | None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Played:
+    """Simulate a plant under recorded inputs and a law.
+
+    Parameters
+    ----------
+    bench : Bench
+        Plant with its readings.
+    run : Run
+        Recording with its channel map.
+    clock : Clock
+        Clock of the run.
+    state : State
+        Initial state.
+    law : Law or None
+        Law with its initial memory, which is updated.
+    progress : callable
+        Receives the completed share of the run.
+
+    Returns
+    -------
+    Played
+        Compared channels at the readings.
+
+    Raises
+    ------
+    Diverged
+        The state left the finite range or MuJoCo reset the run.
+    BadStructure
+        MuJoCo cannot compute the model in a state of the run.
+    """
+    physics = _physics(bench, run, clock, state)
+    callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
+    with computable(f"{run.name}: the model as it moves"), callback:
+        return _played(bench, run, clock, state, law, physics, progress)
+
+
+def _played(
+    bench: Bench,
+    run: Run,
+    clock: Clock,
+    state: State,
+    law: Law | None,
+    physics: Running | None,
+    progress: Callable[[float], None],
+) -> Played:
+    plant, model, data = bench.plant, bench.model, bench.data
+    means, present = _drives(run, clock, plant)
+    loads = [drive for drive in run.drives if drive.port]
+    load_means, load_present = _channels(run, clock, loads)
+    ports = [plant.port(drive.port) for drive in loads]
+    push = None if law is None else _chain(law, run, clock)
+    controls = plant.control_matrix
+    every = bool(loads) or plant.prescribed is not None or physics is not None
+    feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
+    command = np.zeros(len(plant.actuators))
+    out = np.zeros((clock.readings, len(run.compared)))
+    reads_forces = bench.reads_forces(run.compared)
+    is_later = law is None and (physics is None or not physics.is_read) and not any(c.port for c in run.compared)
+    raw = np.zeros((clock.readings, model.nsensordata)) if is_later else None
+    bench.start(state)
+    last_check = 0
+    times = clock.times
+    for k in range(clock.readings):
+        part = (k % clock.law_every) * clock.steps
+        if reads_forces:
+            force = present[k] + feedback[part - 1]
+            if physics is not None:
+                force = force + physics.last_change
+            bench.look(controls @ force, physics, list(zip(ports, load_present[k], strict=True)) if every else None)
+        else:
+            bench.look_at_motion()
+        if raw is not None:
+            raw[k] = bench.raw
+        else:
+            sensors = _read(bench, run, physics, times[k], out[k])
+        if law is not None and push is not None and part == 0:
+            command[list(law.actuators)] = law.step(sensors)
+            feedback[:, list(law.actuators)] = push(command[list(law.actuators)])
+        for i, c in enumerate(run.compared):
+            if c.actuator is not None:
+                out[k, i] = command[c.actuator]
+        if k == clock.readings - 1:
+            break
+        first = k * clock.steps
+        force = means[first : first + clock.steps] + feedback[part : part + clock.steps]
+        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, ports, physics)
+        if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
+            last_check = (k + 1) * clock.steps
+            check_run(model, data, last_check * clock.timestep)
+            progress((k + 1) / (clock.readings - 1))
+    if raw is not None:
+        sensors = bench.sensors(raw)
+        for i, c in enumerate(run.compared):
+            if c.sensor is not None:
+                out[:, i] = sensors[:, c.sensor]
+    return Played(times, out)
+
+
+def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Array) -> Array:
+    """Return the bench's sensor values and write those of the compared channels."""
+    sensors = bench.sensors()
+    if physics is not None:
+        physics.sense(sensors, time)
+    out[:] = bench.values(run.compared, sensors)
+    if physics is not None:
+        for i, c in enumerate(run.compared):
+            out[i] = physics.read(c.channel, float(out[i]), time)
+    return sensors
+
+
+def _physics(bench: Bench, run: Run, clock: Clock, state: State) -> Running | None:
+    """Return the attached physics of a plant."""
+    plant = bench.plant
+    if not plant.physics:
+        return None
+    read = {c.channel: plant.sensors[c.sensor].name for c in run.compared if c.sensor is not None}
+    readings: dict[str, float] = {}
+    if np.any(state.qvel):
+        rest = bench.rest_values(run.compared)
+        for c, r in zip(run.compared, rest, strict=True):
+            first = float(run.measured[c.channel][0]) + (r if c.from_rest else 0.0)
+            readings |= {c.channel: first} if np.isfinite(first) else {}
+    return Running(plant, sample=clock.steps * clock.timestep, channels=read, readings=readings)
+
+
+def _advance(
+    bench: Bench,
+    controls: Array,
+    force: Array,
+    loads: Array | None,
+    ports: Sequence[Port],
+    physics: Running | None = None,
+) -> None:
+    """Integrate to the next reading under forces and loads."""
+    plant, data = bench.plant, bench.data
+    if loads is None and (len(force) == 1 or np.ptp(force, axis=0).max(initial=0.0) == 0.0):
+        data.ctrl[:] = controls @ force[0]
+        mujoco.mj_step(plant.model, data, nstep=len(force))
+        return
+    for i, row in enumerate(force):
+        if physics is not None:
+            physics.actuate(row)
+            physics.force[:], physics.is_due = row, True
+        data.ctrl[:] = controls @ row
+        if loads is not None:
+            bench.apply(data, list(zip(ports, loads[i], strict=True)))
+        mujoco.mj_step(plant.model, data)
+
+
+def _chain(law: Law, run: Run, clock: Clock) -> Callable[[Array], Array]:
+    """Return the map from commands to forces."""
+    substeps = clock.steps * clock.law_every
+    converter = _ideal(law.rate_hz) if run.hardware is None else run.hardware.at_rate(law.rate_hz).converter
+    return OutputChain(converter, channels=len(law.actuators), substeps=substeps).push
+
+
+def _ideal(rate: float) -> Converter:
+    return Converter(rate=rate, lowest_rate=rate, highest_rate=rate, delay_samples=0.0, filter_corner=0.0)
+
+
+def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
+    """Return mean and present inputs of all actuators."""
+    means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
+    present = np.zeros((clock.readings, len(plant.actuators)))
+    drives = [drive for drive in run.drives if drive.actuator is not None]
+    each, now = _channels(run, clock, drives)
+    for i, drive in enumerate(drives):
+        if drive.actuator is None:
+            continue
+        if drive.through_chain and run.hardware is not None:
+            each[:, i] = _through_chain(run, clock, drive.channel)
+            now[1:, i] = each[clock.steps - 1 :: clock.steps, i]
+        means[:, drive.actuator] += each[:, i]
+        present[:, drive.actuator] += now[:, i]
+    return means, present
+
+
+def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
+    if run.hardware is None or not (clock.on_time and run.measured.is_uniform):
+        raise BadCase(f"{run.name}: commands {channel!r} must be sampled evenly to pass the hardware's converter")
+    converter = run.hardware.converter
+    if abs(run.measured.rate / converter.rate - 1) > 1e-6 or clock.times[1] * run.measured.rate > 1 + 1e-6:
+        raise BadCase(
+            f"{run.name}: commands {channel!r} are recorded at {run.measured.rate:g} Hz, the converter runs at "
+            f'{converter.rate:g} Hz; record them at that rate, or give the forces instead (kind = "force")'
+        )
+    chain = OutputChain(converter, channels=1, substeps=clock.steps)
+    forces = chain.response(run.measured[channel][:, None])[:, 0]
+    steps = (clock.readings - 1) * clock.steps
+    return np.resize(forces, steps) if forces.size >= steps else np.pad(forces, (0, steps - forces.size), mode="edge")
+
+
+def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
+    """Return mean and present drives of a plant."""
+    time = run.measured.time - run.measured.time[0]
+    steps = (clock.readings - 1) * clock.steps
+    means, present = np.zeros((steps, len(drives))), np.zeros((clock.readings, len(drives)))
+    for i, drive in enumerate(drives):
+        values = run.measured[drive.channel]
+        if not drive.is_held:
+            means[:, i] = np.interp(clock.middles, time, values)
+            present[:, i] = np.interp(clock.times, time, values)
+        elif clock.on_time:
+            at = np.searchsorted(time, clock.middles, side="right") - 1
+            means[:, i] = values[np.maximum(at, 0)]
+            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+        else:
+            means[:, i] = _held_means(time, values, np.arange(steps + 1) * clock.timestep)
+            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+        if drive.is_first:
+            present[:, i] = values[
+                np.maximum(np.searchsorted(time, clock.times + 0.5 * clock.steps * clock.timestep, side="right") - 1, 0)
+            ]
+    return means, present
+
+
+def before(u: Array) -> Array:
+    """Return the held commands (n, ...) before each sample."""
+    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+
+
+def _held_means(time: Array, values: Array, edges: Array) -> Array:
+    """Return means between the edges of a staircase."""
+    end = max(edges[-1], time[-1]) + 1.0
+    stamps = np.append(time, end)
+    integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])
+    return np.diff(np.interp(edges, stamps, integral)) / np.diff(edges)

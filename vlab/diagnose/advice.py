@@ -1,0 +1,208 @@
+"""Notes of a diagnosis: possibilities not excluded, and the next measurement."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlab.diagnose.diagnosis import Attempt
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.parameters.mjcf import Uncertain
+from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
+from vlab.diagnose.validation.gap import Distance, total, whole_gap
+from vlab.physics.catalogue import EFFECTS
+from vlab.physics.family import separating_measurement
+from vlab.signals import Array
+
+_AGAIN = "a repetition on another day, with the same excitation at a third of the level"
+RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved for physics outside the catalogue"
+"""Note on the probability of physics outside the catalogue."""
+
+
+def format_probability(probability: float) -> str:
+    """Return a probability as text."""
+    return f"{probability:.3f}" if probability >= ADVICE.least_probability else f"< {ADVICE.least_probability:g}"
+
+
+def before_heading(checked: Sequence[Distance]) -> str:
+    """Return the table heading of errors without findings."""
+    return "nominal or calibrated" if any(c.is_spoilt for c in checked) else "calibrated"
+
+
+def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return a note on recordings where calibration increases the error.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
+    worse = [c for c in checked if c.calibrated > GAP.no_worse * c.nominal]
+    if not worse:
+        return ()
+    each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, nominal {_error(c.nominal)})" for c in worse)
+    return (
+        f"the calibrated model is worse than the nominal model on {each}: the gap counts from the nominal model there",
+    )
+
+
+def _error(error: float) -> str:
+    return f"{error:.3g}" if np.isfinite(error) else "beyond all bounds"
+
+
+def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return notes on findings without effect in hold-out recordings.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors with a part per finding.
+
+    Returns
+    -------
+    tuple of str
+        One note per unverifiable finding.
+    """
+    held = [c for c in checked if c.role == "holdout" and c.parts]
+    out = []
+    for i, part in enumerate(held[0].parts if held else ()):
+        names = [c.name for c in held if c.parts[i].is_idle]
+        if names:
+            rest = (
+                "cannot verify it"
+                if len(names) < len(held)
+                else "cannot verify it, and no other recording is held out: it comes from the fit recordings alone"
+            )
+            out.append(f"{part.name} is within the noise in {', '.join(names)}, which {rest}")
+    return tuple(out)
+
+
+def attempt_sentence(attempt: Attempt) -> str:
+    """Return a sentence on the best attempt and its closed gap.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        Best attempt.
+
+    Returns
+    -------
+    str
+        Sentence.
+    """
+    if attempt.is_of_the_fit_alone:
+        return (
+            f"From the fit recordings alone: {attempt.name} explains the fit recordings and has no effect on the held-out "
+            "recordings, which cannot verify it."
+        )
+    gap, left = whole_gap(attempt.checked), {key: total(attempt.checked, key) for key in ("before", "after", "noise")}
+    closed = "" if gap is None else f"closes {100 * gap:.0f} % of the gap to the noise and "
+    return (
+        f"Best attempt, not a finding: {attempt.name} {closed}has a residual of {left['after']:.3g}, "
+        f"from {left['before']:.3g} without it (noise {left['noise']:.3g})."
+    )
+
+
+def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
+    """Return the possibilities that the recordings do not exclude.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
+
+    Returns
+    -------
+    tuple of str
+        Possibilities.
+    """
+    out: list[str] = []
+    if verdict == "missing-physics" and choice.best.terms:
+        others = [h.label for h in choice.alike if h is not choice.best]
+        out += [f"{label} has as small a residual" for label in others[:5]]
+        best = choice.best.terms[0].place.name
+        out += [
+            f"{choice.best.terms[0].effect.name} at {p}"
+            for p, share in choice.places.items()
+            if share > 0.05 and p != best
+        ]
+    elif verdict in ("nothing-missing", "missing-physics"):
+        out.append("effects smaller than the noise and the uncertainty of the model")
+    else:
+        tried = [h for h, _ in choice.tried if h.terms]
+        out += [f"{h.label} was tried; its residual is {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
+        out.append("physics that is not in the catalogue")
+    return tuple(out)
+
+
+def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tuple[str, ...]:
+    """Return notes on uncertain parameters far from their priors.
+
+    A missing effect that only changes a value is absorbed by calibration of that value.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors.
+
+    Returns
+    -------
+    tuple of str
+        One note per implausible parameter.
+    """
+    return tuple(
+        f"{p.name} was calibrated by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: check the value, "
+        "state a wider [model.uncertain], or look for missing physics there"
+        for p, v in zip(parameters, theta, strict=True)
+        if abs(v) > ADVICE.far_off * p.sd
+    )
+
+
+def _change(parameter: Uncertain, value: float) -> str:
+    return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.2g} %"
+
+
+def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), attempt: Attempt | None = None) -> str:
+    """Return the measurement that separates the remaining possibilities.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with alternatives.
+    verdict : str
+        Verdict.
+    shown : sequence of str
+        Effects shown by the data alone.
+    attempt : Attempt or None
+        Best attempt, where nothing is reported.
+
+    Returns
+    -------
+    str
+        Measurement.
+    """
+    if attempt is not None and attempt.is_of_the_fit_alone:
+        return f"another held-out recording, as loud as the fit recordings, so that {attempt.name} acts in it"
+    if verdict == "bad-recording":
+        return "the same recordings again, with the damage that is listed under their quality repaired"
+    if verdict == "missing-physics" and not choice.best.terms:
+        return next((EFFECTS[name].confirmed_by for name in shown if EFFECTS[name].confirmed_by), _AGAIN)
+    if verdict == "nothing-missing":
+        return "a recording at a level several times higher, which brings out what grows with amplitude"
+    if verdict == "none-of-these":
+        return "a sensor on both sides of the place where the mismatch is largest, and three levels of a periodic excitation"
+    families = {t.effect.family for h in (choice.best, *choice.alike) for t in h.terms[:1]}
+    measurement = separating_measurement(families) if len(families) > 1 or len(choice.alike) > 1 else ""
+    if measurement:
+        return measurement
+    if len([p for p in choice.places.values() if p > 0.1]) > 1:
+        return "a sensor between the remaining places, " + " and ".join(list(choice.places)[:2])
+    return choice.best.terms[0].effect.traits.tested_by or _AGAIN

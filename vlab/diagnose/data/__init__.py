@@ -1,0 +1,1 @@
+"""Data quality, noise and responses of the recordings, before any model."""

@@ -1,0 +1,359 @@
+"""Export of the extended model with its case."""
+
+import dataclasses
+import math
+import shutil
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.case import load_case
+from vlab.cases.compare import compare_run
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
+from vlab.diagnose.parameters.structure import edited
+from vlab.diagnose.pipeline import Diagnosed
+from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.settings import EXPORT
+from vlab.diagnose.validation.frequency import checked_again
+from vlab.errors import OutputRefused, VlabError
+from vlab.physics.attach import Attached, written
+from vlab.physics.catalogue import effect_named
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+from vlab.structure.model import Structure
+
+MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
+"""Names of the written files."""
+RECORDINGS = "recordings"
+"""Folder of the copied recordings."""
+Done = Diagnosed | FrequencyDiagnosed
+"""Diagnosis with its models."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtendedModelFiles:
+    """Written files and their error.
+
+    Parameters
+    ----------
+    files : tuple of str
+        Names in the output folder.
+    tables : tuple of str
+        Effects stated in the case, without an element in the model file.
+    nrmse : float or None
+        Error on the checked recordings from the written files; None if the simulation fails.
+    reported : float
+        Error reported by the diagnosis.
+    note : str
+        Reason of a failure, or "".
+    """
+
+    files: tuple[str, ...]
+    tables: tuple[str, ...]
+    nrmse: float | None
+    reported: float
+    note: str = ""
+
+
+def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
+    """Write the extended model and simulate the files.
+
+    The files are a model, a case and its recordings. Without findings the calibrated model is written.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Diagnosis with its models.
+    folder : Path
+        Output folder.
+
+    Returns
+    -------
+    ExtendedModelFiles
+        Written files and their error.
+
+    Raises
+    ------
+    OutputRefused
+        A file cannot be written.
+    """
+    case, found = done.problem.case, bool(done.diagnosis.findings)
+    terms = done.fit.terms if found else ()
+    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
+    is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
+    theta = done.fit.theta if is_final else done.found.before.fit.theta
+    raw = tomllib.loads(case.path.read_text(encoding="utf-8"))
+    earlier = _earlier(done, raw)
+    try:
+        if case.structure is None:
+            left = _write_mjcf(done, effects, theta, folder)
+            raw["model"]["mjcf"], files = MODEL, [MODEL]
+        else:
+            left = effects
+            content = structure_toml(edited(case.structure, done.problem.parameters, _for_plant(done, theta)))
+            (folder / STRUCTURE).write_text(content, encoding="utf-8")
+            raw["model"]["structure"], files = STRUCTURE, [STRUCTURE]
+            if case.table.model.hardware:
+                shutil.copyfile(case.folder / case.table.model.hardware, folder / Path(case.table.model.hardware).name)
+                raw["model"]["hardware"] = Path(case.table.model.hardware).name
+        tables = [*earlier, *left, *_calibrated(done, theta, found), *_ranges(done)]
+        for given, table in zip(raw.get("recording", ()), case.table.recording, strict=True):
+            for channel, known in zip(given["channel"], table.channel, strict=True):
+                channel.update({"offset": known.offset} if known.offset else {})
+                channel.update({"hold": known.hold} if known.hold else {})
+                channel.update({"delay_s": known.delay_s} if known.delay_s else {})
+        raw["title"] = f"{case.table.title} (extended)"
+        raw["model"]["effect"] = [
+            {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}
+            for e in tables
+        ]
+        _tell_limit(done, raw)
+        _copy_recordings(case.folder, raw, folder)
+        (folder / CASE).write_text(toml_text(raw), encoding="utf-8")
+    except OSError as error:
+        raise OutputRefused(f"the extended model cannot be written into {folder}: {error.strerror or error}") from error
+    nrmse, note = _run_again(done, folder)
+    reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
+    return ExtendedModelFiles(
+        files=(*files, CASE),
+        tables=tuple(e.label for e in tables),
+        nrmse=nrmse,
+        reported=math.nan if reported is None else float(reported),
+        note=note,
+    )
+
+
+def _for_plant(done: Done, theta: Array) -> Array:
+    """Return log factors for a structure's plant, by `Problem.for_plant`."""
+    return theta if isinstance(done.problem, FrequencyProblem) else done.problem.for_plant(theta)
+
+
+def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
+    """Return the case's effects outside the model file."""
+    at_work = [(a.effect.name, dict(a.values)) for a in done.problem.plant.physics]
+    given = [
+        Attached(effect=effect_named(e["name"], code=()), place=e["place"], values=e["parameters"])
+        for e in raw["model"].get("effect", ())
+    ]
+    return [e for e in given if done.problem.case.structure is not None or (e.effect.name, dict(e.values)) in at_work]
+
+
+def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
+    plant = done.problem.adjusted(theta) if effects else done.before.plant
+    spec, left = written(plant, effects)
+    (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
+    assert isinstance(plant, MjcfPlant)
+    source = (done.problem.case.folder / done.problem.case.table.model.mjcf).parent
+    for kind, directory in (
+        ("meshes", spec.meshdir),
+        ("hfields", spec.meshdir),
+        ("skins", spec.meshdir),
+        ("textures", spec.texturedir),
+    ):
+        for element in getattr(spec, kind):
+            names = [element.file, *getattr(element, "cubefiles", ())]
+            for name in (Path(directory) / n for n in names if n):
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source / name, folder / name)
+    return left
+
+
+def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
+    """Return calibrated gains and offsets as effects."""
+    out, problem = [], done.problem
+    if problem.case.structure is not None:  # an MJCF holds them as actuator gains
+        for parameter, value in zip(problem.parameters, theta, strict=True):
+            index = parameter.actuator
+            if index is not None and index < len(problem.plant.actuators) and abs(value) > EXPORT.least:
+                place = f"actuator:{problem.plant.actuators[index].name.removeprefix('coil:')}"
+                out.append(
+                    Attached(effect=effect_named("actuator-gain"), place=place, values={"gain": float(np.expm1(value))})
+                )
+    model = done.after if found else done.before
+    if model.sensor_gain is None:
+        return out
+    for i, name in enumerate(model.names):
+        place = name if name.startswith("sensor:") else f"sensor:{name}"
+        gain = float(model.sensor_gain[i])
+        if abs(gain - 1.0) > EXPORT.least:
+            out.append(Attached(effect=effect_named("sensor-gain"), place=place, values={"gain": gain - 1.0}))
+        if isinstance(problem, FrequencyProblem) or model.offset is None:
+            continue
+        offset = float(model.offset[i])
+        scale = max(float(np.abs(r.measured[name]).max()) for r in problem.runs)
+        if abs(offset) > EXPORT.least * scale:
+            out.append(Attached(effect=effect_named("sensor-offset"), place=place, values={"offset": offset}))
+    return out
+
+
+def _ranges(done: Done) -> list[Attached]:
+    """Return limits and quantisation as effects."""
+    if not isinstance(done, Diagnosed):
+        return []
+    model = done.after
+    out = [
+        Attached(
+            effect=effect_named("sensor-clipping"),
+            place=f"sensor:{stop.channel.removeprefix('sensor:')}",
+            values={"limit": stop.limit},
+        )
+        for stop in model.stops
+    ]
+    out += [
+        Attached(
+            effect=effect_named("sensor-quantisation"),
+            place=f"sensor:{step.channel.removeprefix('sensor:')}",
+            values={"step": step.step},
+        )
+        for step in model.steps
+    ]
+    limit, law = model.limit, next((run.law for run in done.problem.runs if run.law is not None), None)
+    if limit is not None and law is not None and not limit.is_known:
+        index = done.problem.plant.actuator_index(limit.actuator)
+        scale = float(law.per_actuator[list(law.actuators).index(index)])
+        place = f"actuator:{limit.actuator.removeprefix('coil:')}"
+        out.append(
+            Attached(effect=effect_named("actuator-clipping"), place=place, values={"limit": limit.limit * scale})
+        )
+    return out
+
+
+def _tell_limit(done: Done, raw: dict[str, Any]) -> None:
+    """Write the command limit to laws with an observer."""
+    if not isinstance(done, Diagnosed) or done.after.limit is None or not done.after.limit.is_known:
+        return
+    for table in raw.get("recording", ()):
+        if "controller" in table:
+            table["controller"]["limit"] = float(done.after.limit.limit)
+
+
+def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:
+    """Copy every file of the case once."""
+    known: dict[str, str] = {}
+    for table in (*raw.get("recording", ()), *raw.get("frf", ())):
+        given = table["file"]
+        if given not in known:
+            name, stem, number = Path(given).name, Path(given).stem, 1
+            while f"{RECORDINGS}/{name}" in known.values():
+                number += 1
+                name = f"{stem}-{number}{Path(given).suffix}"
+            known[given] = f"{RECORDINGS}/{name}"
+            (folder / RECORDINGS).mkdir(exist_ok=True)
+            shutil.copyfile(source / given, folder / known[given])
+        table["file"] = known[given]
+
+
+def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
+    """Return the error of the written files."""
+    roles = sorted({c.role for c in done.diagnosis.checked})
+    names = {c.name for c in done.diagnosis.checked}
+    if not names:
+        return None, "no recording was checked"
+    try:
+        case = load_case(folder / CASE)
+        if isinstance(done, FrequencyDiagnosed):
+            return checked_again(case, names), ""
+        runs = [compare_run(case.plant, run) for run in case.runs(roles) if run.name in names]
+    except VlabError as error:
+        return None, str(error)
+    squares = [np.mean([m.nrmse**2 for m in run.misfits]) for run in runs]
+    return float(np.sqrt(np.mean(squares))), ""
+
+
+# ---- TOML -----------------------------------------------------------------------------------------------------------
+
+
+def toml_text(table: Mapping[str, Any], path: str = "") -> str:
+    """Return a table as lossless TOML text.
+
+    Parameters
+    ----------
+    table : mapping
+        Table.
+    path : str
+        Dotted name of the table.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
+    plain = {k: v for k, v in table.items() if not isinstance(v, Mapping) and not _is_tables(v)}
+    lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
+    for key, value in table.items():
+        name = f"{path}.{_key(key)}" if path else _key(key)
+        if isinstance(value, Mapping) and value:
+            lines += ["", f"[{name}]", toml_text(value, name)]
+        elif _is_tables(value):
+            for part in value:
+                lines += ["", f"[[{name}]]", toml_text(part, name)]
+    return "\n".join(lines).strip("\n") + ("\n" if not path else "")
+
+
+def _is_tables(value: Any) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and bool(value)
+        and all(isinstance(v, Mapping) for v in value)
+    )
+
+
+def _key(key: str) -> str:
+    bare = key and all(c.isascii() and (c.isalnum() or c in "-_") for c in key)
+    return key if bare else _value(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    return repr(value) if isinstance(value, (int, float)) else str(value)
+
+
+def structure_toml(structure: Structure) -> str:
+    """Return a structure as the text of its file."""
+    return toml_text(_table(structure))
+
+
+_ORIGIN = {"origin": "identified", "source": "the nominal model, calibrated on the recordings of the diagnosis"}
+
+
+def _table(part: Any) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        if not field.init or value is None or (isinstance(value, (tuple, dict)) and not value):
+            continue
+        if "si" in field.metadata:
+            numbers = list(value) if isinstance(value, tuple) else value
+            out[field.name] = _Raw(_value({"value": numbers, "unit": field.metadata["si"], **_ORIGIN}))
+        elif dataclasses.is_dataclass(value):
+            out[field.name] = _table(value)
+        elif isinstance(value, Mapping):
+            out[field.name] = {k: _table(v) for k, v in value.items()}
+        elif isinstance(value, tuple) and dataclasses.is_dataclass(value[0]):
+            out[field.name] = [_table(v) for v in value]
+        else:
+            out[field.name] = list(value) if isinstance(value, tuple) else value
+    return out
+
+
+class _Raw:
+    """Verbatim TOML text."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def __str__(self) -> str:
+        return self._text

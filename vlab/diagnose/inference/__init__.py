@@ -1,0 +1,1 @@
+"""Score tests, least squares and evidence of hypotheses."""

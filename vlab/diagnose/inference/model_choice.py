@@ -1,0 +1,190 @@
+"""Choice among hypotheses: number of effects, effect class, location and probability."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vlab.diagnose.inference.evidence import Found, Hypothesis
+from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """Choice on the fitted recordings.
+
+    Parameters
+    ----------
+    best : Hypothesis
+        Chosen hypothesis; `Found.before` where nothing is missing.
+    alike : tuple of Hypothesis
+        Indistinguishable hypotheses, the best included.
+    probability : float
+        Posterior probability of the best effects at any location [1].
+    ranking : tuple of (Hypothesis, float)
+        Other hypotheses with probabilities, best first.
+    places : dict
+        Posterior probability of every location of the first effect.
+    shares : mapping of str to float
+        Marginal probability of each of the best effects.
+    gained : float
+        Log posterior gain over the calibrated model beyond the threshold [nat].
+    is_prior_driven : bool
+        Whether the gain is mostly prior density of the uncertain parameters.
+    """
+
+    best: Hypothesis
+    alike: tuple[Hypothesis, ...]
+    probability: float
+    ranking: tuple[tuple[Hypothesis, float], ...]
+    places: dict[str, float]
+    shares: Mapping[str, float] = field(default_factory=dict)
+    gained: float = 0.0
+    is_prior_driven: bool = False
+
+    @property
+    def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
+        """All hypotheses with probabilities, the chosen one first."""
+        return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
+
+
+def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
+    """Return whether a gain is mostly prior density.
+
+    Parameters
+    ----------
+    more, less : Hypothesis
+        Hypotheses with and without the gain.
+
+    Returns
+    -------
+    bool
+        Whether the prior gain exceeds the likelihood gain.
+    """
+    return less.negative_log_prior - more.negative_log_prior > more.effective_samples * (
+        less.log_rms_residual - more.log_rms_residual
+    )
+
+
+def _excess(hypothesis: Hypothesis) -> float:
+    return max(hypothesis.normalised_residual**2 - 1.0, 0.0)
+
+
+def _beyond(more: Hypothesis, less: Hypothesis) -> float:
+    """Return the gain of further effects beyond the threshold [nat]."""
+    if any(
+        _is_mains_frequency(t.values["frequency"])
+        for t in more.terms
+        if t.effect.name in ("sinusoidal-force", "mains-hum")
+    ):
+        return -np.inf
+    known = {t.label for t in less.terms}
+    added = [t for t in more.terms if t.label not in known]
+    count = sum(len(t.effect.parameters) for t in added)
+    is_linear = all(t.effect.is_linear or t.effect.traits.is_linear for t in added)
+    enough = (MODEL_CHOICE.of_linear if is_linear else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
+    enough += MODEL_CHOICE.of_pairs if len(added) > 1 else 0.0
+    return more.score - less.score + more.complexity - less.complexity - enough
+
+
+def _is_mains_frequency(frequency: float) -> bool:
+    return any(
+        abs(frequency - k * mains) < MODEL_CHOICE.near_mains
+        for mains in INTERFERENCE.mains_hz
+        for k in INTERFERENCE.harmonics
+    )
+
+
+def choose_model(found: Found) -> Choice:
+    """Choose the hypothesis with the fewest sufficient effects.
+
+    Parameters
+    ----------
+    found : Found
+        Result of a search.
+
+    Returns
+    -------
+    Choice
+        Choice.
+    """
+    before, singles = found.before, [h for h in found.hypotheses if len(h.terms) == 1]
+    doubles = [h for h in found.hypotheses if len(h.terms) == 2]
+    best = before
+    if singles:
+        one = singles[0]
+        explains = before.normalised_residual > MODEL_CHOICE.above_noise and _excess(before) - _excess(
+            one
+        ) >= MODEL_CHOICE.explained * _excess(before)
+        if explains or _beyond(one, before) > 0:
+            best = one
+    if best is not before and doubles:
+        two = doubles[0]
+        gained = _excess(one) - _excess(two)
+        first_is_enough = one.normalised_residual <= MODEL_CHOICE.above_noise
+        explains = gained >= MODEL_CHOICE.explained * _excess(one) and gained >= MODEL_CHOICE.second_share * _excess(
+            before
+        )
+        if (explains and not first_is_enough) or _beyond(two, one) > 0:
+            best = two
+    elif (
+        doubles and before.normalised_residual > MODEL_CHOICE.above_noise
+    ):  # one of two effects alone may explain nothing
+        two = doubles[0]
+        if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and _beyond(two, before) > 0:
+            best = two
+    if best is before:
+        return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    alike = tuple(h for h in same if h.score >= best.score - MODEL_CHOICE.alike)
+    probability, ranking = _probabilities(found, best)
+    options = [(best, probability), *ranking]
+    return Choice(
+        best=best,
+        alike=alike,
+        probability=probability,
+        ranking=ranking,
+        places=_places(found, best),
+        shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
+        gained=_beyond(best, before),
+        is_prior_driven=is_prior_driven(best, before),
+    )
+
+
+def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:
+    """Return the relative probabilities of hypotheses from their scores."""
+    scores = np.array([h.score for h in hypotheses])
+    weights = np.exp(scores - scores.max())
+    return [float(w) for w in weights / weights.sum()]
+
+
+def _names(hypothesis: Hypothesis) -> tuple[str, ...]:
+    return tuple(sorted(t.effect.physics for t in hypothesis.terms))
+
+
+def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[Hypothesis, float], ...]]:
+    """Return the probability of the best effects, and the ranking of others.
+
+    All have the same number of effects.
+    """
+    same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
+    by_effect: dict[tuple[str, ...], Hypothesis] = {}
+    for h in [best, *sorted(same, key=lambda h: -h.score)]:
+        by_effect.setdefault(_names(h), h)
+    options = [*by_effect.values(), found.before]
+    weights = [(1.0 - MODEL_CHOICE.lapse) * weight for weight in _shares(options)]
+    ranking = sorted(zip(options[1:], weights[1:], strict=True), key=lambda pair: -pair[1])
+    return weights[0], tuple(ranking)
+
+
+def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
+    options = [best, *found.hypotheses[:6]]
+    weights = _shares(options)
+    return tuple(zip(options[1:], weights[1:], strict=True))
+
+
+def _places(found: Found, best: Hypothesis) -> dict[str, float]:
+    first = best.terms[0].place.name
+    options = {k: h for k, h in found.places.items() if _names(h) == _names(best)} or {first: best}
+    weights = _shares(list(options.values()))
+    return dict(sorted(zip(options, weights, strict=True), key=lambda pair: -pair[1]))

@@ -1,0 +1,485 @@
+"""Score test on the linear time-varying system along the motion.
+
+The method is that of `vlab.diagnose.inference.score_test` (Rao 1948).
+"""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.mjcf import Uncertain
+from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.predictors.innovations import Cause, Group
+from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
+from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
+from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.trajectory import (
+    FilterGains,
+    SystemBatch,
+    TimeVaryingSystem,
+    filtered,
+    gains_of,
+    innovations,
+    pad_and_stack,
+    smoothed,
+    smoothed_motions,
+)
+from vlab.diagnose.predictors.trajectory_data import with_signals
+from vlab.diagnose.predictors.trajectory_problem import Trajectories
+from vlab.diagnose.predictors.unit_effects import commands_changed, unit_amplitudes
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
+from vlab.physics.attach import port_at
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step
+from vlab.plants.base import Plant, Port
+from vlab.plants.mjcf import AXES
+from vlab.signals import Array
+
+
+class Lines:
+    """Jacobian rows of a location along the motions of all runs.
+
+    Parameters
+    ----------
+    rows : (k, n, n_runs, nv) array
+        Rows of the location's coordinates at the samples.
+    z : (k, n, n_runs) array
+        Coordinates from rest.
+    weight : (k,) array
+        Gravity along the coordinates [m/s^2], where added mass has weight; otherwise 0.
+    """
+
+    def __init__(self, rows: Array, z: Array, weight: Array) -> None:
+        self.rows, self.z, self.weight = rows, z, weight
+
+
+class TrajectoryScoreTest(ScoreTest):
+    """Screening of a problem's fit runs along their motion.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    moving : Trajectories
+        Runs at their own sample times.
+
+    Notes
+    -----
+    Uncertain parameters stay nominal and enter linearly. A refit to recordings with missing physics would reach their
+    bounds and hide that physics. `at` linearises elsewhere for a hypothesis.
+    """
+
+    keeps_plans: ClassVar[bool] = True
+    plant: Plant
+    stepper: Stepper
+    systems: list[TimeVaryingSystem]
+    stack: SystemBatch
+    gains: FilterGains
+    near: float | None
+    changes: Array
+    """Generalised forces (n, n_runs, nv, n_changes) per unit uncertain log factor."""
+    now_known: Array
+    """Deviations (n, n_runs, 2 nv) given the samples up to their own."""
+    next_known: Array
+    """Deviations (n, n_runs, 2 nv) at the next sample, predicted from `now_known`."""
+    smooth: Array
+    """Smoothed deviations (n, n_runs, 2 nv)."""
+    L: Array
+    B: Array
+
+    def __init__(self, problem: Problem, moving: Trajectories) -> None:
+        self.problem, self.reduced_model, self.trust, self.moving = problem, problem.reduced_model, 1.0, moving
+        self.runs = list(problem.signals)
+        self.motions, self.near = list(moving.motions), None
+        self.lines: dict[str, Lines] = {}
+        self._cache, self._integrated, self._spectra, self._tones = {}, {}, None, {}
+        self.theta = np.zeros(len(self.reduced_model.changes))
+        self._along(1)
+
+    def trusting(self, trust: float) -> "TrajectoryScoreTest":
+        """Return the screening with a slower observer.
+
+        Parameters
+        ----------
+        trust : float
+            Factor on the unknown-force intensity.
+
+        Returns
+        -------
+        TrajectoryScoreTest
+            Screening.
+        """
+        other = copy.copy(self)
+        other.trust, other._cache, other._integrated = trust, {}, {}
+        other._spectra, other._tones = None, {}
+        other._linearise()
+        return other
+
+    def at(self, theta: Array) -> "TrajectoryScoreTest":
+        """Return the screening linearised at other uncertain parameters.
+
+        Parameters
+        ----------
+        theta : (n_changes,) array
+            Log factors.
+
+        Returns
+        -------
+        TrajectoryScoreTest
+            Screening about the same motion.
+        """
+        other = copy.copy(self)
+        other.theta, other.trust = np.array(theta, dtype=float), 1.0
+        other.theta[[c.sensor is not None for c in self.reduced_model.changes]] = 0.0
+        other._along(0)
+        return other
+
+    def _along(self, passes: int) -> None:
+        """Linearise the plant along the smoothed motion, and regress the innovations."""
+        self.plant = self.problem.adjusted(self.theta)
+        self.stepper = self.moving.stepper(self.plant, self.problem.channels)
+        self.systems, self.stack, _, self.near = smoothed_motions(
+            self.moving.trajectories, self.motions, self.stepper, self.moving.driven, passes, self.near
+        )
+        self.motions = [system.motion for system in self.systems]
+        self.lines, self._cache, self._integrated = {}, {}, {}
+        self._spectra, self._tones = None, {}
+        self.changes = self._changes()
+        self._linearise()
+
+    def _group(self, runs: list[Signals]) -> Group:
+        s = self.stack
+        assert self.near is not None
+        self.gains = gains_of(s, self.near * self.trust)
+        left, predicted = innovations(s, self.gains)
+        self.now_known = filtered(s, self.gains, left, predicted)
+        self.smooth = smoothed(s, self.gains, left, predicted)
+        self.L = s.A - self.gains.K @ s.C
+        self.B = s.G - self.gains.K @ s.D
+        self.next_known = np.einsum("krab,krb->kra", s.A, self.now_known) - s.defect
+        u, lengths = stack_runs(runs, [run.u for run in runs])
+        y, _ = stack_runs(runs, [run.y / self.sensor_gain for run in runs])
+        states = Smoothed(e=left, x=self.smooth, filtered=self.now_known, predicted=y, lengths=lengths, loglik=0.0)
+        steady = SteadyGains(K=self.gains.K[-1:, 0], S=self.gains.S[-1:, 0], P=self.gains.P[-1:, 0])
+        last = Discrete(A=s.A[-1:, 0], B=s.G[-1:, 0], C=s.C[-1:, 0], D=s.D[-1:, 0])
+        group = Group(
+            runs, last, steady, states, u, np.zeros((*y.shape[:2], self.reduced_model.m)), y, lengths, s.usable, e=left
+        )
+        group.first = min(TRAJECTORY_SCORE_TEST.settled, int(lengths.min()) // 4)
+        group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
+        return group
+
+    def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
+        """See `ScoreTest`; generalised forces replace modal ones."""
+        s, K = self.stack, self.gains.K
+        part = modal if modal is not None else reading
+        assert part is not None
+        n, n_runs, _, k = part.shape
+        out = np.zeros((n, n_runs, s.e.shape[2], k))
+        drive = np.zeros((n, n_runs, s.A.shape[2], k))
+        if modal is not None:
+            drive += self.B @ modal
+            if np.any(s.D):
+                out += s.D @ modal
+        if reading is not None:
+            drive -= K @ reading
+            out += reading
+        state = np.zeros((n_runs, s.A.shape[2], k))
+        states = np.zeros((n, *state.shape))
+        for i in range(n):
+            states[i] = state
+            state = self.L[i] @ state + drive[i]
+        return np.asarray(out + s.C @ states)
+
+    def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
+        """See `ScoreTest`; a time-varying system weights all frequencies equally."""
+        return np.ones((len(frequency), self.stack.e.shape[2]))
+
+    # ---- uncertain parameters ---------------------------------------------------------------------------------------
+
+    def _changes(self) -> Array:
+        """Return the generalised forces of uncertain parameters along the motion."""
+        plant = self.plant
+        middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.systems, self.moving.trajectories, strict=True)]
+
+        def column(parameter: Uncertain) -> Array:
+            if not parameter.fields:
+                return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
+            pair = [_changed(plant, parameter, sign * TRAJECTORY_SCORE_TEST.change) for sign in (1.0, -1.0)]
+            return pad_and_stack([_slope(pair, m, self._stride()) for m in middles])
+
+        out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
+        for i, change in enumerate(self.reduced_model.changes):
+            if change.actuator is not None:
+                out[..., i] += self.driven_force(change.actuator) * self.commands(change.actuator)[..., None]
+        return out
+
+    def _stride(self) -> int:
+        """Return the sample stride for smooth forces, which splines interpolate."""
+        h = float(np.median(self.stack.h[self.stack.h > 0]))
+        return int(np.clip(1.0 / (TRAJECTORY_SCORE_TEST.often * self.problem.highest_hz * h), 1, 4))
+
+    def commands(self, actuator: int) -> Array:
+        """Return the input of an actuator's gain along the runs.
+
+        The input is the command, or the actuator state where there is one.
+
+        Parameters
+        ----------
+        actuator : int
+            Index of the actuator.
+
+        Returns
+        -------
+        (n, n_runs) array
+            Input.
+        """
+        lag, trajectories = self.stepper.lags.get(actuator), self.moving.trajectories
+        if lag is None:
+            return pad_and_stack([c.u[:, actuator] for c in trajectories])
+        unit = self.plant.control_matrix[lag.control, actuator]
+        return pad_and_stack([c.act[:, lag.address] / unit for c in trajectories if c.act is not None])
+
+    def acted(self, actuator: int, change: Array) -> Array:
+        """Return a command change (n, n_runs, k) behind the actuator's dynamics."""
+        lag = self.stepper.lags.get(actuator)
+        return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
+
+    def driven_force(self, actuator: int) -> Array:
+        """Return the generalised force (n, n_runs, nv) of a unit command."""
+        column = list(self.moving.driven).index(actuator)
+        return pad_and_stack([a.drives[:, :, column] for a in self.systems])
+
+    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+        """See `ScoreTest`."""
+        u, _ = stack_runs(runs, [run.u for run in runs])
+        load, _ = stack_runs(runs, [run.load for run in runs])
+        given, _ = stack_runs(runs, [trajectory.load for trajectory in self.moving.trajectories])
+        out = np.zeros((*u.shape[:2], self.reduced_model.m))
+        for i in self.moving.driven:
+            out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
+        for j, name in enumerate(self.moving.load_ports):
+            rows = self._lines(self.plant.port(name), False).rows
+            out += rows.sum(axis=0) * (load - given)[..., j, None]
+        return out
+
+    def _changed_forces(self, group: Group) -> Array:
+        return self.changes
+
+    # ---- places along the motion ------------------------------------------------------------------------------------
+
+    def lines_of(self, place: Place) -> Lines:
+        """Return the rows and coordinates of a location along the motion."""
+        if place.name not in self.lines:
+            self.lines[place.name] = self._lines(port_at(self.plant, place.name), place.kind == "body")
+        return self.lines[place.name]
+
+    def _lines(self, port: Port, is_body: bool) -> Lines:
+        model = self.plant.model
+        ports = (port, *port.more)
+        data, at_rest = mujoco.MjData(model), self.plant.new_data()
+        rest = [p.position(at_rest) for p in ports]
+        if all(p.is_constant for p in ports) and port.name.startswith("joint:"):
+            address = int(model.jnt_qposadr[model.joint(port.name.partition(":")[2]).id])
+            z = pad_and_stack([a.motion.q[:, address] - rest[0] for a in self.systems])
+            return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
+        rows, values = [], []
+        for system in self.systems:
+            own, z = np.zeros((len(system.M), len(ports), model.nv)), np.zeros((len(system.M), len(ports)))
+            for k, q in enumerate(system.motion.q):
+                data.qpos[:] = q
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_comPos(model, data)
+                mujoco.mj_tendon(model, data)
+                for i, p in enumerate(ports):
+                    own[k, i], z[k, i] = p.row(data), p.position(data) - rest[i]
+            rows.append(own)
+            values.append(z)
+        weight = np.array([model.opt.gravity[i] for i in range(len(AXES))]) if is_body else np.zeros(len(ports))
+        return Lines(np.moveaxis(pad_and_stack(rows), 2, 0), np.moveaxis(pad_and_stack(values), 2, 0), weight)
+
+    def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:
+        """Return a location's motion over every interval, from earlier samples.
+
+        Parameters
+        ----------
+        place : Place
+            Location.
+
+        Returns
+        -------
+        rows : (k, n, n_runs, nv) array
+            Rows at mid-interval.
+        z, v, a : (k, n, n_runs) array
+            Displacement, velocity and acceleration.
+        """
+        lines, nv = self.lines_of(place), self.reduced_model.m
+        later = np.minimum(np.arange(1, len(self.stack.e) + 1), len(self.stack.e) - 1)
+        after = lines.rows[:, later]
+        v_now, v_next = self._velocities()
+        z0 = lines.z + np.einsum("lkrn,krn->lkr", lines.rows, self.now_known[..., :nv])
+        z1 = lines.z[:, later] + np.einsum("lkrn,krn->lkr", after, self.next_known[..., :nv])
+        v0 = np.einsum("lkrn,krn->lkr", lines.rows, v_now)
+        v1 = np.einsum("lkrn,krn->lkr", after, v_next)
+        h = np.where(self.stack.h > 0, self.stack.h, 1.0)
+        return 0.5 * (lines.rows + after), 0.5 * (z0 + z1), 0.5 * (v0 + v1), (v1 - v0) / h
+
+    def _velocities(self) -> tuple[Array, Array]:
+        nv = self.reduced_model.m
+        v = pad_and_stack([a.motion.v for a in self.systems])
+        later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
+        return v + self.now_known[..., nv:], v[later] + self.next_known[..., nv:]
+
+    def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
+        """See `ScoreTest`."""
+        _, z, v, _ = self.known_motion(place)
+        return z[0], v[0]
+
+    # ---- the candidates ---------------------------------------------------------------------------------------------
+
+    def _left_by(
+        self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
+    ) -> tuple[Array, list[int]]:
+        """See `ScoreTest`; forces act along directions that turn with the motion."""
+        if place.kind in ("sensor", "pick-up"):
+            return super()._left_by(group, place, plans)
+        modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
+
+    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+        """See `ScoreTest`; a time-varying system has no impulse response."""
+        widths = [own[0].series.shape[-1] for own in causes]
+        reading = np.zeros((*group.y.shape, sum(widths)))
+        for start, (cause,) in zip(np.cumsum([0, *widths]), causes, strict=False):
+            reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
+        return self.through(group, None, reading), widths
+
+    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
+        """Return generalised forces (n, n_runs, nv, k) of an effect's unit amplitudes."""
+        if isinstance(effect, ActuatorEffect):
+            total = np.zeros(())
+            for i in place.indices:
+                changed = self.acted(i, commands_changed(effect, group.u[..., i], shape, group.h))
+                total = total + self.driven_force(i)[..., None] * changed[..., None, :]
+            return total
+        rows, z, v, a = self.known_motion(place)
+        if isinstance(effect, LinearPortEffect):
+            (values,) = unit_amplitudes(effect, {})
+            mass, damping, stiffness = effect.impedance(values, place.stiffness)
+            force = -mass * (a - self.lines_of(place).weight[:, None, None]) - damping * v - stiffness * z
+            return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
+        assert isinstance(effect, PortEffect)
+        own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
+        with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
+            laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
+        series = [x if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
+        return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
+
+    def _series(
+        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
+    ) -> Array:
+        t = pad_and_stack([c.time for c in self.moving.trajectories]) + 0.5 * self.stack.h
+        return forces_on_trajectory(effect, z, v, values, self.stack.h, t, command)
+
+    def states_without(self, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]) -> Array:
+        """Return smoothed deviations from recordings without sensor effects.
+
+        Parameters
+        ----------
+        effects : sequence of (SensorEffect, Place, dict)
+            Sensor effects to remove.
+
+        Returns
+        -------
+        (n, n_runs, 2 nv) array
+            Deviations.
+        """
+        trajectories = []
+        for trajectory in self.moving.trajectories:
+            y, t = trajectory.y.copy(), trajectory.time
+            for effect, place, values in effects:
+                y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(trajectory.h)), t)
+            trajectories.append(with_signals(trajectory, y))
+        e = pad_and_stack([c.y - a.read for c, a in zip(trajectories, self.systems, strict=True)])
+        left, predicted = innovations(self.stack, self.gains, e)
+        return smoothed(self.stack, self.gains, left, predicted)
+
+
+def forces_on_trajectory(
+    effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
+) -> Array:
+    """Return an effect's force along a motion with individual intervals.
+
+    Parameters
+    ----------
+    effect : PortEffect
+        Effect.
+    z, v : (n, n_runs) array
+        Displacement and velocity [SI].
+    values : dict
+        Parameter values.
+    h, t : (n, n_runs) array
+        Intervals and times [s].
+    command : float or array
+        Command at the port.
+
+    Returns
+    -------
+    (n, n_runs) array
+        Force [SI].
+    """
+    memory = effect.memory(z.shape[1:])
+    if memory is None:
+        return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
+    out = np.zeros(z.shape)
+    for k in range(len(z)):
+        step = Step(h=h[k], t=t[k])
+        out[k], memory = effect.force(z[k], v[k], values, step, memory)
+    return out
+
+
+def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
+    model = copy.copy(plant.model)
+    for name, index in parameter.fields:
+        getattr(model, name)[index] *= np.exp(value)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
+    """Return configurations, velocities and accelerations at mid-step."""
+    q, v = system.motion.q, system.motion.v
+    later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
+    if stepper.is_flat:
+        middle = 0.5 * (q + q[later])
+    else:
+        pairs = zip(q, q[later], strict=True)
+        middle = np.array([stepper.moved(a, 0.5 * stepper.between(a, b)) for a, b in pairs])
+    return middle, 0.5 * (v + v[later]), (v[later] - v) / h[:, None]
+
+
+def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int) -> Array:
+    """Return the decrease (n, nv) of inverse dynamics per log factor."""
+    n = len(middle[0])
+    at = np.unique(np.append(np.arange(0, n, stride), n - 1))
+    part = [x[at] for x in middle]
+    slope = (_inverse(pair[1], *part) - _inverse(pair[0], *part)) / (2 * TRAJECTORY_SCORE_TEST.change)
+    return slope if stride == 1 or len(at) < 4 else np.asarray(CubicSpline(at, slope)(np.arange(n)))
+
+
+def _inverse(model: Any, q: Array, v: Array, a: Array) -> Array:
+    """Return the generalised forces (n, nv) of a motion by inverse dynamics."""
+    data, out = mujoco.MjData(model), np.zeros(a.shape)
+    for k in range(len(out)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out

@@ -1,0 +1,441 @@
+"""Compiled time integration with nonlinear laws as expression graphs.
+
+Parameter sets and recordings are integrated as one batch. Forces act explicitly: a law receives the midpoint of the
+free step, with the last force as estimate of its own.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.kernels.compilation import compiled
+from vlab.diagnose.settings import KERNELS
+from vlab.physics.expression import CODE, SIGNALS, ExpressionGraph
+from vlab.signals import Array
+
+CHECKED = KERNELS.checked
+"""CHECKED [samples]: interval of the divergence check, a constant of the compiled loops."""
+MOST = KERNELS.most
+"""MOST [1]: magnitude in SI units to which a diverged state is clipped, a constant of the compiled loops."""
+RUNAWAY = KERNELS.runaway
+"""RUNAWAY [1]: magnitude in SI units from which a state has diverged, a constant of the compiled loops."""
+
+
+_COPY, _ADD, _SUBTRACT, _MULTIPLY = (CODE[f] for f in (np.positive, np.add, np.subtract, np.multiply))
+_DIVIDE, _NEGATIVE, _ABSOLUTE = (CODE[f] for f in (np.divide, np.negative, np.absolute))
+_MINIMUM, _MAXIMUM, _SIGN = (CODE[f] for f in (np.minimum, np.maximum, np.sign))
+_EXP, _LOG, _SQRT, _SIN, _COS, _TANH = (CODE[f] for f in (np.exp, np.log, np.sqrt, np.sin, np.cos, np.tanh))
+_ARCTAN, _POWER, _HYPOT, _FLOOR = (CODE[f] for f in (np.arctan, np.power, np.hypot, np.floor))
+_LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal))
+_EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
+_NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
+AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS))
+"""Registers of a law's signals: displacement, velocity, time, free and first velocity, command, mobility."""
+
+
+@compiled(error_model="numpy")
+def evaluate(operations: Array, first: int, registers: Array) -> None:  # pragma: no cover - compiled
+    """Evaluate an expression graph on registers, in place.
+
+    Parameters
+    ----------
+    operations : (n_operations, 4) array of int
+        Code and three operand registers of every operation.
+    first : int
+        Register of the first result.
+    registers : (n_registers, n) array
+        Values of n parallel evaluations.
+    """
+    n = registers.shape[1]
+    for line in range(operations.shape[0]):
+        code = operations[line, 0]
+        a, b, c = registers[operations[line, 1]], registers[operations[line, 2]], registers[operations[line, 3]]
+        out = registers[first + line]
+        if code == _ADD:
+            for e in range(n):
+                out[e] = a[e] + b[e]
+        elif code == _SUBTRACT:
+            for e in range(n):
+                out[e] = a[e] - b[e]
+        elif code == _MULTIPLY:
+            for e in range(n):
+                out[e] = a[e] * b[e]
+        elif code == _DIVIDE:
+            for e in range(n):
+                out[e] = a[e] / b[e]
+        elif code == _NEGATIVE:
+            for e in range(n):
+                out[e] = -a[e]
+        elif code == _COPY:
+            for e in range(n):
+                out[e] = a[e]
+        elif code == _ABSOLUTE:
+            for e in range(n):
+                out[e] = abs(a[e])
+        elif code == _MINIMUM:
+            for e in range(n):
+                out[e] = np.minimum(a[e], b[e])
+        elif code == _MAXIMUM:
+            for e in range(n):
+                out[e] = np.maximum(a[e], b[e])
+        elif code == _WHERE:
+            for e in range(n):
+                out[e] = b[e] if a[e] != 0.0 else c[e]
+        elif code == _SIGN:
+            for e in range(n):
+                out[e] = np.sign(a[e])
+        elif code == _LESS:
+            for e in range(n):
+                out[e] = 1.0 if a[e] < b[e] else 0.0
+        elif code == _LESS_EQUAL:
+            for e in range(n):
+                out[e] = 1.0 if a[e] <= b[e] else 0.0
+        elif code == _GREATER:
+            for e in range(n):
+                out[e] = 1.0 if a[e] > b[e] else 0.0
+        elif code == _GREATER_EQUAL:
+            for e in range(n):
+                out[e] = 1.0 if a[e] >= b[e] else 0.0
+        elif code == _EQUAL:
+            for e in range(n):
+                out[e] = 1.0 if a[e] == b[e] else 0.0
+        elif code == _NOT_EQUAL:
+            for e in range(n):
+                out[e] = 1.0 if a[e] != b[e] else 0.0
+        elif code == _AND:
+            for e in range(n):
+                out[e] = 1.0 if a[e] != 0.0 and b[e] != 0.0 else 0.0
+        elif code == _OR:
+            for e in range(n):
+                out[e] = 1.0 if a[e] != 0.0 or b[e] != 0.0 else 0.0
+        elif code == _NOT:
+            for e in range(n):
+                out[e] = 1.0 if a[e] == 0.0 else 0.0
+        else:
+            _evaluate_slowly(code, a, b, out)
+
+
+@compiled(error_model="numpy")
+def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Evaluate a transcendental operation, element by element."""
+    for e in range(out.size):
+        x = a[e]
+        if code == _EXP:
+            y = np.exp(x)
+        elif code == _TANH:
+            y = np.tanh(x)
+        elif code == _SIN:
+            y = np.sin(x)
+        elif code == _COS:
+            y = np.cos(x)
+        elif code == _LOG:
+            y = np.log(x)
+        elif code == _SQRT:
+            y = np.sqrt(x)
+        elif code == _ARCTAN:
+            y = np.arctan(x)
+        elif code == _FLOOR:
+            y = np.floor(x)
+        elif code == _POWER:
+            y = x ** b[e]
+        else:
+            y = np.hypot(x, b[e])
+        out[e] = y
+
+
+in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
+"""Decorator for loops whose sums may be reordered and vectorised."""
+
+
+@in_any_order
+def integrate_free(
+    turn: Array,
+    dense: Array,
+    into: Array,
+    rows: Array,
+    direct: Array,
+    inputs: Array,
+    state: Array,
+    substeps: int,
+    y: Array,
+) -> None:  # pragma: no cover - compiled
+    """Integrate linear states under inputs, in place.
+
+    Parameters
+    ----------
+    turn : (2, n_sets, m) array
+        Real and imaginary parts of the step's eigenvalues.
+    dense : (n_sets, m, m) array
+        Step matrices, acting on rows from the right; empty in modal form.
+    into : (n_sets, n_inputs, 2m) array
+        Effect of a unit input on the state.
+    rows : (n_sets, p, 2m) array
+        Output rows.
+    direct : (n_sets, n_inputs, p) array
+        Feedthrough.
+    inputs : (n, 1 or substeps, 1 or n_sets, n_runs, n_inputs) array
+        Inputs [SI].
+    state : (n_sets, n_runs, 2m) array
+        Initial states, overwritten by the final ones.
+    substeps : int
+        Integration steps per sample.
+    y : (n_sets, n_runs, n, p) array
+        Channels [SI], overwritten.
+
+    See Also
+    --------
+    vlab.diagnose.predictors.modal_integration : the modal form of the step.
+    """
+    n_sets, n_runs, n, channels = y.shape
+    n_inputs, size = inputs.shape[4], state.shape[2]
+    m = size // 2
+    held = np.empty(size)
+    for s in range(n_sets):
+        of = min(s, inputs.shape[2] - 1)
+        for r in range(n_runs):
+            x = state[s, r]
+            for k in range(n):
+                for c in range(channels):
+                    total = 0.0
+                    for j in range(size):
+                        total += x[j] * rows[s, c, j]
+                    for i in range(n_inputs):
+                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
+                    y[s, r, k, c] = total
+                for sub in range(substeps):
+                    now = min(sub, inputs.shape[1] - 1)
+                    if dense.shape[0] > 0:
+                        held[:] = x
+                        x[:] = 0.0
+                        for i in range(m):
+                            for j in range(m):
+                                x[j] += held[i] * dense[s, i, j]
+                    else:
+                        for j in range(m):
+                            held[j] = x[j] * turn[0, s, j] - x[m + j] * turn[1, s, j]
+                            held[m + j] = x[j] * turn[1, s, j] + x[m + j] * turn[0, s, j]
+                        x[:] = held
+                    for i in range(n_inputs):
+                        u = inputs[k, now, of, r, i]
+                        if u != 0.0:
+                            for j in range(size):
+                                x[j] += u * into[s, i, j]
+
+
+@in_any_order
+def integrate_with_laws(
+    turn: Array,
+    dense: Array,
+    into: Array,
+    rows: Array,
+    direct: Array,
+    inputs: Array,
+    state: Array,
+    substeps: int,
+    observed_rows: Array,
+    seen: Array,
+    last: Array,
+    clock: tuple[float, Array],
+    laws: tuple[Array, Array, Array, Array, Array, Array],
+    graphs: tuple[Array, Array, Array, Array, Array],
+    registers: Array,
+    y: Array,
+) -> None:  # pragma: no cover - compiled
+    """Integrate linear states under inputs and laws, in place.
+
+    Parameters
+    ----------
+    turn, dense, into, rows, direct, inputs, state, substeps : array or int
+        Linear system, inputs and initial states of `integrate_free`.
+    observed_rows : (n_sets, 2 n_ports, 2m) array
+        Rows of port displacements and velocities.
+    seen : (n_sets, n_runs, 2 n_ports) array
+        Port motion at the start of the step, overwritten.
+    last : (n_laws, n_sets, n_runs, 2 n_ports) array
+        Port motion from the last force of every law, overwritten.
+    clock : tuple of float and (n_runs,) array
+        Step [s] and time of every run's first sample [s].
+    laws : tuple of array
+        Port, command, state, port-motion and feedthrough maps of every law, and the register of its force.
+    graphs : tuple of array
+        Expression graphs of the laws.
+    registers : (n_registers, n_sets * n_runs) array
+        Registers of all laws, overwritten.
+    y : (n_sets, n_runs, n, p) array
+        Channels [SI], overwritten.
+    """
+    h, late = clock
+    ports, coils, push, felt, direct_law, results = laws
+    operations, bounds, firsts, stored, recalled = graphs
+    n_sets, n_runs, n, channels = y.shape
+    n_inputs, size = inputs.shape[4], state.shape[2]
+    m, sees, n_laws = size // 2, seen.shape[2], len(ports)
+    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty(size)
+    for k in range(n):
+        for s in range(n_sets):
+            of = min(s, inputs.shape[2] - 1)
+            for r in range(n_runs):
+                for c in range(channels):
+                    total = 0.0
+                    for j in range(size):
+                        total += state[s, r, j] * rows[s, c, j]
+                    for i in range(n_inputs):
+                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
+                    y[s, r, k, c] = total
+        for sub in range(substeps):
+            now = min(sub, inputs.shape[1] - 1)
+            for s in range(n_sets):
+                of = min(s, inputs.shape[2] - 1)
+                for r in range(n_runs):
+                    if dense.shape[0] > 0:
+                        for j in range(m):
+                            held[j] = state[s, r, j]
+                            state[s, r, j] = 0.0
+                        for i in range(m):
+                            for j in range(m):
+                                state[s, r, j] += held[i] * dense[s, i, j]
+                    else:
+                        for j in range(m):
+                            x = state[s, r, j]
+                            state[s, r, j] = x * turn[0, s, j] - state[s, r, m + j] * turn[1, s, j]
+                            state[s, r, m + j] = x * turn[1, s, j] + state[s, r, m + j] * turn[0, s, j]
+                    for i in range(n_inputs):
+                        u = inputs[k, now, of, r, i]
+                        if u != 0.0:
+                            for j in range(size):
+                                state[s, r, j] += u * into[s, i, j]
+                    for i in range(sees):
+                        total = 0.0
+                        for j in range(size):
+                            total += state[s, r, j] * observed_rows[s, i, j]
+                        after[s, r, i] = total
+                        # a force changes little in a step, so the last value estimates the unknown one
+                        known[s, r, i] = 0.0
+                        for law in range(n_laws):
+                            known[s, r, i] += last[law, s, r, i]
+            for law in range(n_laws):
+                z, v, coil = ports[law], sees // 2 + ports[law], coils[law]
+                own = registers[bounds[law, 0] : bounds[law + 1, 0]]
+                for s in range(n_sets):
+                    of = min(s, inputs.shape[2] - 1)
+                    for r in range(n_runs):
+                        e = s * n_runs + r
+                        own[AT_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
+                        own[AT_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
+                        own[AT_T, e] = late[r] + (k * substeps + sub + 0.5) * h
+                        own[AT_FREE, e], own[AT_FIRST, e] = after[s, r, v], seen[s, r, v]
+                        own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
+                evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
+                for i in range(bounds[law, 2], bounds[law + 1, 2]):
+                    own[recalled[i]] = own[stored[i]]
+                for s in range(n_sets):
+                    for r in range(n_runs):
+                        force = own[results[law], s * n_runs + r]
+                        for j in range(size):
+                            state[s, r, j] += force * push[s, law, j]
+                        for i in range(sees):
+                            known[s, r, i] -= last[law, s, r, i]
+                            last[law, s, r, i] = force * felt[s, law, i]
+                            after[s, r, i] += last[law, s, r, i]
+                        if sub == 0:
+                            for c in range(channels):
+                                y[s, r, k, c] += force * direct_law[s, law, c]
+            seen[:] = after
+        if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
+            for s in range(n_sets):
+                for r in range(n_runs):
+                    for j in range(size):
+                        x = state[s, r, j]
+                        state[s, r, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
+            last[:] = 0.0
+
+
+@compiled(error_model="numpy")
+def _series(
+    operations: Array, first: int, registers: Array, signals: Array, stored: Array, recalled: Array, result: int
+) -> Array:  # pragma: no cover - compiled
+    """Return a law's force (n, m) along given signals (n, n_signals, m)."""
+    n, count, m = signals.shape
+    out = np.empty((n, m))
+    for k in range(n):
+        for i in range(count):
+            registers[i] = signals[k, i]
+        evaluate(operations, first, registers)
+        for i in range(len(recalled)):
+            registers[recalled[i]] = registers[stored[i]]
+        out[k] = registers[result]
+    return out
+
+
+ExpressionGraphs = tuple[Array, Array, Array, Array, Array]
+"""Operations of all laws; bounds (n + 1, 3) of each law's registers, operations and memory; first result registers;
+registers of the memory after a step; registers of the memory before a step."""
+
+
+def loaded(
+    graphs: Sequence[ExpressionGraph],
+    values: Sequence[Sequence[Any]],
+    memories: Sequence[Sequence[Any]],
+    shape: tuple[int, ...],
+) -> tuple[ExpressionGraphs, Array]:
+    """Concatenate expression graphs and fill their constant registers.
+
+    Parameters
+    ----------
+    graphs : sequence of ExpressionGraph
+        Graph of every law.
+    values : sequence of sequence of array
+        Parameters of every law in the order of its class, broadcastable to `shape`.
+    memories : sequence of sequence of array
+        Initial memory of every law.
+    shape : tuple of int
+        Batch of parameter sets and runs.
+
+    Returns
+    -------
+    graphs : ExpressionGraphs
+        Concatenated graphs.
+    registers : (n_registers, prod(shape)) array
+        Registers with constants, parameters and initial memory.
+    """
+    registers = np.zeros((sum(graph.registers for graph in graphs), int(np.prod(shape))))
+    bounds = np.zeros((len(graphs) + 1, 3), dtype=np.int64)
+    for i, (graph, own, memory) in enumerate(zip(graphs, values, memories, strict=True)):
+        bounds[i + 1] = bounds[i] + (graph.registers, len(graph.operations), len(graph.memory))
+        given = (*graph.constants, *zip(graph.parameters, own, strict=True), *zip(graph.memory, memory, strict=True))
+        for at, value in given:
+            registers[bounds[i, 0] + at] = np.broadcast_to(value, shape).reshape(-1)
+    found = (
+        np.concatenate([np.zeros((0, 4), dtype=np.int64), *(graph.operations for graph in graphs)]),
+        bounds,
+        np.array([graph.first for graph in graphs], dtype=np.int64),
+        np.array([m for graph in graphs for m in graph.remembered], dtype=np.int64),
+        np.array([m for graph in graphs for m in graph.memory], dtype=np.int64),
+    )
+    return found, registers
+
+
+def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
+    """Return a law's force along a given motion.
+
+    Parameters
+    ----------
+    graph : ExpressionGraph
+        Graph of the law.
+    z, v, t : (n, ...) array
+        Displacement, velocity [SI] and time [s].
+    values : sequence of array
+        Parameters of the law.
+    memory : sequence of array
+        Initial memory.
+
+    Returns
+    -------
+    (n, ...) array
+        Force [SI].
+    """
+    (operations, _, (first,), stored, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
+    signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
+    out = _series(operations, first, registers, signals, stored, recalled, graph.force)
+    return np.asarray(out.reshape(z.shape))

@@ -1,0 +1,1 @@
+"""Parametrised model: uncertain parameters, locations, observed channels."""

@@ -1,0 +1,92 @@
+"""Hold-out recordings of a case."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
+from vlab.cases.clock import plan_clock
+from vlab.diagnose.settings import RECORDED_RUNS
+from vlab.errors import BadCase
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HoldOut:
+    """Hold-out recordings of a case.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+        Recordings that can verify a finding.
+    notes : tuple of str
+        Missing channels and unused data.
+    """
+
+    runs: tuple[Run, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HoldOut:
+    """Read the hold-out recordings of a case.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    names : sequence of str
+        Channels of the recordings to fit.
+    fitted : sequence of Run
+        Recordings to fit.
+
+    Returns
+    -------
+    HoldOut
+        Usable recordings and notes.
+
+    Raises
+    ------
+    BadRecording
+        A file is damaged or contradicts the case.
+    BadCase
+        A recording cannot drive the model, takes too many steps, or is also fitted.
+    """
+    runs, notes = [], []
+    for run in case.runs(("holdout",)):
+        plan_clock(case.plant.timestep, run)
+        same = next((f.name for f in fitted if np.array_equal(f.measured.data, run.measured.data)), None)
+        if same is not None:
+            raise BadCase(
+                f"{case.path}: {run.name} is held out and has the very samples of {same}, which is fitted: it verifies nothing; "
+                "hold out another recording"
+            )
+        if not moves(run):
+            notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
+            continue
+        if len(run.measured) < RECORDED_RUNS.least_samples:
+            few = len(run.measured)
+            notes.append(
+                f"{run.name}: {few} samples verify nothing, so it is left out; at least {RECORDED_RUNS.least_samples} do"
+            )
+            continue
+        runs.append(run)
+        absent = [name for name in names if name not in run.measured.names]
+        if absent:
+            notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
+    if not runs:
+        notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
+    return HoldOut(runs=tuple(runs), notes=(*notes, *_unused(case)))
+
+
+def moves(run: Run) -> bool:
+    """Return whether any compared channel of a run moves."""
+    return any(np.ptp(run.measured[c.channel]) > 0 for c in run.compared)
+
+
+def _unused(case: Case) -> list[str]:
+    kinds = [name for name in ("frf", "modal") if getattr(case.table, name)]
+    if not kinds:
+        return []
+    tables = " and ".join(f"[[{kind}]]" for kind in kinds)
+    return [f"{tables} not used: the case has recordings over time to fit; diagnose them in a case of their own"]

@@ -1,0 +1,266 @@
+"""Locations of possible missing physics, in modal coordinates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vlab.diagnose.parameters.reduced_model import ReducedModel
+from vlab.diagnose.settings import LOCATIONS
+from vlab.physics.attach import port_at
+from vlab.physics.effect import Effect, PickUp
+from vlab.physics.running import tap_index
+from vlab.plants.base import Plant
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """Location of an effect.
+
+    Parameters
+    ----------
+    name : str
+        Name in the report.
+    kind : str
+        ``"port"``, ``"body"``, ``"actuator"``, ``"sensor"``, or ``"pick-up"``: a sensor and a second signal.
+    rows : (k, m) array
+        Port displacement per modal coordinate; of a body or site the three rows of its centre.
+    angular : bool
+        Whether the port is a rotation.
+    stiffness : float
+        Stiffness of the elastic element at the port [N/m or N m/rad]; 0 without one.
+    stiffened_by : tuple of int
+        Uncertain parameters that multiply the stiffness.
+    index : int
+        Index of the actuator or channel.
+    also : tuple of int
+        Further actuators of a location that several share.
+    other : int
+        Actuator or channel whose signal a pick-up receives, according to `tag`.
+    coil : int or None
+        Actuator that acts along the port.
+    aliases : tuple of str
+        Other names of the port.
+    tag : str
+        Tag of `vlab.plants.base.Port`; of a pick-up ``"command"`` or ``"sensor"``.
+    is_held : bool
+        Whether the model restores the port; a free port has no rest position.
+    """
+
+    name: str
+    kind: str
+    rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    angular: bool = False
+    stiffness: float = 0.0
+    stiffened_by: tuple[int, ...] = ()
+    index: int = -1
+    also: tuple[int, ...] = ()
+    other: int = -1
+    coil: int | None = None
+    aliases: tuple[str, ...] = ()
+    tag: str = ""
+    is_held: bool = True
+
+    def stiffness_at(self, theta: Array) -> Array:
+        """Return the element's stiffness (n_sets,) at log factors (n_sets, n_changes)."""
+        return np.asarray(self.stiffness * np.exp(theta[:, list(self.stiffened_by)].sum(axis=1)))
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """All actuators or channels of the location."""
+        return (self.index, *self.also)
+
+
+def admissible(effect: Effect, place: Place) -> bool:
+    """Return whether an effect can act at a location.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    place : Place
+        Location.
+
+    Returns
+    -------
+    bool
+        Whether kind, family and needs of the effect match the location.
+    """
+    if isinstance(effect, PickUp):
+        return place.kind == "pick-up" and place.tag in effect.needs
+    if effect.kind in ("actuator", "sensor"):
+        return place.kind == effect.kind and (not place.also or effect.traits.is_shared)
+    if place.kind == "body":
+        return effect.name == "added-mass"
+    if place.kind != "port":
+        return False
+    if ("tension" in effect.needs) != (place.tag == "tension") or (len(place.rows) > 1 and not effect.needs):
+        return False
+    has = {
+        "translation": not place.angular and len(place.rows) == 1,
+        "rotation": place.angular,
+        "stiffness": place.stiffness > 0,
+        "coil": place.coil is not None,
+        "magnet": place.coil is not None or not place.stiffness > 0,  # elsewhere a magnet is a softer element
+    }
+    return all(has.get(need, True) for need in effect.needs)
+
+
+def reported_name(name: str, effect: Effect, driven: int) -> str:
+    """Return the reported name of a structure's hardware.
+
+    Parameters
+    ----------
+    name : str
+        Name of the location.
+    effect : Effect
+        Effect, whose family selects the coil, the amplifier or the chain.
+    driven : int
+        Number of driven actuators. With a single coil, delay, filter and converters belong to the chain.
+
+    Returns
+    -------
+    str
+        Name in the report.
+    """
+    if not name.startswith("actuator:"):
+        return name
+    bare = name.removeprefix("actuator:")
+    part = effect.traits.hardware
+    if part == "chain":
+        return "chain" if driven == 1 else f"coil:{bare}"
+    return f"{part}:{bare}"
+
+
+def places_of(
+    plant: Plant,
+    reduced_model: ReducedModel,
+    channels: Sequence[str],
+    driven: Sequence[int],
+    free: Array | None = None,
+    *,
+    is_near_rest: bool = True,
+) -> list[Place]:
+    """Return the locations of a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    reduced_model : ReducedModel
+        Modes of the plant.
+    channels : sequence of str
+        Names of the compared channels.
+    driven : sequence of int
+        Actuators driven by recordings or laws.
+    free : (m, k) array or None
+        Directions without restoring force; the rigid-body modes by default.
+    is_near_rest : bool
+        Whether the plant stays near rest, where a point that moves along one port is no further location.
+
+    Returns
+    -------
+    list of Place
+        Ports, bodies and sites, actuators, sensors and pick-ups.
+    """
+    ports: list[Place] = []
+    names, data = list(plant.ports), plant.new_data()
+    rows = plant.port_rows(names) @ reduced_model.shapes
+    scale = np.abs(rows).max(initial=0.0)
+    free = np.eye(len(reduced_model.omega))[:, np.abs(reduced_model.omega) < LOCATIONS.free] if free is None else free
+    for name, row in zip(names, rows, strict=True):
+        if np.abs(row).max(initial=0.0) <= 1e-6 * scale:
+            continue
+        reduced_model_port = next(
+            (i for i, p in enumerate(ports) if np.abs(p.rows[0] - row).max() <= LOCATIONS.same * np.abs(row).max()),
+            None,
+        )
+        if reduced_model_port is not None and not plant.ports[name].tag:
+            known = ports[reduced_model_port]
+            stiffness = max(known.stiffness, plant.own_stiffness(name))
+            ports[reduced_model_port] = replace(known, aliases=(*known.aliases, name), stiffness=stiffness)
+            continue
+        ports.append(
+            Place(
+                name=name,
+                kind="port",
+                rows=np.vstack([row, *(more.row(data) @ reduced_model.shapes for more in plant.ports[name].more)]),
+                angular=plant.ports[name].unit == "rad",
+                stiffness=plant.own_stiffness(name),
+                coil=_coil(reduced_model, row, driven),
+                tag=plant.ports[name].tag,
+                is_held=bool(np.abs(row @ free).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
+            )
+        )
+    ports = ports[: LOCATIONS.most_ports]
+    straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
+    out = [*ports, *_points(plant, reduced_model, straight)]
+    out += [
+        Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
+        for i in driven
+    ]
+    if len(driven) > 1:
+        out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:])))
+    sensors = [f"sensor:{name.removeprefix('sensor:')}" for name in channels]
+    out += [Place(name=name, kind="sensor", index=i) for i, name in enumerate(sensors)]
+    return out + _pick_ups(plant, channels, sensors, driven)
+
+
+def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:
+    """Return sensors paired with possible crosstalk signals."""
+    own = [i for i, name in enumerate(channels) if tap_index(plant.sensors, name) is not None]
+    out = [
+        Place(name=f"{sensors[i]}/{plant.actuators[k].name}", kind="pick-up", index=i, other=k, tag="command")
+        for i in own
+        for k in driven
+    ]
+    if len(channels) > LOCATIONS.most_picked_up:
+        return out
+    return out + [
+        Place(name=f"{sensors[i]}/{sensors[k].partition(':')[2]}", kind="pick-up", index=i, other=k, tag="sensor")
+        for i in own
+        for k in own
+        if i != k
+    ]
+
+
+def _coil(reduced_model: ReducedModel, row: Array, driven: Sequence[int]) -> int | None:
+    """Return the actuator along a port's row, or None."""
+    for i in driven:
+        force = reduced_model.forces[:, i]
+        size = np.linalg.norm(force) * np.linalg.norm(row)
+        if size > 0 and abs(force @ row) > 0.9999 * size:
+            return i
+    return None
+
+
+def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> list[Place]:
+    """Return bodies and sites without a port of the same motion.
+
+    Added mass there needs three rows.
+    """
+    if not isinstance(plant, MjcfPlant):
+        return []
+    model, data = plant.model, plant.new_data()
+    bodies = [("body", model.body(i).name) for i in range(1, model.nbody) if model.body_mass[i] > 0]
+    sites = [("site", model.site(i).name) for i in range(model.nsite)]
+    out: list[Place] = []
+    for name in (f"{kind}:{own}" for kind, own in (*bodies, *sites) if own):
+        port = port_at(plant, name)
+        rows = np.array([one.row(data) for one in (port, *port.more)]) @ reduced_model.shapes
+        if np.abs(rows).max(initial=0.0) == 0.0:
+            continue
+        moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
+        if len(moving) == 1 and any(_is_parallel(p.rows[0], moving[0]) for p in ports if not p.angular):
+            continue
+        if any(p.rows.shape == moving.shape and _is_parallel(p.rows, moving) for p in out):
+            continue  # a site at a body's centre is no second location
+        out.append(Place(name=name, kind="body", rows=moving))
+    return out[: LOCATIONS.most_ports]
+
+
+def _is_parallel(a: Array, b: Array) -> bool:
+    """Return whether rows are equal up to sign."""
+    return bool(np.abs(np.abs(a) - np.abs(b)).max() <= LOCATIONS.same * np.abs(b).max())

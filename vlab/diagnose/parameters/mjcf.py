@@ -1,0 +1,437 @@
+"""Uncertain parameters of an MJCF model, as log factors."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy import linalg
+
+from vlab.diagnose.parameters.reduced_model import Change, Part
+from vlab.diagnose.settings import MJCF_PRIORS
+from vlab.plants.base import Plant
+from vlab.plants.equilibrium import settle
+from vlab.plants.mjcf import MjcfPlant
+from vlab.signals import Array
+
+ELEMENTS = ("stiffness", "damping", "friction", "mass", "armature")
+"""Kinds of parameters that elements of a model have."""
+IMPEDANCE = (*ELEMENTS, "inertia")
+"""Kinds of parameters that resist motion."""
+
+
+Number = tuple[str, int | tuple[int, int]]
+"""Value of a model: name of its array, and index in the array."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertain:
+    """Uncertain parameter: a log factor on values of the model.
+
+    Parameters
+    ----------
+    name : str
+        ``"stiffness"`` for a kind, ``"joint:hinge:stiffness"`` for an element, ``"gain:motor"``, ``"sensor:enc"``.
+    kind : str
+        Kind of the parameter.
+    sd : float
+        Prior standard deviation of the log factor.
+    fields : tuple
+        Multiplied values of the model.
+    actuator, sensor : int or None
+        Actuator or channel whose gain is multiplied.
+    """
+
+    name: str
+    kind: str
+    sd: float
+    fields: tuple[Number, ...] = ()
+    actuator: int | None = None
+    sensor: int | None = None
+
+
+def uncertain_parameters(
+    plant: Plant, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
+) -> list[Uncertain]:
+    """Return the uncertain parameters of an MJCF plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    channels : sequence of str
+        Names of the compared channels.
+    actuators : sequence of int
+        Driven actuators.
+
+    Returns
+    -------
+    list of Uncertain
+        Parameters of elements, actuator gains and sensor gains.
+    """
+    given = _of_bodies(plant.model, given)
+    out: list[Uncertain] = []
+    for kind in ELEMENTS:
+        elements = _elements(plant.model, kind)
+        also = "inertia" if kind == "mass" else kind
+        out += of_kind(kind, elements, given.get(kind, MJCF_PRIORS.default_sd[kind]), given, also)
+    for i in actuators:
+        name = plant.actuators[i].name
+        sd = gain_sd(given, name)
+        out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, fields=_returned(plant, i), actuator=i))
+    for i, name in enumerate(channels):
+        sd = given.get(
+            f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", MJCF_PRIORS.default_sd["sensor"])
+        )
+        out.append(Uncertain(name=f"sensor:{name}", kind="sensor", sd=sd, sensor=i))
+    return out
+
+
+def gain_sd(given: Mapping[str, float], actuator: str) -> float:
+    """Return the prior standard deviation of an actuator's gain."""
+    return given.get(f"actuator:{actuator}:gain", given.get("gain", MJCF_PRIORS.default_sd["gain"]))
+
+
+def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
+    """Return the feedback values that a servo's gain multiplies."""
+    model, out = plant.model, []
+    for control in plant.actuators[actuator].controls:
+        if model.actuator_biastype[control] == mujoco.mjtBias.mjBIAS_AFFINE:
+            gain, bias = float(model.actuator_gainprm[control, 0]), model.actuator_biasprm[control]
+            out += [("actuator_biasprm", (int(control), k)) for k in (1, 2) if gain != 0.0 and bias[k] == -gain]
+    return tuple(out)
+
+
+def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool) -> Array | None:
+    """Return log factors that scale all impedances and gains.
+
+    Recorded motions cannot identify that common factor; only the priors do.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    loaded : bool
+        Whether measured forces act, beside commanded ones.
+
+    Returns
+    -------
+    (n_parameters,) array or None
+        Log factors; None where a part of the model has no uncertain factor.
+    """
+    model = plant.model
+    if loaded or model.opt.density or model.opt.viscosity:
+        return None
+    numbers = sorted({number for p in parameters if p.kind in IMPEDANCE for number in p.fields}, key=str)
+    actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
+    known = {name for name, _ in numbers}
+    if "body_mass" not in known or not _all_known(plant, numbers, actuators, parameters):
+        return None
+    spread = _spread(parameters, numbers, actuators)
+    found = np.linalg.lstsq(spread, np.ones(len(spread)), rcond=1e-9)[0]
+    if not np.allclose(spread @ found, 1.0, atol=1e-6):
+        return None
+    return np.asarray(found * [p.sd for p in parameters])
+
+
+def redundant(parameters: Sequence[Uncertain]) -> Array:
+    """Return parameter directions without effect on the model.
+
+    A common factor compensates the elements' own factors. Only the priors identify the position along these directions.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    (k, n_parameters) array
+        Directions in standard deviations.
+    """
+    if any(p.actuator is None and p.sensor is None and not p.fields for p in parameters):
+        return np.zeros((0, len(parameters)))  # parameters of a structure multiply disjoint values
+    numbers = sorted({number for p in parameters for number in p.fields}, key=str)
+    actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
+    spread = _spread(parameters, numbers, actuators)
+    sensors = [[float(p.sensor == i) for p in parameters] for i in {p.sensor for p in parameters} - {None}]
+    return np.asarray(linalg.null_space(np.vstack([spread, *sensors])).T)
+
+
+def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuators: Sequence[int]) -> Array:
+    """Return the changes of log values and log gains per standard deviation.
+
+    The shape is (n_numbers + n_actuators, n_parameters).
+    """
+    fields = [set(p.fields) for p in parameters]
+    rows = [[float(number in own) for own in fields] for number in numbers]
+    rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
+    return np.reshape(rows, (len(rows), len(parameters))) * [p.sd for p in parameters]
+
+
+def _all_known(
+    plant: Plant, numbers: Sequence[Number], actuators: Sequence[int], parameters: Sequence[Uncertain]
+) -> bool:
+    """Return whether every element and servo has an uncertain factor."""
+    model, have = plant.model, set(numbers)
+    for kind in ELEMENTS:
+        if any(not set(fields) <= have for fields in _elements(model, kind).values()):
+            return False
+    controls = {int(c) for i in actuators for c in plant.actuators[i].controls}
+    servos = {number for p in parameters if p.actuator is not None for number in p.fields}
+    biased = {("actuator_biasprm", (int(i), int(k))) for i, k in zip(*np.nonzero(model.actuator_biasprm), strict=True)}
+    return biased <= servos and controls >= {index[0] for _, index in biased}
+
+
+def of_kind(
+    kind: str, elements: Mapping[str, tuple[Number, ...]], sd: float, given: Mapping[str, float], also: str
+) -> list[Uncertain]:
+    """Return the common and individual parameters of one kind.
+
+    Parameters
+    ----------
+    kind : str
+        Kind.
+    elements : mapping
+        Multiplied values of the model by element.
+    sd : float
+        Prior standard deviation of the kind.
+    given : mapping
+        ``[model.uncertain]``, which may name elements.
+    also : str
+        Alternative name of the kind after an element's name.
+
+    Returns
+    -------
+    list of Uncertain
+        Parameters.
+    """
+    every = tuple(field for fields in elements.values() for field in fields)
+    if not every:
+        return []
+    is_split = 1 < len(elements) <= MJCF_PRIORS.most_elements
+    is_named = any(f"{name}:{kind}" in given for name in elements)  # then the kind's factor is the common one
+    out = [
+        Uncertain(name=kind, kind=kind, sd=MJCF_PRIORS.common * sd if is_split and not is_named else sd, fields=every)
+    ]
+    own = {name: given.get(f"{name}:{kind}") or given.get(f"{name}:{also}") for name in elements}
+    if is_split:
+        out += [
+            Uncertain(name=f"{name}:{kind}", kind=kind, sd=MJCF_PRIORS.own * sd, fields=fields)
+            for name, fields in elements.items()
+            if not own[name]
+        ]
+    out += [
+        Uncertain(name=f"{name}:{kind}", kind=kind, sd=stated, fields=elements[name])
+        for name, stated in own.items()
+        if stated
+    ]
+    return out
+
+
+def unused(given: Mapping[str, float], parameters: Sequence[Uncertain]) -> list[str]:
+    """Return a note on unused entries of ``[model.uncertain]``.
+
+    Parameters
+    ----------
+    given : mapping
+        ``[model.uncertain]`` of the case.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
+    """
+    kinds, names = {p.kind for p in parameters}, {p.name for p in parameters}
+    stated = [name for name in given if not name.startswith("geom:")]  # geom masses belong to bodies
+    idle = [name for name in stated if not (_meant(name) & names if ":" in name else name in kinds)]
+    if not idle:
+        return []
+    return [f"[model.uncertain] {', '.join(idle)}: not used, nothing of that kind or name is uncertain in this case"]
+
+
+def _meant(name: str) -> set[str]:
+    """Return the names of parameters that a stated name can refer to."""
+    kind, _, rest = name.partition(":")
+    element, _, quantity = rest.rpartition(":")
+    return {
+        "actuator": {f"gain:{element}"},
+        "sensor": {f"sensor:{element}", f"sensor:sensor:{element}"},
+        "body": {name, f"body:{element}:mass"} if quantity == "inertia" else {name},
+    }.get(kind, {name})
+
+
+def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
+    """Return stated uncertainties with geom masses assigned to their bodies.
+
+    Of several geoms of a body the largest value holds.
+    """
+    out = dict(given)
+    for name, sd in given.items():
+        kind, _, rest = name.partition(":")
+        if kind == "geom":
+            body = model.body(int(model.geom(rest.rpartition(":")[0]).bodyid[0]))
+            of_body = f"body:{body.name or f'body{body.id}'}:mass"
+            out[of_body] = max(sd, out.get(of_body, 0.0))
+    return out
+
+
+def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
+    """Return the elements with a parameter of one kind, with the parameter's values."""
+    out: dict[str, tuple[Number, ...]] = {}
+    if kind == "mass":
+        for i in range(1, model.nbody):
+            if model.body_mass[i] > 0 and model.body_weldid[i] != 0:
+                name = model.body(i).name or f"body{i}"
+                out[f"body:{name}"] = (("body_mass", i), ("body_inertia", i))
+        return out
+    for i in range(model.njnt):
+        name = f"joint:{model.joint(i).name or i}"
+        dofs = _dofs(model, i)
+        if kind == "armature" and any(model.dof_armature[d] for d in dofs):
+            out[name] = tuple(("dof_armature", d) for d in dofs)
+        if kind == "friction" and any(model.dof_frictionloss[d] for d in dofs):
+            out[name] = tuple(("dof_frictionloss", d) for d in dofs)
+        if kind == "stiffness" and (model.jnt_stiffness[i] or np.any(model.jnt_stiffnesspoly[i])):
+            out[name] = (("jnt_stiffness", i), ("jnt_stiffnesspoly", i))
+        if kind == "damping" and any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
+            out[name] = tuple((field, d) for d in dofs for field in ("dof_damping", "dof_dampingpoly"))
+    for i in range(model.ntendon):
+        name = f"tendon:{model.tendon(i).name or i}"
+        array, poly = f"tendon_{kind}", f"tendon_{kind}poly"
+        if kind == "armature" and model.tendon_armature[i]:
+            out[name] = ((array, i),)
+        if kind == "friction" and model.tendon_frictionloss[i]:
+            out[name] = (("tendon_frictionloss", i),)
+        if kind in ("stiffness", "damping") and (getattr(model, array)[i] or np.any(getattr(model, poly)[i])):
+            out[name] = ((array, i), (poly, i))
+    return out
+
+
+def _dofs(model: Any, joint: int) -> range:
+    """Return the degrees of freedom of a joint."""
+    first = int(model.jnt_dofadr[joint])
+    return range(first, first + {0: 6, 1: 3}.get(int(model.jnt_type[joint]), 1))
+
+
+def stiffness_of(model: Any, names: Sequence[str]) -> list[Number]:
+    """Return the stiffness values of the first elastic element."""
+    elements = _elements(model, "stiffness")
+    return next((list(elements[name]) for name in names if name in elements), [])
+
+
+def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
+    """Return a plant at given log factors, in equilibrium.
+
+    A servo's gain multiplies its feedback and its command. Channel gains are no part of the plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors.
+
+    Returns
+    -------
+    Plant
+        Adjusted plant.
+    """
+    model = copy.copy(plant.model)
+    for parameter, value in zip(parameters, theta, strict=True):
+        factor = float(np.exp(value))
+        for name, index in parameter.fields:
+            getattr(model, name)[index] *= factor
+        if parameter.actuator is not None:
+            for control in plant.actuators[parameter.actuator].controls:
+                model.actuator_gainprm[control] *= factor
+    return with_model(plant, model)
+
+
+def with_model(plant: Plant, model: Any) -> Plant:
+    """Return a plant with another compiled model, in equilibrium.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    model : Any
+        Compiled model, overwritten in its derived constants.
+
+    Returns
+    -------
+    Plant
+        Plant at the equilibrium of the model.
+    """
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    if isinstance(plant, MjcfPlant):
+        rest, notes = settle(model)
+        return replace(plant, model=model, rest=rest, notes=tuple(notes))
+    return replace(plant, model=model)
+
+
+def derivative(make: Callable[[float], tuple[Array, Array, Array]], step: float = 1e-3) -> tuple[Array, Array, Array]:
+    """Return central differences of M, C and K by a log factor."""
+    high, low = make(step), make(-step)
+    return tuple((a - b) / (2 * step) for a, b in zip(high, low, strict=True))  # type: ignore[return-value]
+
+
+def changes_of(parameters: Sequence[Uncertain]) -> tuple[Change, ...]:
+    """Return uncertain parameters as the reduced model's changes."""
+    return tuple(Change(name=p.name, sd=p.sd, actuator=p.actuator, sensor=p.sensor) for p in parameters)
+
+
+def parts_of(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
+    """Return the modal matrix parts under uncertain parameters.
+
+    A spring is one part under two factors: the common one and its own. A sum of both derivatives at factors of 7 %
+    would shift a lightly damped frequency by a tenth of its bandwidth.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    basis : (nv, m) array
+        Mode shapes.
+
+    Returns
+    -------
+    tuple of Part
+        Parts of M, C and K.
+    """
+    by: dict[Number, tuple[int, ...]] = {}
+    for i, parameter in enumerate(parameters):
+        for number in parameter.fields:
+            by[number] = (*by.get(number, ()), i)
+    together: dict[tuple[int, ...], list[Number]] = {}
+    for number, multiplied in by.items():
+        together.setdefault(multiplied, []).append(number)
+    return tuple(_part(plant, tuple(fields), multiplied, basis) for multiplied, fields in together.items())
+
+
+def _part(plant: Plant, fields: tuple[Number, ...], by: tuple[int, ...], basis: Array) -> Part:
+    one = Uncertain(name="", kind="", sd=1.0, fields=fields)
+
+    def matrices(theta: float) -> tuple[Array, Array, Array]:
+        linear = adjusted(plant, [one], np.array([theta])).linearise()
+        return linear.M, linear.C, linear.K
+
+    M, C, K = (basis.T @ part @ basis for part in derivative(matrices))
+    return Part(
+        by=by,
+        M=M if np.abs(M).max() > 1e-9 else None,  # unit modal mass
+        C=C if np.any(C) else None,
+        K=K if np.any(K) else None,
+    )

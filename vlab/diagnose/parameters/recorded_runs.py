@@ -1,0 +1,159 @@
+"""Recorded runs of a case with common channels."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.channel_map import ORDER, Compared, Law, Run
+from vlab.cases.clock import plan_clock
+from vlab.cases.initial_state import replayed_commands
+from vlab.cases.replay import bench_for
+from vlab.diagnose.data.runs import fastest, uniform
+from vlab.diagnose.parameters.observation import within_limits
+from vlab.diagnose.settings import RECORDED_RUNS
+from vlab.errors import BadCase
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedRuns:
+    """Runs of a case with common channels.
+
+    Parameters
+    ----------
+    runs : tuple of Run
+        Recordings.
+    channels : tuple of Compared
+        Compared channels, without commands.
+    load_ports : tuple of str
+        Directly driven ports.
+    driven : tuple of int
+        Actuators driven by recordings or laws.
+    """
+
+    runs: tuple[Run, ...]
+    channels: tuple[Compared, ...]
+    load_ports: tuple[str, ...]
+    driven: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(c.channel for c in self.channels)
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Time derivatives of position in every channel: 0, 1 or 2."""
+        measured = self.runs[0].measured
+        return tuple(ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in self.names)
+
+    @property
+    def highest_hz(self) -> float:
+        """Frequency below which nearly all recorded velocity power lies [Hz]."""
+        data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
+        return max(fastest(y, uniform(time), self.orders) for y, time in data)
+
+    def step(self, plant: Plant) -> float:
+        """Return the shortest integration step over the runs [s]."""
+        return min(plan_clock(plant.timestep, run).timestep for run in self.runs)
+
+
+def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
+    """Return the runs of a case in some roles.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    roles : sequence of str
+        Roles to read.
+
+    Returns
+    -------
+    RecordedRuns
+        Runs with common channels.
+
+    Raises
+    ------
+    BadCase
+        No recording, too short a recording, or different channels.
+    """
+    runs = tuple(case.runs(roles))
+    if not runs:
+        only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
+        raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
+    short = next((run for run in runs if len(run.measured) < RECORDED_RUNS.least_samples), None)
+    if short is not None:
+        raise BadCase(
+            f"{case.path}: {short.name} has {len(short.measured)} samples; at least {RECORDED_RUNS.least_samples} tell motion from noise"
+        )
+    channels = tuple(c for c in runs[0].compared if c.actuator is None)
+    for run in runs[1:]:
+        if tuple(c for c in run.compared if c.actuator is None) != channels:
+            raise BadCase(
+                f"{case.path}: {run.name} compares other channels than {runs[0].name}; give them the same ones"
+            )
+    by_law = {i for run in runs if run.law is not None for i in run.law.actuators}
+    return RecordedRuns(
+        runs=runs,
+        channels=channels,
+        load_ports=tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port)),
+        driven=tuple(sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | by_law)),
+    )
+
+
+def recorded_commands(plant: Plant, run: Run) -> Array | None:
+    """Return the recorded or replayed commands of the law.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    run : Run
+        Recording.
+
+    Returns
+    -------
+    (n_samples, n_actuators) array or None
+        Commands within the plant's limits; None without a law.
+    """
+    if run.law is None:
+        return None
+    law: Law = replace(run.law, controller=copy.deepcopy(run.law.controller))
+    out = np.zeros((len(run.measured), len(plant.actuators)))
+    replayed = replayed_commands(run, law, run.measured, bench_for(plant, run))
+    for column, actuator in enumerate(law.actuators):
+        recorded = next((c for c in run.compared if c.actuator == actuator), None)
+        commands = replayed[:, column] if recorded is None else run.measured[recorded.channel]
+        out[:, actuator] = within_limits(plant, actuator, commands)
+    return out
+
+
+def limited(plant: Plant, run: Run) -> Run:
+    """Return a run with drives within the plant's limits.
+
+    The search is linear in the driving channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    run : Run
+        Recording.
+
+    Returns
+    -------
+    Run
+        Recording with clipped drives.
+    """
+    measured = run.measured
+    data = measured.data.copy()
+    for drive in run.drives:
+        if drive.actuator is not None:
+            i = measured.index(drive.channel)
+            data[:, i] = within_limits(plant, drive.actuator, data[:, i])
+    return run if np.array_equal(data, measured.data) else replace(run, measured=replace(measured, data=data))

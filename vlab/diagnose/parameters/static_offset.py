@@ -1,0 +1,110 @@
+"""Static offsets of sensors, such as distance or gravity.
+
+Offsets of many times the motion are subtracted first, since filters and windows would start far off. Smaller offsets
+are parameters of every fit (`vlab.diagnose.inference.sensor_offset`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.parameters.observation import channel_rows
+from vlab.diagnose.parameters.recorded_runs import read_runs
+from vlab.diagnose.settings import LOCATIONS, STATIC_OFFSET
+from vlab.errors import BadStructure
+from vlab.signals import Array
+
+ANGLES = ("angle",)
+"""Kinds without correction: a pendulum may be inverted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticOffset:
+    """Static offset of a channel from the model at rest.
+
+    Parameters
+    ----------
+    channel : str
+        Channel.
+    value : float
+        Offset [SI].
+    unit : str
+        SI unit of the channel.
+    """
+
+    channel: str
+    value: float
+    unit: str
+
+    @property
+    def line(self) -> str:
+        """Note for the report."""
+        return f"{self.channel}: reads {self.value:.4g} {self.unit} more at rest than the model, in all recordings; taken off"
+
+
+def remove_static_offsets(case: Case) -> tuple[Case, tuple[StaticOffset, ...]]:
+    """Subtract the static offsets of a case's channels.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    case : Case
+        Case with corrected channel offsets.
+    offsets : tuple of StaticOffset
+        Subtracted offsets.
+
+    Raises
+    ------
+    BadCase, BadRecording
+        A recording contradicts the model or cannot be read.
+    """
+    if not case.recordings(("fit",)):
+        return case, ()
+    recorded = read_runs(case, ("fit",))
+    try:
+        linear = case.plant.linearise()
+    except BadStructure:
+        return case, ()  # without equilibrium there is no offset
+    rows = channel_rows(case.plant, recorded.channels)
+    omega, shapes = linear.eigen
+    moves_freely = np.any(np.abs(rows.at_q @ shapes[:, np.abs(omega) < LOCATIONS.free]) > 0, axis=1)
+    measured = recorded.runs[0].measured
+    found = []
+    for i, compared in enumerate(recorded.channels):
+        channel = measured.channels[measured.index(compared.channel)]
+        if channel.kind in ANGLES or moves_freely[i]:
+            continue
+        rest = 0.0 if compared.from_rest else rows.rest[i]
+        value = _static_offset([run.measured[compared.channel] - rest for run in recorded.runs])
+        if value != 0.0:
+            found.append(StaticOffset(channel=compared.channel, value=value, unit=channel.unit))
+    return (_corrected(case, found), tuple(found)) if found else (case, ())
+
+
+def _static_offset(columns: list[Array]) -> float:
+    means, spread = np.array([c.mean() for c in columns]), max(float(c.std()) for c in columns)
+    stands = (
+        spread > 0
+        and np.all(np.abs(means) > STATIC_OFFSET.stands_off * spread)
+        and np.ptp(means) < STATIC_OFFSET.alike * spread
+    )
+    return float(np.mean(means)) if stands else 0.0
+
+
+def _corrected(case: Case, found: list[StaticOffset]) -> Case:
+    """Return a case with offsets in its channel tables."""
+    by_name = {s.channel: s.value for s in found}
+    tables = []
+    for table in case.table.recording:
+        channels = []
+        for channel, name in zip(table.channel, table.channel_names, strict=True):
+            value = by_name.get(name, 0.0)
+            factor = channel.spec().channel_and_factor()[1]
+            channels.append(replace(channel, offset=channel.offset + value / factor) if value else channel)
+        tables.append(replace(table, channel=tuple(channels)))
+    return replace(case, table=replace(case.table, recording=tuple(tables)))

@@ -1,0 +1,1 @@
+"""Predictors of recordings for every model class."""

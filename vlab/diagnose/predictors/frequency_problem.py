@@ -1,0 +1,234 @@
+"""Inverse problem of the search in frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
+from vlab.diagnose.parameters.locations import Place, places_of
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
+from vlab.diagnose.parameters.reduced_model import ReducedModel
+from vlab.diagnose.parameters.structure import (
+    adjusted_structure,
+    carried,
+    damping_of_structure,
+    structure_parameters,
+    structure_parts,
+)
+from vlab.diagnose.predictors.frequency import State
+from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
+from vlab.errors import BadCase
+from vlab.fe import build_fe_model
+from vlab.fe.damping import driven_modes
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrequencyProblem:
+    """Inverse problem of a case of frequency data.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    plant : Plant
+        Nominal plant.
+    measured, read_holdout : tuple of Response or Modes
+        Data to fit and hold-out data.
+    wires : Wires
+        Inputs and outputs of all responses, hold-out data included.
+    view : View
+        Linearised plant.
+    reduced_model : ReducedModel
+        Reduced modal model.
+    parameters : tuple of Uncertain
+        Uncertain parameters; an `actuator` beyond the plant's is a force measured at a port.
+    places : tuple of Place
+        Locations.
+    """
+
+    case: Case
+    plant: Plant
+    measured: tuple[Measured, ...]
+    read_holdout: tuple[Measured, ...]
+    wires: Wires
+    view: View
+    reduced_model: ReducedModel
+    parameters: tuple[Uncertain, ...]
+    places: tuple[Place, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.wires.names
+
+    @property
+    def prior(self) -> Array:
+        """Prior standard deviations (n_parameters,) of the uncertain parameters."""
+        return np.array([p.sd for p in self.parameters])
+
+    @property
+    def gains(self) -> list[tuple[int | None, int | None]]:
+        """Input column or output whose gain each parameter is."""
+        return [(p.actuator, p.sensor) for p in self.parameters]
+
+    @property
+    def unfitted(self) -> dict[str, float]:
+        """Prior standard deviations of unfitted input gains."""
+        known = {d.input for d in self.measured if isinstance(d, Response)}
+        given = self.case.table.model.uncertain
+        return {
+            d.input: gain_sd(given, d.input.removeprefix("actuator:"))
+            for d in self.read_holdout
+            if isinstance(d, Response) and d.input not in known
+        }
+
+    @property
+    def measured_hz(self) -> tuple[float, float]:
+        """Lowest and highest measured frequency [Hz]."""
+        return band(self.measured)
+
+    def adjusted(self, theta: Array) -> Plant:
+        """Return the plant at given log factors.
+
+        Parameters
+        ----------
+        theta : (n_parameters,) array
+            Log factors.
+
+        Returns
+        -------
+        Plant
+            Adjusted plant.
+        """
+        own = [
+            (p, v)
+            for p, v in zip(self.parameters, theta, strict=True)
+            if p.actuator is None or p.actuator < len(self.plant.actuators)
+        ]
+        parameters, values = [p for p, _ in own], np.array([v for _, v in own])
+        if self.case.structure is None:
+            return adjusted(self.plant, parameters, values)
+        variant = self.case.table.model.variant
+        out = adjusted_structure(self.case.structure, self.plant, variant, parameters, values)
+        return replace(out, physics=self.plant.physics, impedance=self.plant.impedance)
+
+    def state(self, theta: Array) -> State:
+        """Return the matrices with derivatives at given log factors."""
+        M, C, K, inputs, outputs = self.reduced_model.matrices(theta[None])
+        changes = tuple(self.reduced_model.slopes(theta))
+        return State(M=M[0], C=C[0], K=K[0], changes=changes, input_gain=inputs[0], output_gain=outputs[0])
+
+
+def band(measured: Sequence[Measured]) -> tuple[float, float]:
+    """Return the lowest and highest frequency of data [Hz]."""
+    return min(float(d.freq[0]) for d in measured), max(float(d.freq[-1]) for d in measured)
+
+
+def prepare_frequency(case: Case) -> FrequencyProblem:
+    """Prepare a case's frequency responses and modal tables.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+
+    Returns
+    -------
+    FrequencyProblem
+        Inverse problem.
+
+    Raises
+    ------
+    BadCase
+        Nothing to fit, or a contradiction between data and model.
+    BadRecording
+        A file is damaged or contradicts the case.
+    """
+    measured = read_measured(case, ("fit",))
+    if not measured:
+        raise BadCase(f"{case.path}: no [[frf]] and no [[modal]] has the role fit; mark at least one")
+    read_holdout = read_measured(case, ("holdout",))
+    for held in (d for d in read_holdout if isinstance(d, Response)):
+        same = next((m for m in measured if isinstance(m, Response) and _is_copy(m, held)), None)
+        if same is not None:
+            raise BadCase(
+                f"{case.path}: {held.name} is held out and holds the very lines of {same.name}, which is fitted: it verifies "
+                "nothing; hold out another measurement"
+            )
+    plant = case.plant
+    wires = wires_of(case, [*measured, *read_holdout])
+    view = view_of(plant, wires)
+    for data in (*measured, *read_holdout):
+        if isinstance(data, Modes) and data.n > int(np.sum(view.omega > 0)):
+            raise BadCase(f"{case.path}: {data.name} lists {data.n} modes, the model has {int(np.sum(view.omega > 0))}")
+    parameters, reduced_model = _uncertain(case, plant, wires, view, measured)
+    driven = sorted({a for a in wires.actuators if a is not None})
+    places = places_of(
+        plant, replace(reduced_model, forces=reduced_model.forces[:, : len(plant.actuators)]), wires.names, driven
+    )
+    return FrequencyProblem(
+        case=case,
+        plant=plant,
+        measured=tuple(thinned(measured)),
+        read_holdout=tuple(read_holdout),
+        wires=wires,
+        view=view,
+        reduced_model=reduced_model,
+        parameters=parameters,
+        places=tuple(places),
+    )
+
+
+def _uncertain(
+    case: Case, plant: Plant, wires: Wires, view: View, measured: Sequence[Measured]
+) -> tuple[tuple[Uncertain, ...], ReducedModel]:
+    given, structure = case.table.model.uncertain, case.structure
+    responses = [d for d in measured if isinstance(d, Response)]
+    inputs = {r.input for r in responses}
+    driven = sorted(
+        {a for name, a in zip(wires.inputs, wires.actuators, strict=True) if a is not None and name in inputs}
+    )
+    measures_damping = responses or any(np.isfinite(d.zeta).any() for d in measured if isinstance(d, Modes))
+    listed: Sequence[Uncertain]
+    if structure is None:
+        listed = uncertain_parameters(plant, given, wires.names, driven)
+    else:
+        listed = structure_parameters(structure, given, wires.names, driven)
+    parameters = [p for p in listed if measures_damping or p.kind != "damping"]
+    damping = None
+    if structure is None:
+        parts = parts_of(plant, parameters, view.shapes)
+    else:
+        points = [p.name for p in structure.point if p.name in plant.ports]
+        at_points = plant.port_rows(points) @ view.shapes
+        fe = build_fe_model(structure, case.table.model.variant)
+        parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
+        at_coils = plant.port_rows(structure.coil_places) @ view.shapes
+        places = range(len(driven_modes(at_coils)))
+        ordered = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
+        damping = replace(ordered, follows_shapes=True)  # a change of the order must be smooth
+    for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
+        if actuator is None and name in inputs:
+            parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))
+    reduced_model = ReducedModel(
+        omega=view.omega,
+        shapes=view.shapes,
+        M=view.M,
+        C=view.C,
+        K=view.K,
+        forces=view.forces,
+        loads=np.zeros((view.m, 0)),
+        rows=view.rows,
+        changes=changes_of(parameters),
+        parts=parts,
+        damping=damping,
+    )
+    return tuple(parameters), reduced_model
+
+
+def _is_copy(one: Response, other: Response) -> bool:
+    return np.array_equal(one.freq, other.freq) and np.array_equal(one.H, other.H)

@@ -1,0 +1,132 @@
+"""Channels of hypotheses on the reduced model."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.integration import acting_order, integrate
+from vlab.diagnose.settings import MODAL
+from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
+from vlab.signals import Array
+
+
+def channels(
+    reduced_model: ReducedModel,
+    highest_hz: float,
+    runs: list[Signals],
+    terms: Sequence[Term],
+    theta: Array,
+    values: Sequence[Mapping[str, Array]],
+    starts: Array,
+    is_rough: bool = False,
+) -> Array:
+    """Return the channels of runs before sensor effects.
+
+    Parameters
+    ----------
+    reduced_model : ReducedModel
+        Reduced model.
+    highest_hz : float
+        Highest frequency of the motion [Hz].
+    runs : list of Signals
+        Runs of one sample period.
+    terms : sequence of Term
+        Effects.
+    theta : (n_sets, n_changes) array
+        Log factors.
+    values : sequence of mapping
+        Parameter values (n_sets,) of every term.
+    starts : (n_sets, n_runs, 2m) array
+        Initial states.
+    is_rough : bool
+        Whether to omit finer steps for nonsmooth laws.
+
+    Returns
+    -------
+    (n, n_sets, n_runs, p) array
+        Channels.
+    """
+    h, n_sets = runs[0].h, len(theta)
+    M, C, K, actuator_gain, _ = reduced_model.matrices(theta)
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, LinearPortEffect):
+            mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
+            for row in term.place.rows:
+                outer = np.outer(row, row)
+                M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
+                C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
+                K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
+    ports = acting_order(terms)
+    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
+    substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
+    inputs = np.concatenate(
+        [
+            reduced_model.forces[None] * actuator_gain[:, None, :],
+            np.repeat(np.hstack([reduced_model.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+        ],
+        axis=2,
+    )
+    system = discretise(M, C, K, inputs, reduced_model.rows, h / substeps)
+    if reduced_model.shifts:
+        system = replace(system, C=system.C + reduced_model.shifted(theta))
+    known = inputs.shape[2] - len(ports)
+    forces = _inputs(runs, terms, values, n_sets)
+    with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
+        return integrate(system, forces, known, terms, values, ports, starts, runs, substeps)
+
+
+def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
+    """Return commands after actuator effects, and direct loads."""
+    n = max(len(run) for run in runs)
+    out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
+    for i, run in enumerate(runs):
+        out[: len(run), 0, i] = np.hstack([run.u, run.load])
+    led = _led(runs)
+    for term, own in zip(terms, values, strict=True):
+        if isinstance(term.effect, ActuatorEffect):
+            out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+            for s in range(n_sets):
+                p = {k: float(v[s]) for k, v in own.items()}
+                for i in term.place.indices:
+                    whole = np.concatenate([led[..., i], out[:, s, :, i]])
+                    out[:, s, :, i] = term.effect.actuate(whole, p, runs[0].h)[len(led) :]
+    return out
+
+
+def _led(runs: list[Signals]) -> Array:
+    """Return the commands before every run, zero-padded, (k, n_runs, n_actuators)."""
+    leads = [run.u[:0] if run.led is None else run.led for run in runs]
+    most = max(len(lead) for lead in leads)
+    return np.stack([np.vstack([np.zeros((most - len(lead), lead.shape[1])), lead]) for lead in leads], axis=1)
+
+
+def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:
+    """Add crosstalk to a channel, in place.
+
+    Parameters
+    ----------
+    y : (n, n_sets, n_runs, p) array
+        Channels, overwritten.
+    term : Term
+        Pick-up.
+    own : mapping of str to (n_sets,) array
+        Parameter values of the pick-up.
+    runs : sequence of Signals
+        Runs with commands.
+    """
+    assert isinstance(term.effect, PickUp)
+    i, k = term.place.index, term.place.other
+    if term.place.tag != "command":
+        other = y[..., k]
+    else:
+        other = np.zeros((len(y), 1, len(runs)))
+        for j, run in enumerate(runs):  # a sample is taken before its command takes effect
+            other[1 : len(run), 0, j] = run.u[:-1, k]
+            other[0, 0, j] = 0.0 if run.led is None or not len(run.led) else run.led[-1, k]
+    p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+    with np.errstate(all="ignore"):  # a diverged trial
+        y[..., i] = term.effect.mix(y[..., i], other, p)

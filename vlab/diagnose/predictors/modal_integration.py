@@ -1,0 +1,206 @@
+"""Time integration of linear systems in modal form.
+
+Diagonal steps make the cost proportional to the number of modes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_free, integrate_with_laws, loaded
+from vlab.diagnose.settings import MODAL_INTEGRATION
+from vlab.physics.expression import ExpressionGraph
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """Modal form of a step, with conjugate pairs merged.
+
+    Parameters
+    ----------
+    turn : (2, n_sets, m) array
+        Real and imaginary parts of the eigenvalues.
+    dense : (n_sets, m, m) array
+        Step matrices where the eigenvectors are ill-conditioned, as for a free undamped mass; otherwise empty.
+    into, back : (n_sets, width, m) and (n_sets, m, width) complex array
+        Maps from states x to modal coordinates x @ into, and back to Re(z @ back).
+    """
+
+    turn: Array
+    dense: Array
+    into: Array
+    back: Array
+
+
+def modes_of(step: Array) -> Modes:
+    """Return the modal form of steps acting on rows.
+
+    Parameters
+    ----------
+    step : (n_sets, width, width) array
+        Step matrices.
+
+    Returns
+    -------
+    Modes
+        Modal form, or the dense steps.
+    """
+    n_sets, width, _ = step.shape
+    can = bool(np.isfinite(step).all())  # a diverged trial may overflow
+    values, vectors = np.linalg.eig(step) if can else (step[:, 0], step)
+    if not (can and np.linalg.cond(vectors).max() < MODAL_INTEGRATION.most_alike):
+        one = np.broadcast_to(np.eye(width, dtype=complex), step.shape)
+        return Modes(turn=np.zeros((2, n_sets, width)), dense=np.ascontiguousarray(step), into=one, back=one)
+    inverse = np.linalg.inv(vectors)
+    weight = np.where(values.imag > 0, 2.0, np.where(values.imag < 0, 0.0, 1.0))  # one pole per pair
+    order = np.argsort(weight == 0, axis=1, kind="stable")[:, : int(np.count_nonzero(weight, axis=1).max())]
+    values, weight = (np.take_along_axis(x, order, axis=1) for x in (values, weight))
+    return Modes(
+        turn=np.stack([values.real, values.imag]),
+        dense=np.zeros((0, width, width)),
+        into=np.take_along_axis(vectors, order[:, None, :], axis=2),
+        back=np.take_along_axis(inverse, order[:, :, None], axis=1) * weight[:, :, None],
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopLaw:
+    """Law in the integration loop.
+
+    Parameters
+    ----------
+    graph : ExpressionGraph
+        Graph for the length of a substep.
+    values : sequence of (n_sets, 1) array
+        Parameters in the order of the law's class.
+    memory : sequence of array
+        Initial memory, broadcastable to (n_sets, n_runs).
+    push : (n_sets, width) array
+        Effect of a unit force over a substep on the states.
+    direct : (n_sets, p) array
+        Feedthrough of the force to the channels.
+    port : int
+        Index of the port.
+    coil : int or None
+        Known input with the command at the port.
+    """
+
+    graph: ExpressionGraph
+    values: Sequence[Array]
+    memory: Sequence[Any]
+    push: Array
+    direct: Array
+    port: int
+    coil: int | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Marched:
+    """Discrete-time linear system with states on rows.
+
+    Parameters
+    ----------
+    step : (n_sets, width, width) array
+        Step matrices of a substep.
+    into : (n_sets, n_inputs, width) array
+        Effect of unit inputs over a substep on the states.
+    channels : (n_sets, width, p) array
+        Output matrices.
+    direct : (n_sets, n_inputs, p) array
+        Feedthrough.
+    seen : (width, 2 n_ports) array
+        Displacements, then velocities, of the ports.
+    """
+
+    step: Array
+    into: Array
+    channels: Array
+    direct: Array
+    seen: Array
+
+
+def integrate_modes(
+    system: Marched,
+    laws: Sequence[LoopLaw],
+    part: Array,
+    given: Array,
+    starts: Array,
+    late: Array,
+    h: float,
+) -> Array:
+    """Integrate a linear system with laws in the loop.
+
+    Parameters
+    ----------
+    system : Marched
+        Linear system.
+    laws : sequence of LoopLaw
+        Laws.
+    part : (n, n_sets or 1, n_runs, known) array
+        Inputs held over a sample.
+    given : (n, substeps, n_sets, n_runs, n_inputs - known) array
+        Inputs held over a substep.
+    starts : (n_sets, n_runs, width) array
+        Initial states.
+    late : (n_runs,) array
+        Times of the runs' first samples [s].
+    h : float
+        Length of a substep [s].
+
+    Returns
+    -------
+    (n, n_sets, n_runs, p) array
+        Channels.
+    """
+    (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
+    modes = modes_of(system.step)
+
+    def to_unbounded(rows: Array) -> Array:
+        there = rows @ modes.into
+        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
+
+    def from_unbounded(columns: Array) -> Array:
+        there = np.swapaxes(modes.back @ columns, 1, 2)
+        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
+
+    inputs = part[:, None]
+    if given.shape[-1]:
+        inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
+    y = np.empty((n_sets, n_runs, n, p))
+    common = (
+        np.ascontiguousarray(modes.turn),
+        modes.dense,  # C order: loops over other orders take three times as long
+        to_unbounded(system.into),
+        from_unbounded(system.channels),
+        np.ascontiguousarray(system.direct),
+        np.ascontiguousarray(inputs),
+        to_unbounded(starts),
+        given.shape[1],
+    )
+    if not laws:
+        integrate_free(*common, y)
+        return y.transpose(2, 0, 1, 3)
+    push = np.stack([law.push for law in laws], axis=1)
+    felt = np.ascontiguousarray(push @ system.seen)
+    graphs, registers = loaded(
+        [law.graph for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
+    )
+    for i, law in enumerate(laws):
+        registers[graphs[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
+    acting = (
+        np.array([law.port for law in laws]),
+        np.array([-1 if law.coil is None else law.coil for law in laws]),
+        to_unbounded(push),
+        felt,
+        np.stack([law.direct for law in laws], axis=1),
+        np.array([law.graph.force for law in laws]),
+    )
+    seen = np.ascontiguousarray(starts @ system.seen)
+    observed_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
+    last = np.zeros((len(laws), *seen.shape))
+    clock = (h, np.ascontiguousarray(late, dtype=float))
+    integrate_with_laws(*common, observed_rows, seen, last, clock, acting, graphs, registers, y)
+    return y.transpose(2, 0, 1, 3)

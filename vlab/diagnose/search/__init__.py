@@ -1,0 +1,1 @@
+"""Screening, selection and confirmation of hypotheses."""

@@ -1,0 +1,113 @@
+"""Trials of extended models on hold-out recordings."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+from vlab.cases.channel_map import Run
+from vlab.diagnose.data_findings import DataFindings
+from vlab.diagnose.diagnosis import Attempt, Finding
+from vlab.diagnose.findings import findings_of_attempt
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.ablation import ablate
+from vlab.diagnose.settings import ATTEMPT
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
+from vlab.physics.effect import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trials:
+    """Recordings and models for trials of extended models.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    seen : DataFindings
+        Findings from the data alone.
+    runs : sequence of Run
+        Recordings of the trials.
+    before, nominal : ExtendedModel
+        Calibrated and nominal model.
+    change : callable or None
+        Change of every model, such as finer steps.
+    """
+
+    problem: Problem
+    seen: DataFindings
+    runs: Sequence[Run]
+    before: ExtendedModel
+    nominal: ExtendedModel
+    change: Callable[[ExtendedModel], ExtendedModel] | None = None
+
+    def of(self, fit: Fit, terms: Sequence[Finding]) -> Attempt:
+        """Return the errors of a fit and the data findings.
+
+        Parameters
+        ----------
+        fit : Fit
+            Fit of the extended model.
+        terms : sequence of Finding
+            Reported effects of the fit.
+
+        Returns
+        -------
+        Attempt
+            Attempt.
+        """
+        problem, seen, change = self.problem, self.seen, self.change or _same
+        findings = (*seen.of_law(problem), *terms, *seen.of_sensors(problem))
+        after = change(seen.on(extended(problem, fit))) if findings else None
+        checked = check(
+            self.runs,
+            change(self.before),
+            after,
+            seen.benign_interferences,
+            nominal=change(self.nominal),
+            ablate=ablate(problem, fit, seen, findings).changed(change),
+        )
+        return Attempt(findings=findings, fit=fit, checked=tuple(checked))
+
+    def of_hypothesis(self, hypothesis: Hypothesis, effects: Sequence[Effect]) -> Attempt:
+        """Return the errors of an unchosen hypothesis.
+
+        Parameters
+        ----------
+        hypothesis : Hypothesis
+            Hypothesis.
+        effects : sequence of Effect
+            Candidate effects.
+
+        Returns
+        -------
+        Attempt
+            Attempt.
+        """
+        fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
+        return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
+
+
+def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
+    """Return the best attempt without divergence, or None.
+
+    Parameters
+    ----------
+    first : Attempt
+        Attempt with the chosen hypothesis.
+    others : iterable of Attempt
+        Lazily evaluated attempts with other hypotheses, best first.
+
+    Returns
+    -------
+    Attempt or None
+        Best attempt.
+    """
+    if first.findings and first.holds:
+        return first
+    return next((attempt for attempt in islice(others, ATTEMPT.most_attempts) if attempt.holds), None)
+
+
+def _same(model: ExtendedModel) -> ExtendedModel:
+    return model

@@ -1,0 +1,244 @@
+"""Confirmation of the choice in MuJoCo."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from vlab.diagnose.data_findings import DataFindings
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.model_choice import Choice, choose_model, is_prior_driven
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
+from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.settings import CONFIRMATION, FIT, GAP, MODEL_CHOICE, VERDICT
+from vlab.diagnose.validation.gap import gap_closed, total
+from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
+from vlab.diagnose.verdict import errors_of
+from vlab.physics.effect import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Confirmed:
+    """Confirmed choice with final fits and notes.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice.
+    before, after : Fit
+        Final fits of calibrated and extended model.
+    rejected : tuple of str
+        Notes on rejected hypotheses.
+    """
+
+    choice: Choice
+    before: Fit
+    after: Fit
+    rejected: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Confirmation:
+    """Models and data for the confirmation of a choice.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    whole : LeastSquares
+        Fits to whole runs.
+    start : Fit
+        Fit without effects.
+    seen : DataFindings
+        Findings from the data alone.
+    effects : sequence of Effect
+        Candidate effects.
+    is_linear : bool
+        Whether the search used the linear time-invariant class.
+    """
+
+    problem: Problem
+    whole: LeastSquares
+    start: Fit
+    seen: DataFindings
+    effects: Sequence[Effect]
+    is_linear: bool
+
+    def confirm(self, found: TimeFound) -> Confirmed:
+        """Return the best hypothesis that MuJoCo confirms on fitted recordings.
+
+        A law fitted on the reduced model may diverge in MuJoCo, or deform the model beyond its modes. The next
+        hypothesis follows then. Without any confirmation the best hypothesis remains.
+
+        Parameters
+        ----------
+        found : TimeFound
+            Result of the search.
+
+        Returns
+        -------
+        Confirmed
+            Confirmed choice.
+        """
+        first: Confirmed | None = None
+        rejected: list[tuple[str, str]] = []
+        simplified: set[str] = set()
+        unconfirmed = 0
+        while unconfirmed < CONFIRMATION.most_tried:
+            choice = choose_model(found)
+            best = choice.best
+            before = after = self._plain_in_mujoco if self.is_linear and not best.terms else self._plain
+            if best.terms:
+                on_reduced_model = self._exactly(best)
+                if on_reduced_model.unidentified:
+                    rejected.append(
+                        (best.label, f"of {', '.join(on_reduced_model.unidentified)} the last fit leaves nothing")
+                    )
+                    rest = [t for t in on_reduced_model.terms if t.label not in on_reduced_model.unidentified]
+                    found = self._with(_without(found, best, on_reduced_model.unidentified), rest, on_reduced_model)
+                    continue
+                simpler = self._simpler(found, best, on_reduced_model) if best.label not in simplified else found
+                simplified.add(best.label)
+                if simpler is not found:
+                    found = simpler
+                    continue
+                after = (
+                    final_fit(self.problem, self.whole, on_reduced_model, self.seen.limit)
+                    if self.is_linear
+                    else on_reduced_model
+                )
+                if (
+                    after is not on_reduced_model
+                ):  # a law that carries over to MuJoCo unchanged keeps the uncertain parameters
+                    before = self._plain_in_mujoco
+            confirmed = Confirmed(choice=choice, before=before, after=after, rejected=_dropped(rejected))
+            first = first or confirmed
+            if not best.terms:
+                break
+            if not self.is_linear or self._is_confirmed(confirmed):
+                return self._with_fewer(found, confirmed)
+            rejected.append((best.label, "its law fits in the reduced model, but not in MuJoCo"))
+            found = _without(found, best)
+            unconfirmed += 1
+        assert first is not None
+        # without confirmation the first hypothesis is reported, so it was not rejected
+        label = first.choice.best.label
+        return replace(first, rejected=_dropped([(name, why) for name, why in rejected if name != label]))
+
+    @cached_property
+    def _plain(self) -> Fit:
+        return self.whole.fit((), self.start)
+
+    @cached_property
+    def _plain_in_mujoco(self) -> Fit:
+        return final_fit(self.problem, self.whole, self._plain, self.seen.limit)
+
+    def _exactly(self, best: Hypothesis) -> Fit:
+        """Return the converged fit of a hypothesis.
+
+        A comparison needs less convergence than a parameter value.
+        """
+        iterations = FIT.iterations if self.is_linear else CONFIRMATION.steps_along_motion
+        return self.whole.fit(best.terms, best.long_fit, iterations, tolerance=FIT.exact)
+
+    def _simpler(self, found: TimeFound, best: Hypothesis, fit: Fit) -> TimeFound:
+        """Return the result with an indistinguishable nested law.
+
+        The nested law replaces an indistinguishable hypothesis. Otherwise the law with vanishing parts joins the
+        hypotheses, for the choice by score.
+        """
+        lesser = fit.nested_model(self.effects)
+        options = [(lesser, FIT.iterations)] if lesser != fit.terms else []
+        was = scored_by(self.whole, fit)
+        for terms, iterations in [*options, *((terms, 0) for terms in fit.nested(self.effects))]:
+            plain = self.whole.fit(terms, fit, iterations)
+            now = scored_by(self.whole, plain)
+            if best.effective_samples * (now.log_rms_residual - was.log_rms_residual) < MODEL_CHOICE.alike:
+                own = replace(
+                    best,
+                    fit=plain,
+                    whole=plain,
+                    log_rms_residual=best.log_rms_residual + now.log_rms_residual - was.log_rms_residual,
+                    negative_log_prior=now.negative_log_prior,
+                    normalised_residual=best.normalised_residual * now.normalised_residual / was.normalised_residual,
+                )
+                alike = [h for h in found.hypotheses if h.label == own.label]
+                return _instead(found, by_score([own], alike)[0], [best, *alike])
+        return self._with(found, lesser, fit) if options else found
+
+    def _with(self, found: TimeFound, terms: Sequence[Term], start: Fit) -> TimeFound:
+        """Return the result with effects fitted from another fit, where better."""
+        if not terms:
+            return found
+        fit = self.whole.fit(terms, start, FIT.iterations)
+        own = replace(scored_by(self.whole, fit), whole=fit, effective_samples=found.before.effective_samples)
+        worse = [h for h in found.hypotheses if h.label == own.label]
+        return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
+
+    def _with_fewer(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
+        """Return the confirmation with one of two effects.
+
+        One effect suffices where MuJoCo's error is no worse: the second then compensates the reduced model's error.
+        """
+        both = confirmed.choice.best
+        if len(both.terms) < 2:
+            return confirmed
+        parts = {t.label for t in both.terms}
+        alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
+        single = choose_model(alone).best
+        if not single.terms:
+            return confirmed
+        if self.problem.case.structure is None and is_prior_driven(both, single):
+            return confirmed  # one effect suffices with implausible parameters only
+        one = self.confirm(alone)
+        left = []
+        for which in (confirmed, one):
+            left.append(total(check(self.problem.runs, *self._models(which)), "after"))
+        if not left[1] <= GAP.no_worse * left[0]:
+            return confirmed
+        why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
+        return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
+
+    def _is_confirmed(self, confirmed: Confirmed) -> bool:
+        """Return whether MuJoCo closes enough of the gap.
+
+        The loudest and the quietest recording are simulated.
+        """
+        checked = check(loudest_and_quietest(self.problem), *self._models(confirmed), self.seen.benign_interferences)
+        errors = errors_of(checked)
+        gap = gap_closed(errors["before"], errors["after"], errors["noise"])
+        return gap is None or gap >= VERDICT.least_to_noise
+
+    def _models(self, confirmed: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
+        """Return calibrated and extended model with data findings."""
+        return (
+            self.seen.on(extended(self.problem, confirmed.before)),
+            self.seen.on(extended(self.problem, confirmed.after)),
+        )
+
+
+def _instead(found: TimeFound, own: Hypothesis, others: Sequence[Hypothesis]) -> TimeFound:
+    """Return a result with one hypothesis in place of others."""
+    return replace(found, hypotheses=tuple(by_score([own], [h for h in found.hypotheses if h not in others])))
+
+
+def _without(found: TimeFound, hypothesis: Hypothesis, unidentified: Sequence[str] = ()) -> TimeFound:
+    """Return a result without a hypothesis.
+
+    Hypotheses that add an unidentified term to the rest are removed as well.
+    """
+    rest = {t.label for t in hypothesis.terms} - set(unidentified)
+
+    def stays(h: Hypothesis) -> bool:
+        labels = {t.label for t in h.terms}
+        return h is not hypothesis and not (unidentified and rest and rest < labels)
+
+    return replace(found, hypotheses=tuple(h for h in found.hypotheses if stays(h)))
+
+
+def _dropped(rejected: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """Return notes on rejected hypotheses."""
+    return tuple(f"{label}: {why}; dropped" for label, why in rejected)

@@ -1,0 +1,268 @@
+"""Search in time, from screening to scores."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.diagnose.inference.evidence import Found, Hypothesis, weighed
+from vlab.diagnose.inference.hypothesis_fits import (
+    as_meant,
+    by_score,
+    each_fitted,
+    finished,
+    floor_of,
+    hopeful,
+    on_whole_runs,
+    other_places,
+    scored_by,
+)
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.permanent_change import find_permanent_changes
+from vlab.diagnose.search.second_effect import (
+    ablate_pairs,
+    demands_another_effect,
+    in_other_forms,
+    pairs,
+    violate_priors,
+)
+from vlab.diagnose.search.shortlist import best_of_effects, best_places, related_candidates, shortlisted
+from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
+from vlab.physics.effect import Effect
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeFound(Found):
+    """Result of a search in time.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    screen : ScoreTest
+        Screening.
+    windows, whole : LeastSquares
+        Fits in windows and to whole runs.
+    candidates : tuple of Candidate
+        Screening by gain.
+    """
+
+    problem: Problem
+    screen: ScoreTest
+    windows: LeastSquares
+    whole: LeastSquares
+    candidates: tuple[Candidate, ...] = ()
+
+
+def search(
+    screen: ScoreTest, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+) -> TimeFound:
+    """Search the missing physics in a screening's runs.
+
+    Parameters
+    ----------
+    screen : ScoreTest
+        Screening.
+    effects : sequence of Effect
+        Candidate effects.
+    progress : callable or None
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    TimeFound
+        Hypotheses.
+    """
+    problem = screen.problem
+    report = progress or (lambda share, what: None)
+    effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.05, "screening")
+    candidates = _sharpened(screen, screen.candidates(effects))
+    narrow, before = _calibrated_error(screen)
+    whole = LeastSquares(screen, problem.in_role("fit"), narrow.model_error)
+    rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
+    in_windows = before
+    starts = [screen.theta, np.zeros_like(screen.theta)]
+    (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=FIT.iterations)
+    adds_up = in_windows.normalised_residual <= HYPOTHESIS_FITS.enough < before.normalised_residual
+    shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
+    screen.forget()
+    report(0.4, "fitting whole recordings")
+    # at a large residual the uncertain parameters absorb missing physics and are no start for a law
+    plain = [before.long_fit.theta] if before.normalised_residual < SECOND_EFFECT.much else []
+    events = find_permanent_changes(whole, narrow, in_windows.fit, candidates) if adds_up else []
+    told = {h.label for h in events}
+    singles = [h for h in singles if h.label not in told]
+    most = min(SELECTION.whole_singles, hopeful(singles)) + len(events)
+    hypotheses = singles = on_whole_runs(
+        whole,
+        narrow,
+        [*events, *_reward_long_runs(singles, adds_up=adds_up)],
+        most,
+        plain,
+        screened=[*shortlist, *candidates],
+        start=before.long_fit,
+    )
+    enough = SELECTION.explains * floor_of(whole)
+    if problem.case.structure is not None:
+        enough = float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
+    is_odd = bool(singles) and violate_priors(singles, whole.directions.shape[1], whole.reduced_model.prior)
+    if singles and (is_odd or demands_another_effect(before, singles, enough)):
+        among, is_clear = (
+            best_places(candidates, SECOND_EFFECT.second_places),
+            not is_odd and singles[0].normalised_residual <= HYPOTHESIS_FITS.enough,
+        )
+        found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
+        doubles = finished(narrow, found)
+        doubles = by_score(doubles, in_other_forms(narrow, doubles[: SELECTION.reformed], candidates))
+        report(0.85, "fitting whole recordings")
+        doubles = on_whole_runs(whole, narrow, doubles, SELECTION.whole_pairs, plain)
+        alone = ablate_pairs(narrow, doubles[: SELECTION.reformed], singles)
+        hypotheses = by_score(
+            [h for h in singles if h.label not in {a.label for a in alone}],
+            on_whole_runs(whole, narrow, alone, len(alone), plain),
+            doubles,
+        )
+    shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
+    before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
+    hypotheses = by_score(hypotheses)
+    places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
+    places = {name: replace(h, effective_samples=before.effective_samples) for name, h in places.items()}
+    report(0.95, "choosing")
+    return TimeFound(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=whole,
+        before=before,
+        hypotheses=tuple(hypotheses),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
+    """Return the window fits, and the calibrated model.
+
+    Where calibration alone reaches the allowed model error, a smaller allowance is taken. MuJoCo's verdict decides on
+    effects within the allowance.
+    """
+    narrow = WindowLeastSquares(screen)
+    before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
+    is_mesh = screen.problem.case.structure is not None  # mesh error of that size is known
+    if before.normalised_residual > HYPOTHESIS_FITS.enough or is_mesh:
+        return narrow, before
+    finer = WindowLeastSquares(screen, model_error=SELECTION.finer * narrow.model_error)
+    return finer, scored_by(finer, finer.fit((), before.fit))
+
+
+def shows(problem: Problem, effect: Effect) -> bool:
+    """Return whether an effect is identifiable from a problem's recordings.
+
+    In a release seen by one sensor, its gain, delay and low-pass only change the apparent initial state.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    effect : Effect
+        Effect.
+
+    Returns
+    -------
+    bool
+        Whether the recordings can show the effect.
+    """
+    loaded = any(drive.port for run in problem.runs for drive in run.drives)
+    driven = loaded or any(np.any(s.u) for s in problem.signals)
+    if driven or len(problem.channels) > 1 or effect.kind != "sensor":
+        return True
+    return effect.traits.shows_without_drive
+
+
+def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hypothesis]:
+    """Return hypotheses in order of merit for whole-run fits.
+
+    Where windows explain too little, forces of large screening gain follow the best, since windows ignore earlier
+    motion.
+    """
+    if not order or (order[0].normalised_residual <= HYPOTHESIS_FITS.enough and not adds_up):
+        return list(order)
+    known = {h.label for h in order[: HYPOTHESIS_FITS.whole_finished]}
+    forces = [h for h in order if h.terms[0].effect.kind != "sensor"]
+    gained = [h for h in sorted(forces, key=lambda h: -h.log_likelihood_gain) if h.label not in known]
+    first = [
+        *order[: HYPOTHESIS_FITS.whole_finished],
+        *gained[: SELECTION.whole_singles - HYPOTHESIS_FITS.whole_finished],
+    ]
+    chosen = {h.label for h in first}
+    return [*first, *(h for h in order if h.label not in chosen)]
+
+
+def _single_effects(
+    screen: ScoreTest,
+    narrow: LeastSquares,
+    rough: LeastSquares,
+    before: Hypothesis,
+    candidates: Sequence[Candidate],
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+    *,
+    adds_up: bool,
+) -> tuple[list[Candidate], list[Hypothesis]]:
+    """Return the shortlist and fits of single effects, best first.
+
+    Slow observers and laws related to the best one follow where the screening explains too little.
+
+    Parameters
+    ----------
+    screen : ScoreTest
+        Screening.
+    narrow, rough : LeastSquares
+        Fits in all and in some windows.
+    before : Hypothesis
+        Calibrated model.
+    candidates : sequence of Candidate
+        Screening by gain.
+    effects : sequence of Effect
+        Candidate effects.
+    report : callable
+        Receives the completed share and the current step.
+    adds_up : bool
+        Whether missing physics shows in whole runs but not in windows, as with light damping.
+    """
+    report(0.2, "fitting single effects")
+
+    def singles(some: Sequence[Candidate]) -> list[Hypothesis]:
+        return finished(narrow, each_fitted(rough, some, before.fit))
+
+    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
+    found = singles(shortlist)
+    if before.normalised_residual <= HYPOTHESIS_FITS.enough:
+        return shortlist, found
+    if adds_up or not (found and found[0].normalised_residual < SELECTION.explains * floor_of(narrow)):
+        report(0.25, "screening with slower observers")
+        screen.slower = tuple(
+            ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SCORE_TEST.slow, SELECTION.slowest)
+        )
+        # a fast observer absorbs permanent forces, which a slow one locates elsewhere
+        among = best_places(candidates, HYPOTHESIS_FITS.places) | {c.label for c in candidates if not c.effect.shapes}
+        for slow in screen.slower:
+            known = {c.label for c in shortlist}
+            slowly = shortlisted(slow.candidates(effects, among=among))[: SELECTION.slow_shortlist]
+            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
+            slow.forget()
+        found = by_score(found, singles(shortlist[len(found) :]))
+    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
+
+
+def _sharpened(screen: ScoreTest, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates by gain, with refined shapes."""
+    all_shape = [c for c in candidates if c.effect.shapes and not c.effect.amplitudes and c.log_likelihood_gain > 0]
+    sharp = {c.label: c for c in side_by_side(screen.zoomed, best_of_effects(all_shape))}
+    return sorted((sharp.get(c.label, c) for c in candidates), key=lambda c: (-c.log_likelihood_gain, c.label))

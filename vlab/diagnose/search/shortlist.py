@@ -1,0 +1,159 @@
+"""Shortlist of a screening's candidates for fits."""
+
+from collections.abc import Sequence
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.parameters.terms import Candidate, Term
+from vlab.diagnose.settings import SHORTLIST
+
+
+def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best candidates by effect, and by further families.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+
+    Returns
+    -------
+    list of Candidate
+        Shortlist.
+    """
+    order = _without_embellishments([c for c in best_of_effects(candidates) if c.log_likelihood_gain > 0])
+    stands_out = bool(order) and order[0].log_likelihood_gain > SHORTLIST.clear
+    share = 1.0 if stands_out else 0.0
+    most = SHORTLIST.shortlist + (
+        SHORTLIST.families if stands_out else 2 * SHORTLIST.families
+    )  # without a dominant candidate every family is tried
+    out = order[: SHORTLIST.shortlist]
+    families = {c.effect.family for c in out}
+    for candidate in order[SHORTLIST.shortlist :]:
+        if len(out) >= most:
+            break
+        if candidate.effect.family not in families and candidate.log_likelihood_gain > SHORTLIST.least_gain * share:
+            families.add(candidate.effect.family)
+            out.append(candidate)
+    return out
+
+
+def best_of_effects(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return every effect at its best location."""
+    best: dict[str, Candidate] = {}
+    for candidate in candidates:
+        best.setdefault(candidate.effect.name, candidate)
+    return list(best.values())
+
+
+def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
+    """Return the labels of every effect's best locations.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+    most : int
+        Number of locations per effect.
+
+    Returns
+    -------
+    set of str
+        Labels.
+    """
+    count: dict[str, int] = {}
+    out = set()
+    for candidate in candidates:
+        count[candidate.effect.name] = count.get(candidate.effect.name, 0) + 1
+        if count[candidate.effect.name] <= most:
+            out.add(candidate.label)
+    return out
+
+
+def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:
+    """Return unfitted related effects at the best location.
+
+    Only fits distinguish related families.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Candidates by gain.
+    fitted : sequence of Hypothesis
+        Fitted hypotheses, best first.
+
+    Returns
+    -------
+    list of Candidate
+        Candidates.
+    """
+    if not fitted or len(fitted[0].terms) != 1:
+        return []
+    best, known = fitted[0].terms[0], {h.label for h in fitted}
+    families = {best.effect.family, *best.effect.traits.related}
+    return [
+        c
+        for c in candidates
+        if c.place.name == best.place.name
+        and c.effect.family in families
+        and c.effect.kind == best.effect.kind
+        and c.label not in known
+        and (c.log_likelihood_gain > 0 or not c.effect.amplitudes)
+    ]
+
+
+def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
+    """Return same-site alternatives of a second effect, of one family."""
+    own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
+    return best_of_effects([c for c in own if c.log_likelihood_gain > SHORTLIST.least_gain])[
+        : SHORTLIST.same_site_alternatives
+    ]
+
+
+def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return usual companions of an effect at its location.
+
+    Each absorbs so much of the other that a conditional screening shows little.
+
+    Parameters
+    ----------
+    first : Term
+        First effect.
+    candidates : sequence of Candidate
+        Candidates.
+
+    Returns
+    -------
+    list of Candidate
+        Companions.
+    """
+    name = first.effect.traits.accompanied_by
+    return [
+        c
+        for c in candidates
+        if c.effect.name == name and c.place.name == first.place.name and c.log_likelihood_gain > SHORTLIST.least_gain
+    ]
+
+
+def plain_form(candidate: Candidate, table: Sequence[Candidate]) -> Candidate:
+    """Return a candidate's plain form, where nearly equal."""
+    plain = (c for c in table if c.effect.name == candidate.effect.form_of and c.place.name == candidate.place.name)
+    return next(
+        (c for c in plain if c.log_likelihood_gain > SHORTLIST.nearly * candidate.log_likelihood_gain), candidate
+    )
+
+
+def _without_embellishments(candidates: list[Candidate]) -> list[Candidate]:
+    """Drop candidates that gain little more than a simpler one."""
+    out: list[Candidate] = []
+    for c in candidates:
+        simpler = [
+            d
+            for d in candidates
+            if d.effect.family == c.effect.family
+            and d.place.name == c.place.name
+            and len(d.effect.parameters) < len(c.effect.parameters)
+            and d.log_likelihood_gain >= c.log_likelihood_gain - SHORTLIST.least_gain
+        ]
+        if not simpler and plain_form(c, candidates) is c:
+            out.append(c)
+    return out

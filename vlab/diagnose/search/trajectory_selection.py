@@ -1,0 +1,106 @@
+"""Search in time on the trajectory-linearised model class."""
+
+from collections.abc import Callable, Sequence
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import (
+    by_score,
+    each_fitted,
+    finished,
+    on_whole_runs,
+    other_places,
+    pairs_fitted,
+    scored_by,
+)
+from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.search.selection import TimeFound, shows
+from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
+from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
+from vlab.physics.effect import Effect
+
+
+def search_moving(
+    screen: TrajectoryScoreTest, effects: Sequence[Effect], report: Callable[[float, str], None]
+) -> TimeFound:
+    """Search the missing physics along the motion.
+
+    The procedure is that of `vlab.diagnose.search.selection.search`.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
+    effects : sequence of Effect
+        Candidate effects.
+    report : callable
+        Receives the completed share and the current step.
+
+    Returns
+    -------
+    TimeFound
+        Hypotheses.
+    """
+    problem = screen.problem
+    effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.3, "screening")
+    candidates = screen.candidates(effects)
+    narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
+    before = scored_by(narrow, narrow.fit())
+    shortlist = shortlisted(candidates)
+    if before.normalised_residual > HYPOTHESIS_FITS.enough:
+        report(0.45, "screening with a slower observer")
+        known = {c.label for c in shortlist}
+        slow = shortlisted(screen.trusting(SCORE_TEST.slow).candidates(effects))[: SELECTION.slow_shortlist]
+        shortlist += [c for c in slow if c.label not in known]
+    screen.forget()
+    report(0.5, "fitting single effects")
+    hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
+    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough:
+        report(0.65, "fitting pairs of effects")
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
+        hypotheses = by_score(hypotheses, doubles)
+    report(0.85, "fitting whole recordings")
+    if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
+        screen = screen.at(hypotheses[0].fit.theta)
+        narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
+        hypotheses = finished(narrow, hypotheses)
+        before = scored_by(narrow, narrow.fit((), before.fit))
+    (before,) = on_whole_runs(whole, narrow, [before])
+    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
+    hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
+    places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
+    return TimeFound(
+        problem=problem,
+        screen=screen,
+        windows=narrow,
+        whole=SimulatorLeastSquares(screen),
+        before=before,
+        hypotheses=tuple(hypotheses),
+        places=places,
+        candidates=tuple(candidates),
+    )
+
+
+def _pairs(
+    screen: TrajectoryScoreTest,
+    refiner: TrajectoryLeastSquares,
+    shortlist: Sequence[Candidate],
+    candidates: Sequence[Candidate],
+    singles: Sequence[Hypothesis],
+    effects: Sequence[Effect],
+) -> list[Hypothesis]:
+    """Return fits of second effects with the best single ones."""
+    by_label, seeds = {c.label: c for c in shortlist}, singles[: SECOND_EFFECT.seeds]
+    found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
+    for seed in seeds:
+        table = screen.given([by_label[seed.label]]).candidates(effects)
+        others = [
+            c for c in table if c.effect.name != seed.terms[0].effect.name
+        ]  # equal effects at two places are one misplaced effect
+        for second in best_of_effects(others)[: SECOND_EFFECT.seconds]:
+            if second.log_likelihood_gain > SHORTLIST.least_gain:
+                found.setdefault(frozenset((seed.label, second.label)), (seed, second))
+    return pairs_fitted(refiner, list(found.values()))

@@ -1,0 +1,246 @@
+"""Settings of the predictors."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencySettings:
+    """Settings of `vlab.diagnose.predictors.frequency`."""
+
+    step: float = 1e-4
+    """step [1]: relative finite-difference step of effect parameters, above 0; default untested. Raising it adds
+    truncation error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencyModelSettings:
+    """Settings of `vlab.diagnose.predictors.frequency_model`."""
+
+    most_modes: int = 40
+    """most_modes [1]: most modes of a large model, from the lowest, at least 1; default untested. Raising it costs
+    time."""
+    unstable: float = 1e-3
+    """unstable [rad/s]: modulus of an imaginary natural frequency from which a model is unstable, above 0; default
+    above rounding. Raising it tolerates negative stiffness."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencyModesSettings:
+    """Settings of `vlab.diagnose.predictors.frequency_modes`."""
+
+    least_part: float = 0.02
+    """least_part [1]: least participation of the structure in a pole that counts as mode, 0 to 1; default untested.
+    Raising it drops more poles of attachments."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencyResidualSettings:
+    """Settings of `vlab.diagnose.predictors.frequency_residual`."""
+
+    independent: float = 40.0
+    """independent [1]: effective sample size of one response, however many lines, above 0; default untested. Model
+    error is correlated over lines; raising it weights responses more against priors."""
+    band_error: float = 0.15
+    """band_error [1]: standard deviation of the log amplitude in a band of the coarse residual, above 0; default
+    untested. Raising it flattens the coarse cost."""
+    skipped: float = 6.0
+    """skipped [sd]: cost of a model mode missing from the table, above 0; default untested. Raising it skips fewer
+    model modes."""
+    own_part: float = 0.3
+    """own_part [1]: participation of the structure below which a mode is a resonance of an attachment, 0 to 1; default
+    untested. Raising it penalises more modes."""
+    part_cost: float = 3.0
+    """part_cost [sd]: cost per factor of e by which participation falls below `own_part`, above 0; default untested.
+    Raising it pairs attachment resonances less."""
+    far: float = 30.0
+    """far [sd]: bound of the cost of a pairing, above 0; default untested. Raising it weights outlying modes more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InnovationsSettings:
+    """Settings of `vlab.diagnose.predictors.innovations`."""
+
+    forgotten: float = 1e-7
+    """forgotten [1]: share of its maximum below which an impulse response is truncated, above 0; default untested.
+    Raising it shortens filters at a larger error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KalmanSettings:
+    """Settings of `vlab.diagnose.predictors.kalman`."""
+
+    most_riccati: int = 4000
+    """most_riccati [samples]: samples after which the covariance counts as stationary, above 0; default untested.
+    Raising it costs time and memory."""
+    few: int = 64
+    """few [samples]: initially allocated covariances, at least 1; default for 320 kB each at a hundred modes. Raising
+    it costs memory."""
+    settled: float = 1e-6
+    """settled [1]: change of the covariance per sample over its largest entry at stationarity, above 0; default
+    untested. Raising it stops the recursion earlier."""
+    tuning_samples: int = 2500
+    """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
+    default untested. Raising it costs time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalSettings:
+    """Settings of `vlab.diagnose.predictors.modal`."""
+
+    steps_per_cycle: float = 22.0
+    """steps_per_cycle [1]: integration steps per cycle of the highest frequency under nonlinear forces, above 2;
+    default for 0.7 % phase error at second order. Raising it costs time."""
+    finer: int = 2
+    """finer [1]: factor on the steps for nonsmooth laws such as stick-slip, hysteresis and clearance, at least 1;
+    default untested. Raising it locates events better and costs time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalIntegrationSettings:
+    """Settings of `vlab.diagnose.predictors.modal_integration`."""
+
+    most_alike: float = 1e8
+    """most_alike [1]: largest condition number of the step's eigenvectors for modal integration, above 1; default half
+    of all digits. Raising it integrates worse-conditioned systems in modal form."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalProblemSettings:
+    """Settings of `vlab.diagnose.predictors.modal_problem`."""
+
+    band: float = 1.1
+    """band [1]: highest mode with an uncertain frequency over the highest recorded frequency, above 0; default
+    untested. Raising it adds parameters that only compliance identifies."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnNonlinearitySettings:
+    """Settings of `vlab.diagnose.predictors.own_nonlinearity`."""
+
+    small: float = 1e-5
+    """small [1]: displacement, velocity and acceleration in SI units for the linearisation, above 0; default untested.
+    Raising it adds truncation error."""
+    least_omega: float = 1.0
+    """least_omega [rad/s]: lowest natural frequency of a slave mode, above 0; default untested. Slower unobserved modes
+    stay at rest; raising it fixes more modes."""
+    passes: int = 2
+    """passes [1]: fixed-point passes for slave motion and forces, at least 1; default untested. Raising it converges
+    the forces further."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScopeSettings:
+    """Settings of `vlab.diagnose.predictors.scope`."""
+
+    far: float = 0.02
+    """far [1]: relative error of linear accelerations on the recorded motion from which the model class is
+    trajectory-linearised, above 0. A pendulum reaches the default at 20 degrees; raising it keeps more models
+    time-invariant."""
+    exact: float = 1e-7
+    """exact [1]: relative error of linear accelerations under large displacement below which a model is linear, above
+    0; default untested. Raising it accepts weak nonlinearity without a recording."""
+    large: float = 0.3
+    """large [1]: trial displacement in rad or m and velocity per second of the linearity test, above 0; default
+    untested. Raising it detects weaker nonlinearity."""
+    slowest: float = 1e-3
+    """slowest [rad/s]: frequency whose accelerations count as zero, above 0; default untested. Raising it tolerates
+    errors of unrestrained masses."""
+    part: int = 1200
+    """part [samples]: part of a recording around its peak whose states are estimated, above 0; default untested.
+    Raising it costs time."""
+    looks: int = 60
+    """looks [1]: states of a recording at which accelerations are compared, at least 2; default untested. Raising it
+    costs time."""
+    most_coordinates: int = 30
+    """most_coordinates [1]: most degrees of freedom of a trajectory-linearised model, at least 1; default untested.
+    Raising it costs time."""
+    grown: float = 6.0
+    """grown [1]: log growth of an unstable mode over a recording from which an unknown control law is assumed, above 0;
+    default untested. Raising it refuses fewer cases."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepJacobianSettings:
+    """Settings of `vlab.diagnose.predictors.step_jacobian`."""
+
+    step: float = 1e-6
+    """step [1]: forward-difference step in rad or m, or per second, above 0; default untested. Raising it adds
+    truncation error."""
+    short: float = 1e-4
+    """short [s]: time step from which derivatives of the motion are computed, above 0; default untested. Raising it
+    adds truncation error."""
+    accurate: float = 1e-5
+    """accurate [1]: relative change of an interval's motion by finer substeps that is allowed, above 0; default
+    untested. Raising it takes fewer substeps."""
+    most_substeps: int = 64
+    """most_substeps [1]: most substeps of a sample interval, at least 1; default untested. Raising it costs time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectorySettings:
+    """Settings of `vlab.diagnose.predictors.trajectory`."""
+
+    fine: int = 4
+    """fine [1]: substeps of a sample interval under dry friction, at least 1; default untested. Raising it locates
+    stops and reversals better and costs time."""
+    tuning_samples: int = 600
+    """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
+    default untested. Raising it costs time."""
+    at_rest: float = 1e-3
+    """at_rest [1]: standard deviation of an initial state at rest over the largest motion of its kind, above 0; default
+    untested. Raising it loosens the initial state."""
+    unknown: float = 0.3
+    """unknown [1]: standard deviation of an unknown initial state over the largest motion of its kind, above 0; default
+    untested. Raising it loosens the initial state."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryDataSettings:
+    """Settings of `vlab.diagnose.predictors.trajectory_data`."""
+
+    most_samples: int = 2500
+    """most_samples [samples]: longest part of a run in the search, above 0; default untested. Raising it costs time;
+    the verdict always uses whole runs."""
+    wide: float = 0.5
+    """wide [1]: standard deviation of an unknown initial state of the smoother over the largest motion of its kind,
+    above 0; default untested. Raising it loosens the initial state."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryIntegrationSettings:
+    """Settings of `vlab.diagnose.predictors.trajectory_integration`."""
+
+    far: float = 1e6
+    """far [1]: magnitude in SI units to which the deviation of a diverged trial is clipped, above 0; default untested.
+    Raising it risks overflow."""
+    check_every: int = 8
+    """check_every [steps]: interval of the divergence check, at least 1; default untested. Raising it saves time and
+    detects divergence later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryPriorsSettings:
+    """Settings of `vlab.diagnose.predictors.trajectory_problem`."""
+
+    geometry_sd: dict[str, float] = field(default_factory=lambda: {"inertia": 0.03, "length": 0.003})
+    """geometry_sd [1]: relative prior standard deviations of inertia and length where a case states none, above 0;
+    default from drawings, untested. Small motion identifies both as mass and stiffness only; raising an entry frees
+    that kind."""
+
+
+FREQUENCY = FrequencySettings()
+FREQUENCY_MODEL = FrequencyModelSettings()
+FREQUENCY_MODES = FrequencyModesSettings()
+FREQUENCY_RESIDUAL = FrequencyResidualSettings()
+INNOVATIONS = InnovationsSettings()
+KALMAN = KalmanSettings()
+MODAL = ModalSettings()
+MODAL_INTEGRATION = ModalIntegrationSettings()
+MODAL_PROBLEM = ModalProblemSettings()
+OWN_NONLINEARITY = OwnNonlinearitySettings()
+SCOPE = ScopeSettings()
+STEP_JACOBIAN = StepJacobianSettings()
+TRAJECTORY = TrajectorySettings()
+TRAJECTORY_DATA = TrajectoryDataSettings()
+TRAJECTORY_INTEGRATION = TrajectoryIntegrationSettings()
+TRAJECTORY_PRIORS = TrajectoryPriorsSettings()

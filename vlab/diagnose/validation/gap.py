@@ -1,0 +1,169 @@
+"""Errors of models on data, and the closed gap.
+
+The gap is the error of the model without findings minus the noise. Every finding's contribution is the change by its
+removal.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from vlab.diagnose.settings import MODEL_CHOICE
+from vlab.signals import Array
+
+D = TypeVar("D", bound="Distance")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Contribution of one finding to one data set.
+
+    Parameters
+    ----------
+    name : str
+        Finding.
+    left : float
+        Relative error of the extended model without the finding.
+    told : float
+        Expected log-likelihood ratio of both models if the residual is noise [nat].
+    """
+
+    name: str
+    left: float
+    told: float
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether the finding has no detectable effect on the data."""
+        return self.told < MODEL_CHOICE.alike
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Distance:
+    """Errors of the models on one data set.
+
+    Parameters
+    ----------
+    name, role : str
+        Name and role of the data.
+    nominal, before, after, noise : float
+        Relative errors: nominal model, the better of nominal and calibrated, extended model, noise.
+    channels : dict
+        (nominal, before, after, noise) by channel, `before` of one model throughout.
+    incoherent : float
+        Relative rms of the residual of `before` that is coherent with neither inputs nor motion, at least the noise; 0
+        where unknown.
+    calibrated : float
+        Relative error of the calibrated model; NaN without one.
+    bare : float
+        Relative error of the extended model without any finding, that is its calibration alone.
+    parts : tuple of Part
+        Contributions of the findings.
+    """
+
+    name: str
+    role: str
+    nominal: float
+    before: float
+    after: float
+    noise: float
+    channels: dict[str, tuple[float, float, float, float]]
+    incoherent: float = 0.0
+    calibrated: float = float("nan")
+    bare: float = float("nan")
+    parts: tuple[Part, ...] = ()
+
+    @property
+    def is_spoilt(self) -> bool:
+        """Whether calibration increases the error; the nominal model then remains."""
+        return self.calibrated > self.nominal
+
+    @property
+    def stands(self) -> str:
+        """Name of the better model: ``"nominal"`` or ``"calibrated"``."""
+        return "nominal" if self.is_spoilt else "calibrated"
+
+    @property
+    def start(self) -> float:
+        """Least error without findings.
+
+        The minimum is over nominal, calibrated and extended calibration. A gap closed by calibration is no gap closed
+        by a finding.
+        """
+        return float(np.fmin(self.before, self.bare))
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no finding has a detectable effect on hold-out data.
+
+        Such data cannot verify a finding.
+        """
+        return self.role == "holdout" and bool(self.parts) and all(part.is_idle for part in self.parts)
+
+    @property
+    def gap_closed(self) -> float | None:
+        """Closed share of the gap; None within the noise."""
+        return None if self.is_idle else gap_closed(self.before, self.after, self.noise)
+
+
+def gap_closed(before: float, after: float, noise: float) -> float | None:
+    """Return the closed share of the gap to the noise.
+
+    Parameters
+    ----------
+    before, after, noise : float
+        Relative errors.
+
+    Returns
+    -------
+    float or None
+        Share; None where `before` is within the noise.
+    """
+    if not np.isfinite(before):
+        return 1.0 if np.isfinite(after) else 0.0
+    if before <= 1.1 * noise:
+        return None
+    return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
+
+
+def part_of(name: str, left: float, moved: Array, noise: Array, samples: int) -> Part:
+    """Return the contribution of a finding.
+
+    Detectability is relative to the noise alone. A finding acts even where the residual exceeds the noise.
+
+    Parameters
+    ----------
+    name : str
+        Finding.
+    left : float
+        Relative error of the extended model without the finding.
+    moved, noise : (n_channels,) array
+        Change by removal, and noise, over the channels' rms; infinite after divergence.
+    samples : int
+        Samples per channel.
+
+    Returns
+    -------
+    Part
+        Contribution.
+    """
+    return Part(name=name, left=left, told=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2)))
+
+
+def verifying(checked: Sequence[D]) -> list[D]:
+    """Return the data that can verify a finding, otherwise all."""
+    return [c for c in checked if not c.is_idle] or list(checked)
+
+
+def whole_gap(checked: Sequence[Distance]) -> float | None:
+    """Return the closed share over all verifying data."""
+    chosen = [c for c in checked if not c.is_idle]
+    return gap_closed(*(total(chosen, key) for key in ("before", "after", "noise"))) if chosen else None
+
+
+def total(checked: Sequence[Distance], which: str) -> float:
+    """Return the rms of one error over the recordings."""
+    values = np.array([getattr(c, which) for c in checked])
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

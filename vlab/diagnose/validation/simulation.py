@@ -1,0 +1,364 @@
+"""Validation in MuJoCo on hold-out recordings."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vlab.cases.channel_map import Run
+from vlab.cases.replay import at_timestep
+from vlab.cases.simulate import simulate
+from vlab.diagnose.data.command_limit import CommandLimit
+from vlab.diagnose.data.mains_interference import MainsInterference
+from vlab.diagnose.data.noise import noise_rms
+from vlab.diagnose.data.quality import SensorLimit
+from vlab.diagnose.data.quantisation import SensorStep
+from vlab.diagnose.data.residual_noise import incoherent_rms
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.problem import Problem
+from vlab.diagnose.settings import VALIDATION
+from vlab.diagnose.validation.gap import Distance, part_of
+from vlab.errors import BadCase, Diverged
+from vlab.physics.attach import Attached, attach
+from vlab.plants.base import Plant
+from vlab.recordings.quality import held_samples
+from vlab.signals import Array, Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExtendedModel:
+    """Calibrated plant with added physics, and its measurement chain.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    names : tuple of str
+        Compared channels.
+    sensor_gain, offset, about : (n_channels,) array
+        Gain, offset and the value about which the gain acts [SI], in the order of `names`.
+    limit : CommandLimit or None
+        Limit on a law's commands.
+    stops : tuple of SensorLimit
+        Range limits of sensors.
+    interferences : tuple of MainsInterference
+        Mains interference, with the amplitude of the fitted recordings and each recording's own phase.
+    steps : tuple of SensorStep
+        Quantisation of sensors.
+    """
+
+    plant: Plant
+    names: tuple[str, ...] = ()
+    sensor_gain: Array | None = None
+    offset: Array | None = None
+    about: Array | float = 0.0
+    limit: CommandLimit | None = None
+    stops: tuple[SensorLimit, ...] = ()
+    interferences: tuple[MainsInterference, ...] = ()
+    steps: tuple[SensorStep, ...] = ()
+
+    def simulated(self, run: Run) -> Recording:
+        """Simulate a run's channels.
+
+        Parameters
+        ----------
+        run : Run
+            Recording; it may lack corrected channels.
+
+        Returns
+        -------
+        Recording
+            Simulated channels [SI].
+
+        Raises
+        ------
+        Diverged
+            The simulation diverges.
+        BadCase
+            No initial state was found.
+        """
+        recording = simulate(self.plant, self._moved(run if self.limit is None else self.limit.on(run))).recording
+        data = recording.data.copy()
+        for column, gain, offset, about in self._calibration(recording):
+            data[:, column] = about + gain * (data[:, column] - about) + offset
+        for interference in self.interferences:
+            if interference.channel in recording.names:
+                data[:, recording.index(interference.channel)] += interference.expected(run)
+        for step in self.steps:
+            if step.channel in recording.names:
+                column = recording.index(step.channel)
+                data[:, column] = step.on(data[:, column])
+        for stop in self.stops:
+            if stop.channel in recording.names:
+                column = recording.index(stop.channel)
+                data[:, column] = np.clip(data[:, column], -stop.limit, stop.limit)
+        return replace(recording, data=data)
+
+    def _moved(self, run: Run) -> Run:
+        """Return a run with calibrated channels, for the initial state."""
+        data = run.measured.data.copy()
+        for column, gain, offset, about in self._calibration(run.measured):
+            data[:, column] = about + (data[:, column] - about - offset) / gain
+        return replace(run, measured=replace(run.measured, data=data))
+
+    def _calibration(self, recording: Recording) -> Iterator[tuple[int, float, float, float]]:
+        """Yield the calibration of every corrected channel."""
+        if self.sensor_gain is None or self.offset is None:
+            return
+        abouts = np.broadcast_to(self.about, self.sensor_gain.shape)
+        for name, *values in zip(self.names, self.sensor_gain, self.offset, abouts, strict=True):
+            if name in recording.names:
+                gain, offset, about = (float(value) for value in values)
+                yield recording.index(name), gain, offset, about
+
+
+def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
+    """Return a problem's plant extended by a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit.
+    without : collection of str
+        Channels whose offset stays zero.
+
+    Returns
+    -------
+    ExtendedModel
+        Extended model.
+    """
+    plant = problem.adjusted(fit.theta)
+    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
+    gains = np.ones(len(problem.names))
+    for parameter, value in zip(problem.parameters, fit.theta, strict=True):
+        if parameter.sensor is not None:
+            gains[parameter.sensor] *= np.exp(value)
+    return ExtendedModel(
+        plant=attach(plant, effects, channels=problem.names) if effects else plant,
+        names=problem.names,
+        sensor_gain=gains,
+        about=problem.about,
+        offset=np.where([name in without for name in problem.names], 0.0, fit.offsets),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ablations:
+    """Extended model with findings removed, otherwise unchanged.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Findings.
+    models : tuple
+        Model without each finding in this order. With several findings the last model has none.
+    """
+
+    names: tuple[str, ...] = ()
+    models: tuple[Any, ...] = ()
+
+    def changed(self, change: Callable[[Any], Any]) -> "Ablations":
+        """Return the ablations with every model changed."""
+        return replace(self, models=tuple(change(model) for model in self.models))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checked(Distance):
+    """Errors of the models on one recording.
+
+    Errors are rms over channels of error over the recording's rms about its mean; infinite after divergence.
+
+    Parameters
+    ----------
+    measured : Recording
+        Recording.
+    simulated : tuple of Recording or None
+        Nominal, calibrated and extended simulation.
+    """
+
+    measured: Recording
+    simulated: tuple[Recording | None, Recording | None, Recording | None]
+
+    @property
+    def standing(self) -> Recording | None:
+        """Simulation of the better of nominal and calibrated model.
+
+        Its error is `before`.
+        """
+        return self.simulated[0] if self.is_spoilt else self.simulated[1]
+
+    @property
+    def extended(self) -> Recording | None:
+        """Simulation of the extended model, where available."""
+        return None if self.simulated[2] is self.standing else self.simulated[2]
+
+    def without_findings(self) -> "Checked":
+        """Return the errors without any finding."""
+        channels = {
+            name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
+        }
+        nominal, calibrated, _ = self.simulated
+        return replace(self, after=self.before, channels=channels, simulated=(nominal, calibrated, self.standing))
+
+
+def check(
+    runs: Sequence[Run],
+    before: ExtendedModel,
+    after: ExtendedModel | None,
+    interferences: Sequence[MainsInterference] = (),
+    *,
+    nominal: ExtendedModel | None = None,
+    ablate: Ablations | None = None,
+) -> list[Checked]:
+    """Simulate runs with all models and compare.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Recordings.
+    before : ExtendedModel
+        Calibrated model.
+    after : ExtendedModel or None
+        Extended model; None without findings.
+    interferences : sequence of MainsInterference
+        Interference that counts as noise.
+    nominal : ExtendedModel or None
+        Nominal model; without one its errors are NaN.
+    ablate : Ablations or None
+        Models without single findings.
+
+    Returns
+    -------
+    list of Checked
+        Errors of every recording.
+    """
+    ablate = ablate or Ablations()
+    models = [nominal, before, after, *ablate.models]
+    work = [(model, run) for run in runs for model in models]
+    data = side_by_side(lambda item: _try(*item), work)
+    simulated = [
+        None if part is None else replace(run.measured, data=part, meta={"simulated": run.name})
+        for (_, run), part in zip(work, data, strict=True)
+    ]
+    each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
+    return [_checked(run, models, own, interferences, ablate.names) for run, own in zip(runs, each, strict=True)]
+
+
+def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
+    """Return a model whose plant has a shorter time step."""
+    return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
+
+
+def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
+    """Return a note where shorter time steps change runs.
+
+    The change must exceed the noise. No physics compensates integration error.
+
+    Parameters
+    ----------
+    model : ExtendedModel
+        Calibrated model.
+    checked, finer : sequence of Checked
+        Runs with the model's own and with shorter steps.
+
+    Returns
+    -------
+    str
+        Note, or "".
+    """
+    worst, where = 0.0, ""
+    for own, other in zip(checked, finer, strict=True):
+        one, two = own.simulated[1], other.simulated[1]
+        if one is None or two is None:
+            continue
+        moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
+        size = float(np.sqrt(np.mean(np.square(moved))))
+        if size >= max(own.noise, VALIDATION.coarse * own.calibrated) and size > worst:
+            worst, where = size, own.name
+    if not where:
+        return ""
+    step = model.plant.timestep
+    return (
+        f"steps of {1e3 * step / VALIDATION.finer:.3g} ms instead of {1e3 * step:.3g} ms change what the model does in "
+        f"{where} by {100 * worst:.2g} % of its rms: no physics makes up for that; give the model a shorter timestep, or the "
+        'integrator "RK4"'
+    )
+
+
+def _checked(
+    run: Run,
+    models: Sequence[ExtendedModel | None],
+    simulated: Sequence[Recording | None],
+    interferences: Sequence[MainsInterference],
+    findings: Sequence[str],
+) -> Checked:
+    names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    kept = ~held_samples(run.measured)
+    scale = np.array([np.std(run.measured[n]) for n in names])
+    noise = noise_rms(run, names) / scale
+    for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
+        if step.channel in names:
+            i = names.index(step.channel)
+            noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
+    for interference in interferences:
+        if interference.channel in names:
+            i = names.index(interference.channel)
+            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i])
+
+    def apart(one: Recording, other: Recording) -> Array:
+        return np.array([_rms((one[n] - other[n])[kept]) for n in names]) / scale
+
+    errors, recordings = [], list(simulated[:3])
+    for model, recording in zip(models, simulated, strict=True):
+        if recording is None:
+            errors.append(np.full(len(names), np.inf if model is not None else np.nan))
+        else:
+            errors.append(apart(recording, run.measured))
+    left = [_rms(e) for e in errors]
+    stands = errors[0] if left[1] > left[0] else errors[1]
+    standing = recordings[0] if left[1] > left[0] else recordings[1]
+    if models[2] is None:
+        errors[2], recordings[2] = stands, standing
+    parts = []
+    for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
+        moved = np.full(len(names), np.inf)
+        if recordings[2] is not None and without is not None:
+            moved = apart(recordings[2], without)
+        parts.append(part_of(name, own, moved, noise, int(kept.sum())))
+    return Checked(
+        name=run.name,
+        role=run.role,
+        nominal=left[0],
+        before=_rms(stands),
+        after=_rms(errors[2]),
+        noise=_rms(noise),
+        channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
+        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing) / scale)),
+        calibrated=left[1],
+        bare=left[-1] if findings else float("nan"),
+        parts=tuple(parts),
+        measured=run.measured,
+        simulated=(recordings[0], recordings[1], recordings[2]),
+    )
+
+
+def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
+    """Return the incoherent rms (n_names,) of a simulation's residual."""
+    if simulated is None:
+        return np.zeros(len(names))
+    return np.array([incoherent_rms(run, name, run.measured[name] - simulated[name]) for name in names])
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _try(model: ExtendedModel | None, run: Run) -> Array | None:
+    try:
+        return None if model is None else model.simulated(run).data
+    except (Diverged, BadCase):  # or no initial state was found: the model cannot follow the recording
+        return None

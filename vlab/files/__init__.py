@@ -1,0 +1,1 @@
+"""Files at the edge: TOML schemas, assets, output folders, locks."""

@@ -1,0 +1,462 @@
+"""CSV recordings: strict reader, and vlab's own labelled form.
+
+A file has optional title lines, one header line with names, an optional line of units, and then numbers only. Lines
+starting with ``#`` are comments. A name may end with its unit in brackets. Between semicolons or tabs a comma is a
+decimal sign if no number has a point.
+
+pyarrow reads an ordinary file fast. A file that pyarrow refuses is read again line by line; the slow reader accepts
+complex numbers and locates the fault.
+"""
+
+import io
+import math
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from vlab import units as known_units
+from vlab.errors import BadRecording, unknown_name
+from vlab.files.text import one_line
+from vlab.recordings.files import refuse
+from vlab.recordings.formats.cells import cut_line, parse_number
+from vlab.recordings.table import (
+    MAX_COLUMNS,
+    Table,
+    check_version,
+    read_channel,
+    read_meta,
+)
+from vlab.signals import Channel
+
+_SIGNATURE = "vlab-recording"
+_LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
+_LONGEST_PREAMBLE = 2 * MAX_COLUMNS
+_MOST_TITLES = 100
+_BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """Start of the numbers and form of the lines."""
+
+    path: Path
+    delimiter: str
+    names: tuple[str, ...]
+    width: int  # cells of a line; one more than names if every line ends with a delimiter
+    keep: tuple[int, ...]  # columns to read
+    offset: int  # byte offset of the first line of numbers
+    line: int  # line number, from 1
+    comments: tuple[str, ...]
+    units: tuple[str, ...] = ()  # units by column, from a line of their own
+    titles: int = 0  # lines before the header
+
+    def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
+        return refuse(self.path, f"line {line}: {what}", fix=fix)
+
+    def column(self, index: int) -> str:
+        return f"column {index + 1} ({self.names[index]!r})" if index < len(self.names) else f"column {index + 1}"
+
+
+def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+    """Read a CSV file, see `vlab.recordings.open_table`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Column names of a file without names, or in place of its names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+
+    Returns
+    -------
+    Table
+        Columns, notes and units.
+
+    Raises
+    ------
+    BadRecording
+        The file is damaged, truncated or not numeric.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
+        raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
+    layout = _layout(data, path, names)
+    is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(_SIGNATURE)
+    labels = _labels(layout) if is_ours else None
+    if labels is not None:
+        layout = replace(layout, names=("time", *(channel.name for channel in labels.channels)))
+        _check_names(layout.names, len(layout.names), path)
+    for name in columns or ():
+        if name not in layout.names:
+            raise unknown_name("column", name, layout.names, where=one_line(path))
+    if columns is not None:
+        layout = replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in columns))
+    notes: tuple[str, ...] = ()
+    if _has_decimal_commas(data, layout):
+        body = data[layout.offset :].replace(b",", b".")
+        data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
+    values = _fast(data, layout) or _slow(data, layout)
+    found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
+    is_whole = data.endswith((b"\n", b"\r"))
+    if labels is None:
+        if layout.titles:
+            notes = (*notes, f"{layout.titles} line{'s' if layout.titles > 1 else ''} before the header not read")
+        if not is_whole:
+            notes = (*notes, "the last line has no line end: its last number may be cut short")
+        return Table(path=path, columns=found, notes=notes, units=_stated_units(layout))
+    if not is_whole or labels.samples != str(values[0].size):
+        raise refuse(
+            path, f"the file is truncated: {values[0].size} of {labels.samples} samples", fix="copy or export it again"
+        )
+    if any(np.iscomplexobj(column) for column in values):
+        raise refuse(path, "a complex number among the samples of a recording", fix="the file was edited or is damaged")
+    return Table(
+        path=path, columns=found, meta=labels.meta, channels=tuple(c for c in labels.channels if c.name in found)
+    )
+
+
+# ---------------------------------------------------------------------------------------------- the shape of a file
+
+
+def _lines(data: bytes, path: Path, offset: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Yield the offset and the bytes of each line."""
+    stream = io.BytesIO(data)
+    stream.seek(offset)
+    while line := stream.readline(_LONGEST_LINE + 1):
+        if len(line) > _LONGEST_LINE:
+            raise refuse(
+                path,
+                f"a line of more than {_LONGEST_LINE} bytes",
+                fix="not a text file of numbers, or its line ends are missing",
+            )
+        yield offset, line
+        offset += len(line)
+
+
+def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
+    """Find comments, delimiter, header and first numbers."""
+    comments, content = [], []
+    for number, (offset, raw) in enumerate(_lines(data, path), start=1):
+        if number > _LONGEST_PREAMBLE:
+            raise refuse(path, f"no numbers in the first {_LONGEST_PREAMBLE} lines", fix="check what was exported")
+        try:
+            text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip("\r\n")
+        except UnicodeDecodeError as error:
+            raise refuse(path, f"line {number} is not UTF-8 text: {error}", fix="export it as UTF-8 text") from error
+        if text.lstrip().startswith("#"):
+            comments.append(text.strip()[1:].strip())
+        elif text.strip(" \t"):
+            content.append((number, offset, text))
+            if len(content) == _MOST_TITLES or _is_all_numbers(text):
+                break
+    if not content:
+        raise refuse(path, "no numbers in the file", fix="check what was exported")
+    titles, units = _above_numbers(content)
+    content = content[titles:]
+    delimiter = _delimiter(content[min(1, len(content) - 1)][2])
+    number, offset, text = content[0]
+    cells = cut_line(text, delimiter, path, number)
+    width, trailing = len(cells), len(cells) > 1 and not cells[-1]
+    cells = cells[:-1] if trailing else cells
+    numeric = [_is_number(cell, delimiter) for cell in cells]
+    if any(numeric) and not all(numeric):
+        bad = cells[numeric.index(False)]
+        raise refuse(
+            path,
+            f"line {number} is neither a header nor numbers: {bad!r} beside numbers",
+            fix="give every column a name that is not a number",
+        )
+    if not any(numeric):
+        if len(content) < 2:
+            raise refuse(
+                path,
+                f"a header in line {number} and no numbers after it",
+                fix="the file is truncated or the export was empty",
+            )
+        header = cells
+        number, offset, _ = content[2 if units else 1]
+    else:
+        header = _commented_names(comments, delimiter, len(cells)) or [f"c{i + 1}" for i in range(len(cells))]
+    chosen = tuple(header if names is None else names)
+    _check_names(chosen, len(cells), path)
+    keep = tuple(range(len(chosen)))
+    return _Layout(
+        path=path,
+        delimiter=delimiter,
+        names=chosen,
+        width=width,
+        keep=keep,
+        offset=offset,
+        line=number,
+        comments=tuple(comments),
+        units=units[: len(chosen)],
+        titles=titles,
+    )
+
+
+def _delimiter(text: str) -> str:
+    return next((sign for sign in ";\t," if sign in text), ",")
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    """Return the cells of a line of unknown layout.
+
+    A delimiter at the end of the line ends the last cell.
+    """
+    cells = [cell.strip() for cell in text.split(delimiter)]
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _is_all_numbers(text: str) -> bool:
+    delimiter = _delimiter(text)
+    return all(_is_number(cell, delimiter) for cell in _cells(text, delimiter))
+
+
+def _above_numbers(content: list[tuple[int, int, str]]) -> tuple[int, tuple[str, ...]]:
+    """Return the number of title lines and the units.
+
+    The header follows the titles and has as many names as a line has numbers. The units, if any, are on the line after
+    the header.
+    """
+    text = content[-1][2]
+    if len(content) < 3 or not _is_all_numbers(text):
+        return 0, ()
+    delimiter = _delimiter(text)
+    count = len(_cells(text, delimiter))
+    above = [_cells(line, delimiter) for _, _, line in content[:-1]]
+    if len(above[-1]) != count or any(_is_number(cell, delimiter) for cell in above[-1]):
+        return 0, ()  # no header fits: the message refers to the first lines
+    is_units = len(above[-2]) == count and all(_is_unit(cell) for cell in above[-1])
+    return len(above) - (2 if is_units else 1), tuple(above[-1]) if is_units else ()
+
+
+def _is_unit(cell: str) -> bool:
+    bare = cell.strip("[]() ")
+    return bare in ("", "-") or known_units.same_dimension(bare, bare)
+
+
+def _is_number(cell: str, delimiter: str) -> bool:
+    return parse_number(cell) is not None or (delimiter != "," and bool(_DECIMAL_COMMA.fullmatch(cell)))
+
+
+def _stated_units(layout: _Layout) -> dict[str, str]:
+    """Return the units in the file, by column.
+
+    The units are on a line of their own, or in brackets behind the names.
+    """
+    if layout.units:
+        return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep}
+    found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
+    return {name: match[1].strip() for name, match in found.items() if match is not None}
+
+
+def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
+    """Return whether numbers use decimal commas.
+
+    The first line of numbers must contain commas, no point, and another delimiter.
+    """
+    if layout.delimiter == ",":
+        return False
+    end = data.find(b"\n", layout.offset)
+    text = data[layout.offset : end if end >= 0 else len(data)].decode("utf-8", errors="replace")
+    cells = [cell.strip() for cell in text.split(layout.delimiter)]
+    return "." not in text and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
+
+
+def _commented_names(comments: list[str], delimiter: str, n_columns: int) -> list[str]:
+    """Return the names in the last comment before the numbers.
+
+    numpy.savetxt writes names in such a comment.
+    """
+    cells = [cell.strip() for cell in comments[-1].split(delimiter)] if comments else []
+    fits = (
+        1 < len(cells) == n_columns == len(set(cells))
+        and all(cells)
+        and all(parse_number(cell) is None for cell in cells)
+    )
+    return cells if fits else []
+
+
+def _check_names(names: tuple[str, ...], n_columns: int, path: Path) -> None:
+    if len(names) != n_columns:
+        raise refuse(path, f"{len(names)} names were given for {n_columns} columns")
+    if n_columns > MAX_COLUMNS:
+        raise refuse(
+            path, f"{n_columns} columns; at most {MAX_COLUMNS} are read", fix="check the delimiter and the line ends"
+        )
+    for name, count in Counter(names).items():
+        if not name or count > 1:
+            what = f"the column name {name!r} stands {count} times" if name else "a column of the header has no name"
+            raise refuse(path, what, fix="name each column once, in the file or with names")
+
+
+# ------------------------------------------------------------------------------------------------------ the numbers
+
+
+def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
+    """Read real numbers with pyarrow.
+
+    None leaves the decision to the slow reader.
+    """
+    body = memoryview(data)[layout.offset :]
+    has_signs = any(data.find(sign, layout.offset) >= 0 for sign in (b"#", b'"'))
+    has_lone_returns = data.count(b"\r") != data.count(b"\r\n")
+    if has_signs or has_lone_returns or layout.width > len(layout.names):
+        return None
+    end = len(body)
+    while end and body[end - 1] in b" \t\r\n":
+        end -= 1
+    labels = [str(i) for i in range(layout.width)]
+    keep = [labels[i] for i in layout.keep]
+    try:
+        table = pa.csv.read_csv(
+            pa.BufferReader(pa.py_buffer(body[:end])),
+            read_options=pa.csv.ReadOptions(column_names=labels, use_threads=False),
+            parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False),
+            convert_options=pa.csv.ConvertOptions(
+                column_types={k: pa.float64() for k in keep}, include_columns=keep, null_values=[]
+            ),
+        )
+    except (pa.ArrowException, ValueError):  # the slow reader locates the fault
+        return None
+    values = [table.column(name).to_numpy() for name in keep]
+    return values if all(np.isfinite(v).all() for v in values) else None
+
+
+def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
+    """Read line by line and locate the first fault."""
+    real, imaginary = array("d"), array("d")
+    delimiter, blank = layout.delimiter.encode(), 0
+    for number, (offset, raw) in enumerate(_lines(data, layout.path, layout.offset), start=layout.line):
+        row = [] if blank or imaginary else _plain_row(raw, delimiter, layout)
+        if row:
+            real.extend(row)
+            continue
+        text = raw.decode("utf-8", errors="replace").strip("\r\n")
+        if not text.strip():
+            blank = blank or number
+            continue
+        if text.lstrip().startswith("#"):
+            continue
+        if blank:
+            raise layout.fail(
+                blank, "an empty line between the numbers", fix="the file is damaged or was written twice"
+            )
+        is_last = offset + len(raw) == len(data) and not raw.endswith(b"\n")
+        cells = cut_line(text, layout.delimiter, layout.path, number)
+        if len(cells) != layout.width:
+            raise _ragged(layout, number, len(cells), is_last)
+        if layout.width > len(layout.names) and cells[-1]:
+            raise layout.fail(number, f"{layout.width} cells for {len(layout.names)} names")
+        numbers = [_cell(layout, number, i, cells[i], is_last) for i in layout.keep]
+        if not imaginary and any(isinstance(value, complex) for value in numbers):
+            imaginary = array("d", bytes(8 * len(real)))
+        real.extend(value.real for value in numbers)
+        if imaginary or any(isinstance(value, complex) for value in numbers):
+            imaginary.extend(value.imag for value in numbers)
+    table = np.frombuffer(real, dtype=float).reshape(-1, len(layout.keep))
+    if not imaginary:
+        return list(table.T.copy())
+    both = np.empty(table.shape, dtype=complex)
+    both.real, both.imag = table, np.frombuffer(imaginary, dtype=float).reshape(table.shape)
+    return [column.copy() if column.imag.any() else column.real.copy() for column in both.T]
+
+
+def _plain_row(raw: bytes, delimiter: bytes, layout: _Layout) -> list[float]:
+    """Return the row of an ordinary line, or nothing."""
+    try:
+        row = [float(cell) for cell in raw.split(delimiter)]
+    except ValueError:
+        return []
+    fits = len(row) == layout.width == len(layout.keep) and b"_" not in raw and math.isfinite(sum(row))
+    return row if fits else []
+
+
+def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> complex:
+    """Return the number in a cell, or raise with its fault."""
+    value = parse_number(cell)
+    where = layout.column(index)
+    if value is None and is_last and index == layout.width - 1:
+        raise layout.fail(
+            line, f"the file is truncated: {where} is {cell!r} and the line does not end", fix="copy or export it again"
+        )
+    if value is None and not cell:
+        raise layout.fail(
+            line, f"{where} is empty", fix="fill or cut the gap; columns that no channel names are not read"
+        )
+    if value is None:
+        fix = "lines after the header hold numbers only"
+        if re.fullmatch(r"[+-]?\d+,\d+", cell):
+            fix = "use a point as the decimal sign"
+        elif len(cell.split()) > 1:
+            fix = "separate the columns by comma, semicolon or tab"
+        raise layout.fail(line, f"{where} is {cell[:60]!r}, not a number", fix=fix)
+    if not (math.isfinite(value.real) and math.isfinite(value.imag)):
+        raise layout.fail(
+            line,
+            f"{where} is {'NaN' if 'nan' in cell.lower() else 'infinite'} ({cell!r})",
+            fix="cut the gap out of the recording",
+        )
+    return value
+
+
+def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecording:
+    if is_last and cells < layout.width:
+        return layout.fail(
+            line,
+            f"the file is truncated: {cells} of {layout.width} cells and no line end",
+            fix="copy or export it again",
+        )
+    return layout.fail(
+        line,
+        f"{cells} cells where {layout.width} are expected",
+        fix="every line needs the same columns; check the delimiter",
+    )
+
+
+# ------------------------------------------------------------------------------------------------- vlab's own form
+
+
+def _header(channels: Sequence[Channel]) -> list[str]:
+    return ["time [s]", *(f"{channel.name} [{channel.unit}]" for channel in channels)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Labels:
+    """Contents of a vlab file's comment lines."""
+
+    channels: tuple[Channel, ...]
+    samples: str
+    meta: dict[str, Any]
+
+
+def _labels(layout: _Layout) -> _Labels:
+    """Read a vlab file's comment lines.
+
+    The labels must agree with the header.
+    """
+    path = layout.path
+    check_version(layout.comments[0].removeprefix(_SIGNATURE).strip(), path)
+    entries = [comment.partition(":")[::2] for comment in layout.comments[1:]]
+    channels = tuple(read_channel(cut_line(text, ";", path, 1), path) for key, text in entries if key == "channel")
+    if layout.names != tuple(_header(channels)):
+        raise refuse(path, "the header and the channel labels do not agree", fix="the file was edited or is damaged")
+    single = {key: text.strip() for key, text in entries if key != "channel"}
+    return _Labels(
+        channels=channels,
+        samples=single.get("samples", "an unknown number of"),
+        meta=read_meta(single.get("meta", "{}"), path),
+    )

@@ -1,0 +1,1 @@
+"""Correction of a reduced model by a simulated modal test."""

@@ -1,0 +1,1 @@
+"""The limit cycle near 41 Hz: harmonic balance, odds of explanations, simulations."""

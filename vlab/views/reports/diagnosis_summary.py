@@ -1,0 +1,80 @@
+"""Summary of a diagnosis in plain sentences."""
+
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
+from vlab.diagnose.pipeline import Diagnosed
+
+
+def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
+    """Return the verdict in one plain sentence.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Completed diagnosis.
+
+    Returns
+    -------
+    str
+        Sentence with gap or residual.
+    """
+    diagnosis = done.diagnosis
+    errors = diagnosis.heldout
+    spoilt_note = any(c.is_spoilt for c in diagnosis.checked)
+    where = (
+        "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
+    )
+    if diagnosis.verdict == "missing-physics":
+        names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.place}" for f in diagnosis.findings)
+        gap = errors["gap_closed"]
+        own = "the nominal or calibrated model" if spoilt_note else "the calibrated model"
+        if gap is None:
+            return f"The model leaves out {names}."
+        closed = f"closes {100 * gap:.0f} % of the gap between {own} and the noise on {where}"
+        return f"The model leaves out {names}; the extended model {closed}."
+    if diagnosis.verdict == "nothing-missing":
+        left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
+        how = "nominal or calibrated" if spoilt_note else "calibrated"
+        return f"Nothing is missing: the residual of the {how} model is {left} on {where}."
+    if diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone:
+        left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
+        return (
+            f"{diagnosis.attempt.name} explains the fit recordings and has no effect on the held-out recordings, where the residual "
+            f"without it is {left} already: nothing is verified."
+        )
+    if diagnosis.verdict == "none-of-these":
+        left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
+        how = "nominal or calibrated" if spoilt_note else "calibrated"
+        return f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it."
+    return "The recordings are damaged, so the model was not judged."
+
+
+def _ratio(error: float | None, noise: float | None) -> str:
+    if error is None:
+        return "unbounded"
+    if not noise:
+        return f"{100 * error:.3g} % of the recordings' rms"
+    return f"{100 * error:.3g} % of the recordings' rms, {error / noise:.3g} times the noise,"
+
+
+def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
+    """Return the paragraphs under the title: verdict, findings, notes, next measurement.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Completed diagnosis.
+
+    Returns
+    -------
+    list of str
+        Paragraphs.
+    """
+    diagnosis = done.diagnosis
+    out = [verdict_sentence(done)]
+    for finding in diagnosis.findings:
+        out.append(f"{finding.name}: {finding.words}.")
+        if len(finding.alike) > 1:
+            out.append(f"{finding.name} is indistinguishable from {', '.join(finding.alike[1:])} in these recordings.")
+    out += list(diagnosis.notes)
+    out.append(f"Next measurement: {diagnosis.next_measurement}.")
+    return out

@@ -1,0 +1,1 @@
+"""Rerun scenes and the viewer."""
