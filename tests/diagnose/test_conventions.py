@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import test_timing
-from test_timing import MODEL, stepped
-from test_timing import case as case_of
+import test_sampling_convention
+from test_sampling_convention import MODEL, stepped
+from test_sampling_convention import case as case_of
 
 from vlab.cases.description import ChannelTable
 from vlab.diagnose.inference.score_test import ScoreTest
@@ -29,7 +29,7 @@ from vlab.diagnose.search.sampling_convention import (
 )
 from vlab.diagnose.settings import SAMPLING_CONVENTION
 
-STEP = 1.0 / test_timing.RATE
+STEP = 1.0 / test_sampling_convention.RATE
 """As long as a sample, so that a step's half is half a sample."""
 
 
@@ -38,7 +38,7 @@ def written(tmp_path_factory):
     """Return cases of two seconds by when their inputs act and what is said of it, each written once."""
     known = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(test_timing, "SECONDS", 2.0)
+        patch.setattr(test_sampling_convention, "SECONDS", 2.0)
 
         def of(truth, **given):
             key = (truth, tuple(sorted(given.items())))

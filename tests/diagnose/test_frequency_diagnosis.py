@@ -107,7 +107,13 @@ def test_what_changes_no_response_is_not_verified_by_it(found):
 def test_the_report_shows_responses_on_held_out_data(found):
     _, folder = found
     text = (folder / "report.html").read_text()
-    for words in ("added-mass", "Held-out data", "sensor1 from motor", "Where the mismatch is", "Calibrated parameters"):
+    for words in (
+        "added-mass",
+        "Held-out data",
+        "sensor1 from motor",
+        "Where the mismatch is",
+        "Calibrated parameters",
+    ):
         assert words in text
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_twin_inputs import MOTOR, RIG
+from test_reduced_model_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
 from vlab.diagnose.data.runs import liveliest

@@ -7,7 +7,7 @@ import pytest
 import rig_swinging
 from rig_swinging import driven_arm, swinging_pendulum
 from scipy.stats import multivariate_normal
-from test_nonlinear import shorter
+from test_trajectory_diagnosis import shorter
 
 from vlab.cases import load_case
 from vlab.diagnose.predictors.trajectory import (

@@ -8,7 +8,7 @@ import pytest
 import rig_swinging
 from rig_swinging import PIVOT, swinging_pendulum
 from scipy.integrate import solve_ivp
-from test_nonlinear import shorter
+from test_trajectory_diagnosis import shorter
 
 from vlab.cases import load_case
 from vlab.diagnose.inference.model_choice import is_prior_driven

@@ -11,7 +11,7 @@ import pytest
 import rig_swinging
 from rig_swinging import CASES, PIVOT, WRITE, driven_arm, pushed_cart, swinging_pendulum
 from scipy.linalg import expm
-from test_twin_inputs import ENCODER, VELOCITY, recorded
+from test_reduced_model_inputs import ENCODER, VELOCITY, recorded
 
 from vlab.cases import load_case
 from vlab.cases.initial_state import find_initial_state

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig_folder import multisine
 from scipy import signal
-from test_timing import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFNESS, case, recorded
+from test_sampling_convention import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFNESS, case, recorded
 
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.alternative_conventions import list_conventions

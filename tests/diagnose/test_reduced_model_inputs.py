@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, multisine, write_case
-from test_twin import integrated
+from test_reduced_model import integrated
 
 from vlab.cases import load_case, simulate
 from vlab.cases.initial_state import find_initial_state
@@ -95,7 +95,9 @@ def test_a_measured_force_shows_the_command(tmp_path):
 def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypatch):
     """The driven mass sits on a spring that takes it to 225 Hz, above the band: it moves as the force says, at once."""
     stiff = RIG.replace('stiffness="900" damping="3"', 'stiffness="2e6" damping="200"')
-    monkeypatch.setattr("test_twin_inputs.RIG", stiff.replace("<sensor>", '<sensor><jointpos name="base" joint="a"/>'))
+    monkeypatch.setattr(
+        "test_reduced_model_inputs.RIG", stiff.replace("<sensor>", '<sensor><jointpos name="base" joint="a"/>')
+    )
     case = recorded(tmp_path, hold="linear", reads=(("base", "displacement", "m"), ENCODER))
     assert prepare(case).reduced_model.m == 1
     # at 20 Hz its damper holds it back by c w/k = 1.3 %, its inertia lifts it by (w/w0)^2 = .8 %, and it rings a little where the
@@ -134,7 +136,7 @@ def test_a_servo_s_gain_is_what_its_command_is_worth(tmp_path):
 
 def test_a_coarse_model_is_seen_at_the_step_that_it_is_simulated_with(tmp_path):
     """10 ms would raise the second frequency by 1.7 %; recordings at 500 Hz are simulated at 2 ms."""
-    # what is left is the phase of forces that change every step, as in `test_twin`
+    # what is left is the phase of forces that change every step, as in `test_reduced_model`
     assert reduced_model_error(recorded(tmp_path, step=0.01, euler=True, reads=(ENCODER, VELOCITY))) < 4e-3
 
 
@@ -215,7 +217,7 @@ STIFF_SERVO = '<position name="drive" joint="a" kp="2e5" kv="2e3"/>'
 @pytest.mark.parametrize("euler", [True, False])
 def test_a_servo_damped_beyond_its_critical_damping_lags_as_in_mujoco(tmp_path, monkeypatch, euler):
     """It prescribes a motion 10 ms late (kv/kp), whatever its mass; coupled by damping alone to what is measured."""
-    monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace('damping="3"', ""))
+    monkeypatch.setattr("test_reduced_model_inputs.RIG", RIG.replace('damping="3"', ""))
     case = recorded(tmp_path, actuator=STIFF_SERVO, kind="command", rms=0.01, reads=(ENCODER, VELOCITY), euler=euler)
     assert prepare(case).reduced_model.m == 2
     # steps of half a millisecond beside poles of 100 and 1900 per second: half a step's lag is left of the fast one
@@ -224,7 +226,9 @@ def test_a_servo_damped_beyond_its_critical_damping_lags_as_in_mujoco(tmp_path, 
 
 def test_what_turns_freely_in_a_damper_is_no_servo(tmp_path, monkeypatch):
     """Two masses on a spring with dampers to ground: the mode without a spring is overdamped, and has no stiffness to keep."""
-    monkeypatch.setattr("test_twin_inputs.RIG", RIG.replace(' stiffness="900"', "").replace(' stiffness="400"', ""))
+    monkeypatch.setattr(
+        "test_reduced_model_inputs.RIG", RIG.replace(' stiffness="900"', "").replace(' stiffness="400"', "")
+    )
     case = recorded(tmp_path, reads=(ENCODER, VELOCITY), euler=True)
     # the dampers couple the modes, which are stepped alone: 3 + 2 N s/m for half a millisecond beside 1.5 kg
     assert reduced_model_error(case) < 3e-3
