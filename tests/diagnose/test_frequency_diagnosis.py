@@ -69,7 +69,7 @@ def test_the_amended_model_runs_by_itself_and_reproduces_the_fit(found):
 def test_an_input_that_drives_held_out_data_alone_has_its_likeliest_gain(found):
     """Eight per cent more of a motor known to five: all but a twentieth of it is taken off, of the given model nothing."""
     done, _ = found
-    (held,) = done.problem.read_holdout
+    (held,) = done.problem.held_out
     louder = replace(held, H=1.08 * held.H)
     models = [nominal_model(done.problem.plant, done.problem.wires), done.before, done.after]
     ((own,), (as_before,), (freed,)) = (
@@ -86,8 +86,8 @@ def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
     done, _ = found
     given = nominal_model(done.problem.plant, done.problem.wires)
     worse = replace(done.before, sensor_gain=3 * done.before.sensor_gain)
-    ablate = Ablations(names=("mass",), models=(done.before,))
-    (held,) = check_frequency([given, worse, done.after], done.problem.read_holdout, ablate=ablate)
+    ablations = Ablations(names=("mass",), models=(done.before,))
+    (held,) = check_frequency([given, worse, done.after], done.problem.held_out, ablations=ablations)
     assert held.calibrated > held.nominal == held.before == held.without_findings().after
     assert held.standing is held.answers[0]
     assert held.bare == held.parts[0].left
@@ -98,8 +98,8 @@ def test_where_a_refit_spoils_responses_the_model_as_given_stands(found):
 def test_what_changes_no_response_is_not_verified_by_it(found):
     done, _ = found
     given = nominal_model(done.problem.plant, done.problem.wires)
-    ablate = Ablations(names=("nothing",), models=(done.after,))
-    (held,) = check_frequency([given, done.before, done.after], done.problem.read_holdout, ablate=ablate)
+    ablations = Ablations(names=("nothing",), models=(done.after,))
+    (held,) = check_frequency([given, done.before, done.after], done.problem.held_out, ablations=ablations)
     assert held.is_idle
     assert held.gap_closed is None
 

@@ -118,8 +118,8 @@ def test_that_a_refit_spoils_recordings_is_said_once():
 
 def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     rig, nominal, runs = quiet
-    ablate = Ablations(names=("stop",), models=(nominal,))
-    loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, ablate=ablate)
+    ablations = Ablations(names=("stop",), models=(nominal,))
+    loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, ablations=ablations)
     assert (aside.parts[0].told, aside.is_idle, aside.gap_closed) == (0.0, True, None)
     assert loud.parts[0].told > 10 * MODEL_CHOICE.alike
     assert not loud.is_idle

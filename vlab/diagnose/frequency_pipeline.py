@@ -124,7 +124,7 @@ def diagnose_frequency(
     terms = findings_of_terms(choice, fit, cast(Any, problem))
     tried = trials(fit, terms)
     left_out = None
-    if not problem.read_holdout:
+    if not problem.held_out:
         report(0.9, "predicting parts left out")
         left_out = cross_validate(problem, found.fitter, fit_before, fit)
     fitted = partial(trials, fit, terms, problem.measured)
@@ -173,15 +173,15 @@ def _tried(
     data : sequence of Response or Modes
         Other data to check.
     """
-    data = data or problem.read_holdout or problem.measured
+    data = data or problem.held_out or problem.measured
     rests = [replace(fit, terms=tuple(t for t in fit.terms if t is not term)) for term in fit.terms]
     rests += [replace(fit, terms=())] if len(rests) > 1 else []
-    ablate = Ablations(
+    ablations = Ablations(
         names=tuple(f"{f.name} at {f.place}" for f in terms), models=tuple(extended_by(problem, rest) for rest in rests)
     )
     after = extended_by(problem, fit) if terms else before
     models = [nominal_model(problem.plant, problem.wires), before, after]
-    checked = check_frequency(models, data, problem.unfitted, ablate)
+    checked = check_frequency(models, data, problem.unfitted, ablations)
     return Attempt(findings=tuple(_in_form(problem, f) for f in terms), fit=fit, checked=tuple(checked))
 
 
@@ -317,7 +317,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
         f"{name} drives held-out data alone: its gain, known to {100 * sd:.2g} %, has its likeliest value there"
         for name, sd in problem.unfitted.items()
     ]
-    if not problem.read_holdout:
+    if not problem.held_out:
         out.append("no hold-out data: nothing can be verified on data that the search did not use")
     if left_out is not None:
         text = (

@@ -112,7 +112,7 @@ def slip_of_unit(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> tuple[
     read = reading(of_runs)
     if read is None or read.sign == 0.0 or not slips:
         return None
-    unit = min(slips, key=lambda u: abs(np.log(slips[u]) - read.log_size))
+    unit = near_units(read, slips)[0]
     size = float(np.log(slips[unit]))
     far = abs(size) > np.log(REACH)
     reach = NEAR * abs(size) if far else EXACT + read.spread
@@ -156,7 +156,7 @@ def slip_without_sign(of_runs: Sequence[Bands], slips: Mapping[str, float]) -> t
     read = reading(of_runs)
     if read is None or read.sign != 0.0 or not slips:
         return None
-    unit = min(slips, key=lambda u: abs(np.log(slips[u]) - read.log_size))
+    unit = near_units(read, slips)[0]
     size = float(np.log(slips[unit]))
     spread = max(float(np.median(np.abs(b.log_ratio - size))) for b in of_runs)
     if abs(size) <= np.log(REACH) or max(spread, abs(read.log_size - size), read.scatter) > NEAR * abs(size):

@@ -135,14 +135,14 @@ def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -
         Corrected Jacobian.
     """
     size = float(np.linalg.norm(scale))
-    project_prior = np.zeros(x.size)
-    project_prior[: vector.r] = (vector.directions / vector.prior[:, None]).T @ scale / size
+    direction = np.zeros(x.size)
+    direction[: vector.r] = (vector.directions / vector.prior[:, None]).T @ scale / size
     exact = np.zeros(len(slopes))
     for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
         if vector.terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
             exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
-    exact[: vector.priors] = project_prior[: vector.priors]
-    return np.asarray(slopes + np.outer(exact - slopes @ project_prior, project_prior))
+    exact[: vector.priors] = direction[: vector.priors]
+    return np.asarray(slopes + np.outer(exact - slopes @ direction, direction))
 
 
 def update_broyden(slopes: Array, step: Array, change: Array) -> Array:

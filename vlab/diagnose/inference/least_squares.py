@@ -427,10 +427,10 @@ class LeastSquares:
 
     def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
         """Return a vector with the motion scale of largest prior density."""
-        project_prior, ours = vector.project_prior(motion_scale(self.problem)), slice(0, vector.r)
-        grown = -float(project_prior @ x[ours]) / max(float(project_prior @ project_prior), 1e-12)
+        direction, ours = vector.project_prior(motion_scale(self.problem)), slice(0, vector.r)
+        grown = -float(direction @ x[ours]) / max(float(direction @ direction), 1e-12)
         out = x.copy()
-        out[ours] += grown * project_prior
+        out[ours] += grown * direction
         out[vector.priors : vector.first_effect] *= np.exp(grown)
         for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
             power = grown * exponent(vector.terms[i].effect, parameter)

@@ -36,7 +36,7 @@ class FrequencyProblem:
         Case.
     plant : Plant
         Nominal plant.
-    measured, read_holdout : tuple of Response or Modes
+    measured, held_out : tuple of Response or Modes
         Data to fit and hold-out data.
     wires : Wires
         Inputs and outputs of all responses, hold-out data included.
@@ -53,7 +53,7 @@ class FrequencyProblem:
     case: Case
     plant: Plant
     measured: tuple[Measured, ...]
-    read_holdout: tuple[Measured, ...]
+    held_out: tuple[Measured, ...]
     wires: Wires
     view: View
     reduced_model: ReducedModel
@@ -82,7 +82,7 @@ class FrequencyProblem:
         given = self.case.table.model.uncertain
         return {
             d.input: gain_sd(given, d.input.removeprefix("actuator:"))
-            for d in self.read_holdout
+            for d in self.held_out
             if isinstance(d, Response) and d.input not in known
         }
 
@@ -151,8 +151,8 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
     measured = read_measured(case, ("fit",))
     if not measured:
         raise BadCase(f"{case.path}: no [[frf]] and no [[modal]] has the role fit; mark at least one")
-    read_holdout = read_measured(case, ("holdout",))
-    for held in (d for d in read_holdout if isinstance(d, Response)):
+    held_out = read_measured(case, ("holdout",))
+    for held in (d for d in held_out if isinstance(d, Response)):
         same = next((m for m in measured if isinstance(m, Response) and _is_copy(m, held)), None)
         if same is not None:
             raise BadCase(
@@ -160,9 +160,9 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
                 "nothing; hold out another measurement"
             )
     plant = case.plant
-    wires = wires_of(case, [*measured, *read_holdout])
+    wires = wires_of(case, [*measured, *held_out])
     view = view_of(plant, wires)
-    for data in (*measured, *read_holdout):
+    for data in (*measured, *held_out):
         if isinstance(data, Modes) and data.n > int(np.sum(view.omega > 0)):
             raise BadCase(f"{case.path}: {data.name} lists {data.n} modes, the model has {int(np.sum(view.omega > 0))}")
     parameters, reduced_model = _uncertain(case, plant, wires, view, measured)
@@ -174,7 +174,7 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
         case=case,
         plant=plant,
         measured=tuple(thinned(measured)),
-        read_holdout=tuple(read_holdout),
+        held_out=tuple(held_out),
         wires=wires,
         view=view,
         reduced_model=reduced_model,

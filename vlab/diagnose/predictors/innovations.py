@@ -156,11 +156,9 @@ def convolved(impulses: Array, series: Array) -> Array:
         Filtered signals.
     """
     n, size = len(series), np.abs(impulses).max(axis=(1, 2))
-    find_permanent_changes = (
-        1 + int(np.flatnonzero(size > INNOVATIONS.forgotten * size.max())[-1]) if np.any(size) else 1
-    )
-    length = next_fast_len(n + find_permanent_changes - 1, real=True)
-    answer = rfft(impulses[:find_permanent_changes].astype(series.dtype), length, axis=0)[:, None]
+    duration = 1 + int(np.flatnonzero(size > INNOVATIONS.forgotten * size.max())[-1]) if np.any(size) else 1
+    length = next_fast_len(n + duration - 1, real=True)
+    answer = rfft(impulses[:duration].astype(series.dtype), length, axis=0)[:, None]
     seen = rfft(series, length, axis=0)
     seen = answer * seen if series.shape[2] == 1 else answer @ seen
     return np.asarray(irfft(seen, length, axis=0, overwrite_x=True)[:n])

@@ -66,7 +66,7 @@ class Trials:
             after,
             seen.benign_interferences,
             nominal=change(self.nominal),
-            ablate=ablate(problem, fit, seen, findings).changed(change),
+            ablations=ablate(problem, fit, seen, findings).changed(change),
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 

@@ -158,7 +158,7 @@ def check_frequency(
     models: Sequence[ExtendedFrequencyModel],
     measured: Sequence[Measured],
     unfitted: Mapping[str, float] | None = None,
-    ablate: Ablations | None = None,
+    ablations: Ablations | None = None,
 ) -> list[CheckedFrequency]:
     """Compare nominal, calibrated and extended plant with data.
 
@@ -171,7 +171,7 @@ def check_frequency(
     unfitted : mapping of str to float
         Relative standard deviations of input gains without data to fit. Calibrated and extended plant use their most
         probable gain each.
-    ablate : Ablations or None
+    ablations : Ablations or None
         Models without single findings.
 
     Returns
@@ -179,17 +179,17 @@ def check_frequency(
     list of CheckedFrequency
         Errors of every data set.
     """
-    ablate = ablate or Ablations()
-    seen = [model.seen() for model in (*models, *ablate.models)]
+    ablations = ablations or Ablations()
+    seen = [model.seen() for model in (*models, *ablations.models)]
     out = []
     for data in measured:
         if isinstance(data, Response):
             given, *fitted = [answer(v, s, data, models[0].wires).H for v, s in seen]
             sd = (unfitted or {}).get(data.input, 0.0)
             answers = [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]
-            out.append(_checked_response(data, answers, ablate.names))
+            out.append(_checked_response(data, answers, ablations.names))
         else:
-            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen], ablate.names))
+            out.append(_checked_modes(data, [modal_answer(v, s, data) for v, s in seen], ablations.names))
     return out
 
 
@@ -231,9 +231,9 @@ def checked_again(case: Case, names: Collection[str]) -> float:
     float
         Relative rms error.
     """
-    fit, read_holdout = read_measured(case, ("fit",)), read_measured(case, ("holdout",))
-    wires = wires_of(case, [*fit, *read_holdout])
-    chosen = [*thinned(fit), *read_holdout]
+    fit, held_out = read_measured(case, ("fit",)), read_measured(case, ("holdout",))
+    wires = wires_of(case, [*fit, *held_out])
+    chosen = [*thinned(fit), *held_out]
     model = nominal_model(case.plant, wires)
     return total(check_frequency([model] * 3, [d for d in chosen if d.name in names]), "nominal")
 

@@ -212,7 +212,7 @@ def check(
     interferences: Sequence[MainsInterference] = (),
     *,
     nominal: ExtendedModel | None = None,
-    ablate: Ablations | None = None,
+    ablations: Ablations | None = None,
 ) -> list[Checked]:
     """Simulate runs with all models and compare.
 
@@ -228,7 +228,7 @@ def check(
         Interference that counts as noise.
     nominal : ExtendedModel or None
         Nominal model; without one its errors are NaN.
-    ablate : Ablations or None
+    ablations : Ablations or None
         Models without single findings.
 
     Returns
@@ -236,8 +236,8 @@ def check(
     list of Checked
         Errors of every recording.
     """
-    ablate = ablate or Ablations()
-    models = [nominal, before, after, *ablate.models]
+    ablations = ablations or Ablations()
+    models = [nominal, before, after, *ablations.models]
     work = [(model, run) for run in runs for model in models]
     data = side_by_side(lambda item: _try(*item), work)
     simulated = [
@@ -245,7 +245,7 @@ def check(
         for (_, run), part in zip(work, data, strict=True)
     ]
     each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
-    return [_checked(run, models, own, interferences, ablate.names) for run, own in zip(runs, each, strict=True)]
+    return [_checked(run, models, own, interferences, ablations.names) for run, own in zip(runs, each, strict=True)]
 
 
 def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
