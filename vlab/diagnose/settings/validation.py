@@ -49,6 +49,9 @@ class ValidationSettings:
     coarse: float = 0.2
     """coarse [1]: change by shorter steps over the unexplained residual from which a note is written, above 0; default
     untested. Raising it writes fewer notes."""
+    blocks: int = 8
+    """blocks [1]: parts of a recording whose errors count as independent in a test between models, at least 2; default
+    untested. Raising it overstates the evidence of correlated errors."""
 
 
 FREQUENCY_VALIDATION = FrequencyValidationSettings()

@@ -19,7 +19,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
-from vlab.diagnose.validation.gap import Distance, part_of
+from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of
 from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -202,7 +202,8 @@ class Checked(Distance):
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
         nominal, calibrated, _ = self.simulated
-        return replace(self, after=self.before, channels=channels, simulated=(nominal, calibrated, self.standing))
+        simulated = (nominal, calibrated, self.standing)
+        return replace(self, after=self.before, channels=channels, simulated=simulated, log_ratios=np.zeros(0))
 
 
 def check(
@@ -323,6 +324,8 @@ def _checked(
     standing = recordings[0] if left[1] > left[0] else recordings[1]
     if models[2] is None:
         errors[2], recordings[2] = stands, standing
+    bare = recordings[2] if not findings else simulated[-1]
+    start = bare if findings and left[-1] < _rms(stands) else standing
     parts = []
     for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
         moved = np.full(len(names), np.inf)
@@ -341,9 +344,22 @@ def _checked(
         calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
+        log_ratios=_log_ratios(run, names, start, recordings[2], scale),
         measured=run.measured,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
+
+
+def _log_ratios(
+    run: Run, names: Sequence[str], without: Recording | None, extended: Recording | None, scale: Array
+) -> Array:
+    """Return the log ratios of both models' errors by block."""
+    if without is None or extended is None or without is extended:
+        return np.zeros(0)
+    kept = ~held_samples(run.measured)
+    columns = [run.measured.index(name) for name in names]
+    errors = [((model.data - run.measured.data)[kept][:, columns]) / scale for model in (without, extended)]
+    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
 
 
 def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
