@@ -62,6 +62,8 @@ class Distance:
         Relative error of the extended model without any finding, that is its calibration alone.
     parts : tuple of Part
         Contributions of the findings.
+    horizon_s : float
+        Length of the parts that are predicted one by one [s]; infinite for data predicted as a whole.
     log_ratios : (n_blocks,) array
         Log ratio of the mean-square errors of the model of `start` and the extended model, by block of the data.
     """
@@ -77,6 +79,7 @@ class Distance:
     calibrated: float = float("nan")
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()
+    horizon_s: float = float("inf")
     log_ratios: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
