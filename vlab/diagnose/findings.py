@@ -112,7 +112,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
 
 
 def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:
-    """Return the 90 % interval of a value, from the spread of its entry in `Fit.sd`."""
+    """Return the 90 % interval of a value from the spread of its entry."""
     if parameter.signed:
         return value - spread, value + spread
     if is_logarithm(parameter):

@@ -566,7 +566,24 @@ class LeastSquares:
     def initial(
         self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
-        """Return the vector of given values, with a fit's offsets and initial states."""
+        """Return the vector of given values, with a fit's offsets and initial states.
+
+        Parameters
+        ----------
+        vector : ParameterVector
+            Meaning of the entries.
+        values : sequence of mapping
+            Parameter values of every term.
+        theta : (n_changes,) array
+            Log factors.
+        start : Fit or None
+            Fit with offsets and initial states.
+
+        Returns
+        -------
+        (n,) array
+            Vector.
+        """
         known = {} if start is None else start.starts
         names = [self.runs[i].name for i in self._free]
         states = [known.get(name, first) for name, first in zip(names, vector.firsts, strict=True)]

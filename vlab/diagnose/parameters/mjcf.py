@@ -28,8 +28,6 @@ Number = tuple[str, int | tuple[int, int]]
 
 VANISHING = frozenset({"damping", "friction"})
 """Kinds of uncertain parameters that may be zero."""
-LEAST_FACTOR = 1e-3
-"""LEAST_FACTOR [1]: factor that stands for zero where a log factor is stored."""
 
 
 def relative_changes(theta: Array, may_vanish: Array | bool) -> Array:
@@ -55,7 +53,7 @@ def relative_changes(theta: Array, may_vanish: Array | bool) -> Array:
 
 def log_factors(deviations: Array, may_vanish: Array) -> Array:
     """Return the log factors of deviations; the inverse of `relative_changes`."""
-    vanishing = np.log(np.maximum(1.0 + deviations, LEAST_FACTOR))
+    vanishing = np.log(np.maximum(1.0 + deviations, MJCF_PRIORS.least_factor))
     return np.asarray(np.where(may_vanish, vanishing, deviations))
 
 
@@ -86,7 +84,7 @@ class Uncertain:
 
     @property
     def may_vanish(self) -> bool:
-        """Whether the value may be zero, so that its relative change has a normal prior instead of its log factor."""
+        """Whether the value may be zero, with a normal prior of its relative change."""
         return self.kind in VANISHING
 
 

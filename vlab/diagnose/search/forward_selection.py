@@ -117,7 +117,9 @@ class ForwardSelection:
 
 
 def scored_on_both(whole: LeastSquares, windows: LeastSquares, fit: Fit) -> Hypothesis:
-    """Return a fit to whole runs as a hypothesis, scored on windows and whole runs, half each.
+    """Return a fit to whole runs as a hypothesis.
+
+    Windows and whole runs have half of the score each.
 
     Parameters
     ----------

@@ -49,6 +49,9 @@ class MjcfPriorsSettings:
     )
     """default_sd [1]: relative prior standard deviations by kind where a case states none, above 0; default from
     drawings, data sheets and calibration, untested. Raising an entry frees that kind."""
+    least_factor: float = 1e-3
+    """least_factor [1]: factor that stands for a vanishing value, 0 to 1; default untested. Raising it keeps a rest of
+    damping where there is none."""
     common: float = 0.25**0.5
     """common [1]: standard deviation of a kind's common factor over that of the kind, 0 to 1; default untested. Raising
     it correlates the elements of one drawing more; `common` and `own` add to 1 in square."""
