@@ -78,6 +78,7 @@ class InputHysteresis(ActuatorEffect):
 
     name = "actuator-hysteresis"
     family = "input-hysteresis"
+    keeps_extremes = True
     law = "force = u + 2 g int_0^L P_r[u] dr, P_r: play of threshold r; gain 1 + g A at amplitudes A up to L"
     words = (
         "the force of a drive depends on its past commands, not on their speed: the gain grows with the level, and the "

@@ -113,21 +113,24 @@ class IwanSlip(PortEffect):
     )  # fmt: skip
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
-        """See `PortEffect`: the deflections of the springs."""
+        """See `PortEffect`: the places of the sliders.
+
+        A run that begins in the middle of a motion begins on the first loading from rest.
+        """
         return zeros(SLIDERS, shape)
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`: deflections in units in which the limits are `SPANS`."""
+        """See `PortEffect`: displacements in a unit in which the limits are `SPANS`."""
         q = np.exp(-_LOG_SPACING * p["exponent"])
         first, unit = _slider_units(p["exponent"], q)
-        moved = v * step.h / (p["limit"] * unit)
-        after = [limited(memory[0] + moved, first * SPANS[0])]
-        total = (memory[0] + after[0]) / (1.0 - q)
-        for span, before in zip(SPANS[1:], memory[1:], strict=True):
-            now = limited(before + moved, span)
-            total = total * q + (before + now)
-            after.append(now)
-        return -0.5 * p["force"] * (1.0 - q / SPACING) * total, after
+        at = z / (p["limit"] * unit)
+        stretch = limited(at - memory[0], first * SPANS[0])
+        total, after = stretch / (1.0 - q), [at - stretch]
+        for span, place in zip(SPANS[1:], memory[1:], strict=True):
+            stretch = limited(at - place, span)
+            total = total * q + stretch
+            after.append(at - stretch)
+        return -p["force"] * (1.0 - q / SPACING) * total, after
 
     @staticmethod
     def sliders(p: Values) -> list[tuple[float, float]]:
