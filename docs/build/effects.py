@@ -60,6 +60,8 @@ CHOSEN = {
     ("sinusoidal-force", "frequency"): 3.0,
     ("attached-oscillator", "frequency"): 1.3,
     ("attached-oscillator", "damping_ratio"): 0.25,
+    ("iwan-slip", "limit"): 1.0,
+    ("actuator-hysteresis", "limit"): 1.0,
     ("slew-limit", "slope"): 0.1,
     ("rate-limit", "slope"): 0.1,
     ("stribeck-friction", "speed"): 0.2,
@@ -150,6 +152,26 @@ def test_signal(t: Array) -> Array:
     return np.asarray(y / np.max(np.abs(y)))
 
 
+def loop_figure(effect: ActuatorEffect) -> tuple[Figure, str]:
+    """Draw force over command in cycles of growing level, and both over time; and say what is shown."""
+    t = np.arange(4 * PER_CYCLE + 1) / PER_CYCLE
+    u = np.sin(2 * np.pi * t) * np.minimum(np.floor(t) + 1.0, 4.0) / 4.0
+    values = {p.name: shape(effect, p, 1.0) for p in effect.shapes} | {p.name: 0.6 for p in effect.amplitudes}
+    force = effect.actuate(u, values, 1.0 / PER_CYCLE)
+    figure = Figure(figsize=(6.4, 2.3), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    left.plot(u, force, color=BLUE, lw=1.2)
+    left.set_xlabel("command u / its largest value")
+    left.set_ylabel("force / largest command")
+    right.plot(t, u, color=GREY, lw=1.4, label="command u")
+    right.plot(t, force, color=BLUE, lw=1.4, label="force")
+    right.set_xlabel("time / period")
+    right.legend(loc="upper left", frameon=False, fontsize=7)
+    for axes in (left, right):
+        axes.axhline(0.0, color=GREY, lw=0.6)
+    return figure, "Force over command and over time, in cycles of growing level."
+
+
 def signal_figure(effect: ActuatorEffect | SensorEffect) -> tuple[Figure, str]:
     """Draw a signal before and behind the effect over time; and say what is shown."""
     h = 1.0 / SIGNAL_SAMPLES if effect.name != "mains-hum" else 1.0 / 1000.0
@@ -198,6 +220,8 @@ def draw(effect: Effect) -> tuple[Figure, str]:
         if isinstance(effect, (PortEffect, LinearPortEffect)):
             return port_figure(effect)
         assert isinstance(effect, (ActuatorEffect, SensorEffect))
+        if isinstance(effect, ActuatorEffect) and effect.family == "input-hysteresis":
+            return loop_figure(effect)
         return signal_figure(effect)
 
 

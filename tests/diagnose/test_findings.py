@@ -36,6 +36,8 @@ def problem(sensor="m/s", motor="N m", recorded="V"):
         ("actuator-offset", "offset", 1, "V"),
         ("slew-limit", "slope", 1, "V/s"),
         ("actuator-gain", "gain", 1, "1"),
+        ("actuator-hysteresis", "growth", 0, "1/(N m)"),
+        ("actuator-hysteresis", "growth", 1, "1/V"),
         ("coulomb-friction", "force", 0, "N m"),
         ("rotary-inertia", "inertia", 0, "kg m^2"),
         ("quadratic-drag", "coefficient", 0, "N m s^2/rad^2"),

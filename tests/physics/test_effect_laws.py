@@ -89,7 +89,7 @@ def test_drag_and_friction_only_take_energy(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["jenkins-slip", "bouc-wen", "lugre-friction", "structural-damping", "attached-oscillator"]
+    "name", ["jenkins-slip", "iwan-slip", "bouc-wen", "lugre-friction", "structural-damping", "attached-oscillator"]
 )
 @pytest.mark.parametrize("hz", [1.0, 4.0, 9.0])
 def test_hysteresis_takes_energy_in_every_cycle(name, hz):

@@ -304,7 +304,7 @@ def _unit(unit: str, term: Term, problem: Problem) -> str:
         return {"m": own, "m/s": _rate(own)}.get(unit, unit)
     if effect.kind == "actuator":
         own = command_unit(problem, place.indices[0])
-        return {"N": own, "N/s": _rate(own)}.get(unit, unit)
+        return {"N": own, "N/s": _rate(own), "1/N": _ratio("1", own)}.get(unit, unit)
     return at_rotation(unit) if place.angular else unit
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from vlab.controllers.user_law import FAILURES, check_code, class_from_file, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuators, port_linear, port_memory, port_nonlinear, sensors
+from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -33,6 +33,7 @@ EFFECTS: dict[str, Effect] = {
         port_nonlinear.ForceOffset(),
         port_nonlinear.SinusoidalForce(),
         port_memory.JenkinsSlip(),
+        port_memory.IwanSlip(),
         port_memory.BoucWen(),
         port_memory.LooseningStiffness(),
         port_memory.LuGreFriction(),
@@ -48,6 +49,7 @@ EFFECTS: dict[str, Effect] = {
         actuators.RateLimit(),
         actuators.ActuatorDelay(),
         actuators.ActuatorLag(),
+        actuator_memory.InputHysteresis(),
         actuators.Quantisation(),
         actuators.CoarseHold(),
         actuators.Jitter(),
@@ -85,8 +87,12 @@ ALIASES = {
     "back-emf": "viscous-damping",
     "eddy-currents": "viscous-damping",
     "rubbing": "coulomb-friction",
+    "micro-slip": "iwan-slip",
+    "lap-joint": "iwan-slip",
     "backlash": "dead-band",
     "rattle": "stop",
+    "piezo-hysteresis": "actuator-hysteresis",
+    "magnetic-hysteresis": "actuator-hysteresis",
     "coil-inductance": "actuator-lag",
     "filter-corner": "actuator-lag",
     "floor-motion": "sinusoidal-force",

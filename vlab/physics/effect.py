@@ -306,6 +306,8 @@ class ActuatorEffect(Effect):
     kind: ClassVar[Kind] = "actuator"
     is_clocked: ClassVar[bool] = False
     """Whether the effect acts at the computation of commands, once a sample, and not behind the converter."""
+    keeps_extremes: ClassVar[bool] = False
+    """Whether the law remembers extremes of the command for any time, as hysteresis does."""
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """Return the sample-by-sample form of `actuate`.

@@ -210,6 +210,22 @@ _LISTED = (
         related=frozenset({"friction"}),
         tested_by="slow cycles to and fro at two amplitudes, force and motion recorded: their loops must open as the law says",
     ),
+    Family(
+        name="input-hysteresis",
+        is_shared=True,
+        hardware="coil",
+        related=frozenset({"timing", "clearance", "saturation", "gain"}),
+        separated_by={
+            "timing": "sine commands of one level at three frequencies: the lag of hysteresis is the same at each, the "
+            "lag of a delay grows with frequency",
+            "clearance": "slow sine commands at three levels: the gain of hysteresis grows steadily, a dead zone has a "
+            "threshold",
+            "saturation": "slow sine commands at three levels: the gain of hysteresis grows with the level",
+            "gain": "slow sine commands at three levels: a wrong gain is the same at each",
+        },
+        tested_by="slow triangular commands at two levels, command and force recorded: their loops must open as the law "
+        "says",
+    ),
     Family(name="time-variation", tested_by="the same recording again, an hour later"),
     Family(name="substructure", tested_by="a sensor on what swings along, or the same test with it held"),
     Family(

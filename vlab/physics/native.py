@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from vlab.physics.effect import Effect, LinearPortEffect, Values
+from vlab.physics.port_memory import IwanSlip
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
@@ -53,6 +54,7 @@ def _one_sided(p: Values) -> tuple[Spring, ...]:
 
 SPRINGS: dict[str, Callable[[Values], tuple[Spring, ...]]] = {
     "jenkins-slip": lambda p: (Spring(p["force"] / p["slip"], springyield=p["slip"]),),
+    "iwan-slip": lambda p: tuple(Spring(k, springyield=x) for k, x in IwanSlip.sliders(p)),
     "stop": lambda p: (Spring(p["stiffness"], -p["gap"], p["gap"]),),
     "one-sided-stiffness": _one_sided,
     "dead-band": lambda p: (Spring(-p["stiffness"]), Spring(p["stiffness"], -p["gap"], p["gap"])),

@@ -52,7 +52,7 @@ class Signals:
     shown : (k, n_channels) array or None
         Smoothed channels before the first sample without sensor effects, for sensors with dynamics.
     led : (k, n_actuators) array or None
-        Commands before the first sample, for delayed actuators.
+        Commands before the first sample, for actuators with memory.
     valid : (n, n_channels) array of bool or None
         Mask of informative samples; all by default.
     end : float or None
@@ -189,7 +189,7 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
                 start=states[a],
                 before=states[max(a - RUNS.long_preroll, 0) : a],
                 shown=shown[:a],
-                led=run.u[max(a - RUNS.preroll, 0) : a],
+                led=run.u[max(a - RUNS.long_preroll, 0) : a],
             )
         )
     return out

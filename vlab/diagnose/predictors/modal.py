@@ -9,7 +9,7 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate
-from vlab.diagnose.settings import MODAL
+from vlab.diagnose.settings import MODAL, RUNS
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
@@ -85,10 +85,11 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
     out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
     for i, run in enumerate(runs):
         out[: len(run), 0, i] = np.hstack([run.u, run.load])
-    led = _led(runs)
+    before = _led(runs)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, ActuatorEffect):
             out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+            led = before if term.effect.keeps_extremes else before[-RUNS.preroll :]
             for s in range(n_sets):
                 p = {k: float(v[s]) for k, v in own.items()}
                 for i in term.place.indices:

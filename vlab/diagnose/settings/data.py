@@ -267,8 +267,9 @@ class RunsSettings:
     """preroll [samples]: smoothed motion and commands before a window that a hysteretic law receives, above 0; default
     untested. Raising it lets longer memory settle and costs time."""
     long_preroll: int = 2000
-    """long_preroll [samples]: motion before a window that a law with linear memory receives, above 0; default untested.
-    Raising it lets lighter oscillators ring at negligible cost."""
+    """long_preroll [samples]: motion before a window that a law with linear memory receives, and commands that
+    hysteresis of an actuator receives, above 0; default untested. Raising it lets lighter oscillators ring, and older
+    extremes of a command count, at negligible cost."""
 
 
 AMPLITUDE_DEPENDENCE = AmplitudeDependenceSettings()

@@ -157,7 +157,7 @@ def _following(s: float, p: Shapes, at: Scale) -> Made:
 
 
 FRICTION = ("coulomb-friction", "stribeck-friction", "lugre-friction")
-HYSTERESIS = ("jenkins-slip", "bouc-wen")
+HYSTERESIS = ("jenkins-slip", "iwan-slip", "bouc-wen")
 HARDENING = ("cubic-stiffness", "quadratic-cubic-stiffness")
 FORMS: tuple[Kind, ...] = (
     Kind(name="coulomb-friction", form="tanh", family="friction", on="any", make=_smooth_friction, accepted=FRICTION,
