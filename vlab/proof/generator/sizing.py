@@ -75,7 +75,7 @@ class Refit:
         forces = output.forces(commands, 1.0 / blueprint.rate_hz, 1)
         whole = len(forces) // every * every
         self._forces = forces[:whole].reshape(-1, every, *forces.shape[1:]).mean(axis=1)
-        self._benign = blueprint.benign
+        self._benign = tuple(b for b in blueprint.benign if b.prior)
         here = blueprint.matrices(factors)
         self._changes = [_matrices(blueprint, factors, bench, b, here) for b in self._benign]
         self._null = self._simulated(np.zeros(len(self._benign)))
@@ -135,7 +135,7 @@ class Refit:
 
     def _left(self, change: Array) -> float:
         """Return the rms residual over the noise."""
-        sd = np.array([b.sd for b in self._benign])
+        sd = np.array([b.prior for b in self._benign])
         target = change + self._null
         theta, rest = np.zeros(len(sd)), np.zeros(0)
         for share, louder in GROWING:
