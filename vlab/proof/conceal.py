@@ -200,9 +200,7 @@ def _drawn_from(plan: Mapping[str, Any]) -> dict[str, Any]:
     return {"benches": tuple(plan["benches"]), "seed": plan["seed"], "structures": structures}
 
 
-def _one_kept(
-    item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int, structures: str
-) -> str:
+def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int, structures: str) -> str:
     """Make a case in an unfinished folder, truth last."""
     name = item[2]
     (folder / "truth" / f"{name}.json").unlink(missing_ok=True)

@@ -134,9 +134,7 @@ def drawn_suites(names: Sequence[str], count: int, seed: int) -> list[str]:
     return [order[i] for i in rng.permutation(count)]
 
 
-def make_case(
-    suite: str, benches: Sequence[str], seed: int, index: int, *, structures: str = OWN_FE
-) -> Concealed:
+def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, structures: str = OWN_FE) -> Concealed:
     """Make the case of an index, reproducible by its seed.
 
     Parameters

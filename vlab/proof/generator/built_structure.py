@@ -6,6 +6,7 @@ deviations of sections, fittings, tension, damping and gains.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -16,8 +17,8 @@ from vlab.proof.generator.places import beside, neighbours, span_name
 from vlab.proof.generator.structure_fe import BuiltStructure, Variation, assemble
 from vlab.signals import Array
 from vlab.structure import load_structure
+from vlab.structure.model import Bar, Structure
 from vlab.structure.model import Sensor as StatedSensor
-from vlab.structure.model import Structure
 
 STATED = {"stiffness": 0.03, "mass": 0.02, "damping": 0.3, "tension": 0.03, "gain": 0.01, "sensor": 0.01}
 """STATED [-]: relative standard deviations in the table of the case; rounded, and larger than those drawn."""
@@ -57,9 +58,7 @@ LOUDEST = 2.5
 def _local(structure: Structure) -> list[Benign]:
     """Return the deviations that are not parameters of the nominal model."""
     sd = {kind: value * np.sqrt(2.0 / WAVES) for kind, value in ALONG.items()}
-    names = {
-        f"along:{kind}:{bar.name}:{j + 1}": sd[kind] for kind in sd for bar in structure.bar for j in range(WAVES)
-    }
+    names = {f"along:{kind}:{bar.name}:{j + 1}": sd[kind] for kind in sd for bar in structure.bar for j in range(WAVES)}
     for kind, parts in (("mass", structure.mass), ("coil", structure.coil), ("clamp", structure.clamp)):
         names |= {f"lump:{kind}:{part.name}": LUMP for part in parts}
     names |= {f"height:{cable.name}": HEIGHT for cable in structure.cable}
@@ -182,8 +181,17 @@ def _built(name: str, factors: Mapping[str, float], shifts: Mapping[str, float])
     return Bench(M=M, C=C, K=K, places=_places(fe, T), actuators=actuators, sensors=sensors, basis=T)
 
 
+def _is_attached(structure: Structure, bar: Bar, point: str) -> bool:
+    """Return whether another bar, a plate or a bearing is at a point of a bar."""
+    others = any(point in other.points for other in structure.bar if other.name != bar.name)
+    return others or any(part.at == point for part in (*structure.plate, *structure.support))
+
+
 def _places(fe: BuiltStructure, T: Array) -> dict[str, Place]:
-    """Return points and spans as places in modal coordinates."""
+    """Return points and spans as places in modal coordinates.
+
+    The nominal model has no joints at bare points of a carrying bar, so that spans beside them are no places.
+    """
     structure, places = fe.structure, {}
     coils = {c.at: c.name for c in structure.coil}
     for point, rows in fe.rows.items():
@@ -198,21 +206,20 @@ def _places(fe: BuiltStructure, T: Array) -> dict[str, Place]:
             )
     for span in fe.spans:
         row = fe.slope(span.bar, span.end) - fe.slope(span.bar, span.start)
-        shapes = T[span.columns]
-        if np.any(row):
+        shapes, ends = T[span.columns], (span.start, span.end)
+        if np.any(row) and (not span.bar.carries or all(_is_attached(structure, span.bar, p) for p in ends)):
             places[span_name(structure, span.bar, span.start, span.end)] = Place(
                 row=row @ T,
                 angular=True,
                 stiffness=span.stiffness,
                 K=shapes.T @ span.bending @ shapes,
-                near=(span.start, span.end),
+                near=ends,
             )
-    return beside(places)
+    near = beside(places)
+    return {name: replace(p, near=tuple(x for x in p.near if x in near)) for name, p in near.items()}
 
 
-def _blueprint(
-    name: str, title: str, *, seconds: float, band_hz: tuple[float, float], force: float
-) -> Blueprint:
+def _blueprint(name: str, title: str, *, seconds: float, band_hz: tuple[float, float], force: float) -> Blueprint:
     structure = _structure(name)
     return Blueprint(
         name=name,

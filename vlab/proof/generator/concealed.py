@@ -223,9 +223,7 @@ def _noise(blueprint: Blueprint, rng: np.random.Generator) -> tuple[str, float]:
     return f"{low} to {low + 10} dB", 10.0 ** (-ratio / 20.0)
 
 
-def _model_error(
-    blueprint: Blueprint, setup: Setup, recordings: Plan, quiet: Array, sigma: Array
-) -> dict[str, float]:
+def _model_error(blueprint: Blueprint, setup: Setup, recordings: Plan, quiet: Array, sigma: Array) -> dict[str, float]:
     """Return what the calibrated nominal model leaves of the quiet fit recordings."""
     fit = recordings.fit
     nominal = blueprint.build({}, {})
