@@ -147,6 +147,8 @@ def test_a_structure_that_its_weight_topples_is_refused():
 # ---- against the FE code of the plants ------------------------------------------------------------------------------
 
 REFINE = {"beam": 3, "grid": 2}
+SHEAR_SOFT = {f"bar:{n}-{n + 1}" for n in range(13, 17)}
+"""Spans of the sandwich beam, whose bending the other source takes from chord and end slopes as if no shear were in them."""
 
 
 @pytest.mark.parametrize("name", ["beam", "grid"])
@@ -192,7 +194,7 @@ def test_benches_of_both_sources_have_the_same_places_and_transducers(name):
         assert (p.angular, p.alike, p.actuator) == (q.angular, q.alike, q.actuator), place
         assert set(p.near) == set(q.near) & set(own.places), place
         assert p.stiffness == pytest.approx(q.stiffness, rel=2e-3)
-        if p.K is not None:  # a softer span: the first mode loses the same share of its stiffness
+        if p.K is not None and place not in SHEAR_SOFT:  # a softer span takes the same share of every mode's stiffness
             lost = [np.diag(x.K)[:6] / np.diag(bench.K)[:6] for x, bench in ((p, own), (q, other))]
             assert lost[0] == pytest.approx(lost[1], rel=0.03, abs=1e-4)
     damped = [np.diag(b.C)[:6] / np.sqrt(np.diag(b.K)[:6]) for b in (own, other)]

@@ -94,9 +94,8 @@ MIXTURES = {
     + ("null",) * 3
     + ("other-form", "out-of-library") * 2
     + ("two-effects", "masked", "near-threshold", "chain-only"),
-    "structures": ("null", "in-library", "in-library", "out-of-library")
-    + ("null", "in-library", "in-library", "other-form")
-    + ("null", "in-library", "null", "two-effects"),
+    "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
+    + ("null", "in-library") * 3,
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""

@@ -184,7 +184,8 @@ def _built(name: str, factors: Mapping[str, float], shifts: Mapping[str, float])
 def _is_attached(structure: Structure, bar: Bar, point: str) -> bool:
     """Return whether another bar, a plate or a bearing is at a point of a bar."""
     others = any(point in other.points for other in structure.bar if other.name != bar.name)
-    return others or any(part.at == point for part in (*structure.plate, *structure.support))
+    held = [*(plate.at for plate in structure.plate), *(support.at for support in structure.support)]
+    return others or point in held
 
 
 def _places(fe: BuiltStructure, T: Array) -> dict[str, Place]:
