@@ -195,7 +195,10 @@ def _is_whole(begun: Path, name: str) -> bool:
 
 
 def _drawn_from(plan: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a case is drawn from besides its index; plans without a source have the FE code of the plants."""
+    """Return benches, seed and source of the structures.
+
+    Plans without a source have the FE code of the plants.
+    """
     structures = plan.get("structures", SHARED_FE)
     return {"benches": tuple(plan["benches"]), "seed": plan["seed"], "structures": structures}
 

@@ -33,8 +33,7 @@ POINTS = 14
 class Fields:
     """Values of all shape functions at stations of an element.
 
-    The columns are (w, psi, phi) at the first end, the same at the second end, then the inner functions of w, of psi
-    and of phi.
+    The first six columns are (w, psi, phi) at both ends. The inner functions of w, of psi and of phi follow.
 
     Parameters
     ----------

@@ -46,8 +46,8 @@ NOISE_DB = (20.0, 60.0)
 FITS = 4
 """FITS [-]: fit recordings of a case."""
 COMMAND_STEP = 1.0 / 2**15
-"""COMMAND_STEP [-]: step of a converter with 16 bits over its range, which is four times the rms of the command at the
-highest level of a plan."""
+"""COMMAND_STEP [-]: step of a converter with 16 bits, over its range. The range is four times the rms of the loudest
+command."""
 PER_PERIOD, REFIT = 6, 2.0
 """PER_PERIOD, REFIT [-]: samples per period of the highest excited frequency in the calibration, and its highest mode
 over that frequency. Both sides of a difference are thinned alike."""
@@ -101,7 +101,10 @@ def _structure(name: str) -> Structure:
 
 @lru_cache(maxsize=8)
 def _nominal(name: str) -> tuple[BuiltStructure, Array, Array]:
-    """Return the nominal structure, its shapes, and the number of each coil-driven one from 1 (0: undriven)."""
+    """Return the nominal structure, its shapes, and their numbers.
+
+    Coil-driven shapes count from 1, all others are 0.
+    """
     fe = assemble(_structure(name), Variation({}))
     shapes = fe.modes(DAMPED * HIGHEST_HZ[name])[1]
     motion = np.abs(np.array([fe.rows[c.at][0] for c in fe.structure.coil]) @ shapes).max(axis=0)
@@ -182,7 +185,7 @@ def _built(name: str, factors: Mapping[str, float], shifts: Mapping[str, float])
 
 
 def _is_attached(structure: Structure, bar: Bar, point: str) -> bool:
-    """Return whether another bar, a plate or a bearing is at a point of a bar."""
+    """Return whether a point of a bar has another bar, a plate or a bearing."""
     others = any(point in other.points for other in structure.bar if other.name != bar.name)
     held = [*(plate.at for plate in structure.plate), *(support.at for support in structure.support)]
     return others or point in held

@@ -1,7 +1,7 @@
-"""In-plane statics of hung bars: axial force and moment from gravity, by the flexibility of bars.
+"""In-plane statics of hung bars: axial force and moment from gravity.
 
-Every span is a cantilever from its first point. With the axis t and the normal n = (t_z, -t_x), forces (P, Q) along t
-and n and a moment C at its far end give
+Every span is a cantilever from its first point, with the axis t and the normal n. The normal is (t_z, -t_x). Forces P
+and Q along t and n and a moment C at the far end give
 
     N(s) = P + q_t (L - s),    EI u''(s) = C + Q (L - s) + q_n (L - s)^2 / 2
 
@@ -72,7 +72,9 @@ class Resultants:
         return np.asarray(self.far[0] + self.load[0] * (self.length - s))
 
     def moment(self, s: Array) -> Array:
-        """Return the moment at stations; a positive one pulls the fibres on the side of n.
+        """Return the moment at stations.
+
+        A positive moment pulls the fibres on the side of n.
 
         Parameters
         ----------

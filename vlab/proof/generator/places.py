@@ -9,7 +9,22 @@ from vlab.structure.model import Bar, Structure
 
 
 def span_name(structure: Structure, bar: Bar, a: str, b: str) -> str:
-    """Return the name of the span of a bar between two neighbouring points."""
+    """Return the name of the span of a bar between two neighbouring points.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    bar : Bar
+        Bar of the span.
+    a, b : str
+        Points of the span, in the order of the bar.
+
+    Returns
+    -------
+    str
+        Name as in the ports of a plant.
+    """
     if bar.name == "crosspiece":
         return f"crosspiece-{'left' if a == 'tip-left' else 'right'}"
     if structure.name == "grid":
@@ -41,7 +56,20 @@ def beside(places: Mapping[str, Place]) -> dict[str, Place]:
 
 
 def neighbours(structure: Structure, point: str) -> tuple[str, ...]:
-    """Return the points one span away from a point."""
+    """Return the points one span away from a point.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    point : str
+        Name of the point.
+
+    Returns
+    -------
+    tuple of str
+        Names of points.
+    """
     out = []
     for bar in structure.bar:
         for a, b in pairwise(bar.points):

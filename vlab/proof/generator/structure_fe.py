@@ -184,7 +184,7 @@ def assemble(structure: Structure, variation: Variation) -> BuiltStructure:
 
 
 class _Assembly:
-    """Assembly in all coordinates: (v, rx, rz) of the points, then inner functions of the spans."""
+    """Assembly in the motions of all points and the inner functions of all spans."""
 
     def __init__(self, structure: Structure, variation: Variation) -> None:
         self._s, self._vary = structure, variation
@@ -228,7 +228,10 @@ class _Assembly:
     # ---- properties -------------------------------------------------------------------------------------------------
 
     def lump(self, point: str) -> tuple[float, float]:
-        """Return mass [kg] and rotary inertia [kg m^2] of the parts at a point, without cables and plates."""
+        """Return mass [kg] and rotary inertia [kg m^2] of the parts at a point.
+
+        Cables and plates do not count.
+        """
         mass = inertia = 0.0
         for kind, parts in (("mass", self._s.mass), ("coil", self._s.coil), ("clamp", self._s.clamp)):
             for part in parts:
@@ -265,7 +268,7 @@ class _Assembly:
     # ---- spans ------------------------------------------------------------------------------------------------------
 
     def _span(self, index: int) -> tuple[Array, Array, float]:
-        """Add a span; return its coordinates, its bending stiffness in them, and EI over its length."""
+        """Add a span; return coordinates, bending stiffness and EI over length."""
         bar, a, b = self._spans[index]
         section = self._s.section[bar.section]
         tx, tz, length = direction(self._s, a, b)
@@ -316,7 +319,10 @@ class _Assembly:
         )
 
     def _rigid(self, bar: Bar, point: str, axis: tuple[float, float], station: float, size: float) -> None:
-        """Add the rigid piece of a bar inside a clamp; a negative size lies before the point."""
+        """Add the rigid piece of a bar inside a clamp.
+
+        A piece of negative size lies before the point.
+        """
         columns, (_, slope, _) = self._at(point), _to_bar(axis, 0.0)
         xi, weight = np.polynomial.legendre.leggauss(POINTS)
         arm, weight = (xi + 1.0) * size / 2.0, weight * abs(size) / 2.0
@@ -363,7 +369,10 @@ class _Assembly:
                 row[columns] += moved
 
     def _lift(self, at: str) -> None:
-        """Add the lift of crossing bars: g rx (sum of m (v - v_clamp)) if the clamp rolls by rx."""
+        """Add the lift of crossing bars at a rolling clamp.
+
+        The potential is g rx (sum of m (v - v_clamp)).
+        """
         node, row = self._node[at], self._lifted[at].copy()
         for bar in self._s.bar:
             if at in bar.points and bar.name not in self._lines:
@@ -403,7 +412,7 @@ class _Assembly:
 
 
 class _Line:
-    """Tension along a vertical bar: cable below, weight of the bar, of its parts and of crossing bars."""
+    """Tension along a vertical bar, from the cable and all weights below."""
 
     def __init__(self, assembly: _Assembly, bar: Bar) -> None:
         structure, self.bar = assembly._s, bar
@@ -444,7 +453,10 @@ def _carried(assembly: _Assembly, bar: Bar, point: str) -> float:
 
 
 def _to_bar(axis: tuple[float, float], arm: float) -> Array:
-    """Return the map from (v, rx, rz) of a point to (deflection, slope, twist) on a rigid arm along an axis."""
+    """Return the 3 x 3 map from a point to a rigid arm.
+
+    The map takes (v, rx, rz) of the point to deflection, slope and twist at the end of the arm.
+    """
     tx, tz = axis
     return np.array([[1.0, -arm * tz, arm * tx], [0.0, -tz, tx], [0.0, tx, tz]])
 
@@ -460,7 +472,10 @@ def _shear_stiffness(section: Section) -> float:
 
 
 def _rotary_inertia(section: Section) -> float:
-    """Return the rotary inertia of bending per length [kg m]; half the polar one without a thickness."""
+    """Return the rotary inertia of bending per length [kg m].
+
+    A section without thickness has half its polar inertia.
+    """
     if section.thickness is None:
         return section.polar_inertia_per_length / 2
     return section.mass_per_length * section.thickness**2 / 12
