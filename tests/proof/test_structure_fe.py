@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from command import run
 from scipy import linalg, special
 
 from vlab.errors import BadStructure
@@ -295,6 +296,14 @@ def test_plans_sealed_without_a_source_keep_the_fe_code_of_the_plants():
     assert _drawn_from(old)["structures"] == SHARED_FE
     assert _drawn_from({**old, "structures": OWN_FE})["structures"] == OWN_FE
     assert SOURCES[SHARED_FE]["beam"] is laboratory.beam
+
+
+def test_an_unknown_source_is_refused_with_the_known_ones(capsys, tmp_path):
+    status, out, err = run(capsys, "conceal", "--structures", "own", "--out", str(tmp_path / "cases"))
+    assert (status, out) == (2, "")
+    assert OWN_FE in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_third_of_the_structures_hides_nothing():
