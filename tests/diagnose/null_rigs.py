@@ -1,8 +1,10 @@
-"""Rigs with nothing hidden whose recordings are noisy as real ones are; integrated by scipy, written as case folders.
+"""Rigs with nothing hidden whose recordings are noisy, and whose models are rough, as real ones are.
 
 Three rigs: two carriages (linear, force to displacements), a shaft of three discs (linear, torque to angular velocities), a driven
-pendulum that swings about 1 rad (nonlinear). Eleven noises each; `NOISES` names them. Stiffness and damping of the model are off by
-a per cent or two, as stated in `[model.uncertain]`.
+pendulum that swings about 1 rad (nonlinear). They are integrated without MuJoCo and written as case folders. `NOISES` names what is
+wrong with the recordings, `ROUGH` what is wrong with the model beside its parameters: a small force that nobody recorded, a second
+mode whose frequency no parameter gives, a simulation with coarse steps. Stiffness and damping of the model are off by a per cent or
+two, as stated in `[model.uncertain]`.
 """
 
 from collections.abc import Callable
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from rig_folder import Channel, Record, multisine, write_case
-from scipy import signal
+from scipy import linalg, signal
 from scipy.integrate import solve_ivp
 
 RATE = 250.0
@@ -64,11 +66,41 @@ NOISES: dict[str, dict] = {
 }
 
 
+ROUGH: dict[str, dict] = {
+    "stochastic force": {"force": 0.01},
+    "slow stochastic force": {"force": 0.02, "edge_hz": 1.0},
+    "wrong second mode": {"second": 1.003},
+    "coarse rig steps": {"steps": 2},
+    "all at once": {"sensor": (pink, 0.005), "input": (white, 0.01), "force": 0.005, "second": 1.001},
+}
+"""Kinds of model error. ``force``: rms of a random force that nobody recorded over that of the drive, below ``edge_hz`` (5 Hz where
+none is named). ``second``: factor on the frequency of the second mode, whose shape stays. ``steps``: steps of semi-implicit Euler to a
+sample, in place of an exact integration."""
+KINDS = {**NOISES, **ROUGH}
+
+
+def unrecorded(rng: np.random.Generator, n: int, edge_hz: float) -> np.ndarray:
+    """Return a random force below a frequency, rms 1, from rest."""
+    x = signal.sosfilt(signal.butter(2, edge_hz, fs=RATE, output="sos"), rng.standard_normal(n + 500))[500:]
+    return x / np.std(x) * np.minimum(np.arange(n) / RATE / 0.5, 1.0)
+
+
+def cases() -> list[tuple[str, str, int]]:
+    """Return rig, kind and seed of all null cases; a pendulum has no second mode."""
+    whole = [(rig, kind, 0) for rig in RIGS for kind in KINDS]
+    more = [(rig, kind, seed) for rig in RIGS for kind in AGAIN for seed in (1, 2)]
+    return [case for case in (*whole, *more) if not (case[0] == "pendulum" and case[1] == "wrong second mode")]
+
+
+AGAIN = ("pink", "white on the input", "stochastic force")
+"""Kinds with two more seeds."""
+
+
 def add_noise(
     rng: np.random.Generator, kind: str, force: np.ndarray, outputs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a recorded input (n,) and recorded outputs (n, k) with noise of a kind; the input's was never felt by the rig."""
-    spec, n = NOISES[kind], len(force)
+    spec, n = KINDS[kind], len(force)
     scale = outputs.std(axis=0)
     recorded = outputs + WHITE * scale * rng.standard_normal(outputs.shape)
     if "sensor" in spec:
@@ -124,18 +156,47 @@ SHAFT = """<mujoco model="shaft of three discs">
 """
 
 
-def chain_response(m: np.ndarray, k: np.ndarray, c: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return relative positions and velocities (n, 2d) of a chain of masses from ground under a force on the first one that is
-    linear between samples, by the matrix exponential of a first-order hold."""
+def chain_response(
+    m: np.ndarray,
+    k: np.ndarray,
+    c: np.ndarray,
+    force: np.ndarray,
+    other: np.ndarray | float = 0.0,
+    second: float = 1.0,
+    steps: int = 0,
+) -> np.ndarray:
+    """Return relative positions and velocities (n, 2d) of a chain of masses from ground, by a first-order hold.
+
+    `force` acts on the first mass and `other` on the last one; both are linear between samples. `second` is a factor on the
+    frequency of the second mode. With `steps` semi-implicit Euler replaces the matrix exponential, that many times a sample.
+    """
     d = len(m)
     below = np.tril(np.ones((d, d)))  # absolute from relative coordinates
-    mass = below.T @ np.diag(m) @ below
-    A = np.block(
-        [[np.zeros((d, d)), np.eye(d)], [-np.linalg.solve(mass, np.diag(k)), -np.linalg.solve(mass, np.diag(c))]]
-    )
-    B = np.concatenate([np.zeros(d), np.linalg.solve(mass, np.eye(d)[0])])[:, None]
-    system = signal.StateSpace(A, B, np.eye(2 * d), np.zeros((2 * d, 1)))
-    return signal.lsim(system, force, np.arange(len(force)) / RATE, interp=True)[1]
+    mass, K = below.T @ np.diag(m) @ below, np.diag(k)
+    squared, shapes = linalg.eigh(K, mass)
+    row = mass @ shapes[:, 1]
+    K = K + (second**2 - 1.0) * squared[1] * np.outer(row, row)
+    loads = np.linalg.solve(mass, below.T[:, [0, -1]])
+    u = np.column_stack([force, np.zeros(len(force)) + other])
+    time = np.arange(len(force)) / RATE
+    A = np.block([[np.zeros((d, d)), np.eye(d)], [-np.linalg.solve(mass, K), -np.linalg.solve(mass, np.diag(c))]])
+    if steps:
+        return _semi_implicit(lambda x, push: A[d:] @ x + loads @ push, 2 * d, u, steps)
+    B = np.vstack([np.zeros((d, 2)), loads])
+    return signal.lsim(signal.StateSpace(A, B, np.eye(2 * d), np.zeros((2 * d, 2))), u, time, interp=True)[1]
+
+
+def _semi_implicit(rate: Callable, states: int, u: np.ndarray, steps: int) -> np.ndarray:
+    """Return the states (n, 2d), positions first, of x' = v, v' = rate(x, u), from rest."""
+    d, h, x = states // 2, 1.0 / RATE / steps, np.zeros(states)
+    out = np.zeros((len(u), states))
+    for i in range(len(u) - 1):
+        out[i] = x
+        for j in range(steps):
+            x[d:] += h * rate(x, u[i] + (u[i + 1] - u[i]) * j / steps)
+            x[:d] += h * x[d:]
+    out[-1] = x
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -211,12 +272,22 @@ _INERTIA, _WEIGHT, _VISCOUS = 0.004 + 0.5 * 0.4**2, 0.5 * 9.81 * 0.4, 0.1
 """About the pivot [kg m2], at a right angle [N m], of the pivot [N m s/rad]."""
 
 
-def pendulum_response(heavier: float, viscous: float, torque: Callable[[float], float], time: np.ndarray) -> np.ndarray:
-    """Return the angle (n,) from rest of a driven pendulum whose mass is a multiple of the model's, with its inertia."""
+def pendulum_response(
+    heavier: float, viscous: float, torque: Callable[[float], float], time: np.ndarray, steps: int = 0
+) -> np.ndarray:
+    """Return the angle (n,) from rest of a driven pendulum whose mass is a multiple of the model's, with its inertia.
+
+    With `steps` semi-implicit Euler integrates, that many times a sample.
+    """
+
+    def turn(x, push):
+        return (push - heavier * _WEIGHT * np.sin(x[0]) - viscous * x[1]) / (heavier * _INERTIA)
 
     def rate(t, x):
-        return [x[1], (torque(t) - heavier * _WEIGHT * np.sin(x[0]) - viscous * x[1]) / (heavier * _INERTIA)]
+        return [x[1], turn(x, torque(t))]
 
+    if steps:
+        return _semi_implicit(turn, 2, torque(time), steps)[:, 0]
     return solve_ivp(rate, (0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-9, atol=1e-11).y[0]
 
 
@@ -224,8 +295,10 @@ RIGS = ("carriages", "shaft", "pendulum")
 
 
 def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
-    """Write a case with nothing hidden: two recordings to fit, two held out, with a noise of `NOISES`."""
-    rng = np.random.default_rng([seed, RIGS.index(rig), list(NOISES).index(noise)])
+    """Write a case with nothing hidden: two recordings to fit, two held out, with a kind of `KINDS`."""
+    rng = np.random.default_rng([seed, RIGS.index(rig), list(KINDS).index(noise)])
+    spec = KINDS[noise]
+    steps, edge = spec.get("steps", 0), spec.get("edge_hz", 5.0)
     time = np.arange(int(DURATION * RATE)) / RATE
     records = []
     if rig == "pendulum":
@@ -252,14 +325,24 @@ def null_case(folder: Path, rig: str, noise: str, seed: int = 0) -> None:
             def torque(t, sine=sine):
                 return sine(t) * np.minimum(t / 0.5, 1.0)
 
-            force, motion = torque(time), pendulum_response(heavier, viscous, torque, time)[:, None]
+            force = torque(time)
+            felt = torque
+            if "force" in spec:
+                other = spec["force"] * force.std() * unrecorded(rng, len(time), edge)
+
+                def felt(t, torque=torque, other=other):
+                    return torque(t) + np.interp(t, time, other)
+
+            motion = pendulum_response(heavier, viscous, felt, time, steps)[:, None]
         else:
             force = multisine(rng, *chain.band, DURATION, level * chain.level)(time) * np.minimum(time / 0.5, 1.0)
-            motion = chain_response(chain.m, k, c, force)[:, list(chain.outputs.values())]
+            other = spec["force"] * force.std() * unrecorded(rng, len(time), edge) if "force" in spec else 0.0
+            motion = chain_response(chain.m, k, c, force, other, spec.get("second", 1.0), steps)
+            motion = motion[:, list(chain.outputs.values())]
         force, motion = add_noise(rng, noise, force, motion)
         columns = {"u": force, **dict(zip(outputs, motion.T, strict=True))}
         records.append(Record(name=name, role=role, columns=columns, rate_hz=RATE))
-    is_coarse = bool(NOISES[noise].get("coarse"))
+    is_coarse = bool(spec.get("coarse"))
     step, integrator = (0.004, "Euler") if is_coarse else (0.001, "RK4")
     channels = [drive, *(Channel(column=name, at=name, kind=kind, unit=unit) for name in outputs)]
     text = mjcf.format(step=step, integrator=integrator, **values)

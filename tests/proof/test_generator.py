@@ -15,13 +15,14 @@ import vlab.proof.generator as generator
 from vlab.cases import compare_case
 from vlab.fe import build_fe_model
 from vlab.proof.case_folder import write_case
+from vlab.proof.generator import laboratory
 from vlab.proof.generator.bench import Bench, Place, Sensor
+from vlab.proof.generator.built_structure import beam, grid
 from vlab.proof.generator.concealed import Concealed, Wanted, conceal
 from vlab.proof.generator.excite import CLASSES, REST_S, excite
 from vlab.proof.generator.hardware import Output, late, low_passed
 from vlab.proof.generator.hidden import Hidden, Scale
 from vlab.proof.generator.integration import Feedback, Poles, _Way, integrate, port_rows
-from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.law import DryFriction, Sliders, Static
 from vlab.proof.generator.library import LIBRARY
 from vlab.proof.generator.plan import plan
@@ -45,6 +46,13 @@ def test_the_generator_imports_nothing_of_the_model_side():
     names += ["vlab.proof.suites", "vlab.proof.case_folder", "vlab.proof.conceal"]
     code = f"import importlib, sys\nfor n in {names}: importlib.import_module(n)\n"
     code += f"print([m for m in sys.modules if m.startswith({FORBIDDEN})])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_structures_are_built_without_the_fe_code_of_the_plants():
+    code = "import sys, vlab.proof.generator.built_structure\n"
+    code += "print([m for m in sys.modules if m.startswith(('vlab.fe', 'vlab.plants', 'vlab.diagnose', 'mujoco'))])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
 
@@ -264,7 +272,7 @@ def test_excitations_have_unit_size_and_begin_in_silence(kind):
 
 
 def test_the_beam_is_meshed_finer_and_has_its_frequencies():
-    blueprint = beam()
+    blueprint = laboratory.beam()
     bench = blueprint.build({}, {})
     nominal = build_fe_model(load_structure("beam"), "physical")
     # Hermite elements converge as h^4; four a span are good to 1e-5 below 50 Hz, the rest is the finer mesh.
@@ -440,12 +448,12 @@ def test_everything_that_can_be_hidden_changes_something_and_grows(kind):
     assert change[1] >= change[0]
 
 
-@pytest.mark.parametrize("name", ["slider", "beam"])
+@pytest.mark.parametrize("name", ["slider", "beam", "grid"])
 def test_places_are_named_as_a_diagnosis_names_them(name):
     from vlab.plants import build_plant
     from vlab.plants.mjcf import build_mjcf
 
-    blueprint = {"slider": slider, "beam": beam}[name]()
+    blueprint = {"slider": slider, "beam": beam, "grid": grid}[name]()
     is_rig = "rig.xml" in blueprint.files
     plant = (
         build_mjcf(blueprint.files["rig.xml"]) if is_rig else build_plant(load_structure(name), "composite", "physical")

@@ -7,7 +7,7 @@ from vlab.cli.common import Outcome, count_bar, text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
 from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder
-from vlab.proof.suites import BENCHES, MIXTURES, SUITES
+from vlab.proof.suites import BENCHES, MIXTURES, OWN_FE, SHARED_FE, SOURCES, SUITES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--benches",
         default=",".join(BENCHES),
         help=f"use these benches, separated by commas: {', '.join(BENCHES)} (default all)",
+    )
+    parser.add_argument(
+        "--structures",
+        default=OWN_FE,
+        help=f"build beam and grid with the FE code of the generator ({OWN_FE}) or of the diagnosed plants ({SHARED_FE}) "
+        f"(default {OWN_FE}); accepted: {', '.join(SOURCES)}",
     )
     parser.add_argument(
         "--again", help="regenerate the recordings of this sealed folder bit for bit into OUT (default: new cases)"
@@ -82,6 +88,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
             count=arguments.n,
             seed=arguments.seed,
             benches=arguments.benches.split(","),
+            structures=arguments.structures,
             engine=arguments.engine,
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,

@@ -26,7 +26,7 @@ from vlab.proof.seal import (
     sealed,
     write_json,
 )
-from vlab.proof.suites import BENCHES, check_benches, drawn_suites, make_case
+from vlab.proof.suites import BENCHES, OWN_FE, SHARED_FE, check_benches, check_source, drawn_suites, make_case
 
 MOST_CASES = 100_000
 SEED_BITS = 128
@@ -45,7 +45,8 @@ def conceal_cases(
     suites: Sequence[str],
     count: int,
     seed: int | None = None,
-    benches: Sequence[str] = tuple(BENCHES),
+    benches: Sequence[str] = BENCHES,
+    structures: str = OWN_FE,
     engine: str = "joblib",
     jobs: int = 0,
     scheduler: str = "",
@@ -67,6 +68,8 @@ def conceal_cases(
         Seed; that of the interrupted run by default, or a fresh one.
     benches : sequence of str
         Names of the benches.
+    structures : str
+        Source of beam and grid, one of `vlab.proof.suites.SOURCES`.
     engine : str
         Engine of `vlab.proof.campaign.run_all`.
     jobs : int
@@ -84,7 +87,7 @@ def conceal_cases(
     Raises
     ------
     BadExperiment
-        A count, seed or bench is invalid, or the plan differs from that of the interrupted run.
+        A count, seed, bench or source is invalid, or the plan differs from that of the interrupted run.
     OutputRefused
         A folder cannot be written, or another process conceals cases there.
     """
@@ -93,13 +96,14 @@ def conceal_cases(
     if seed is not None and seed < 0:
         raise BadExperiment(f"the seed is {seed}; accepted: 0 or more")
     check_benches(benches)
+    check_source(structures)
     drawn_suites(suites, count, 0)  # refuse unknown names before any output
     begun = unfinished_folder(out)
     _keep_sealed(out)
     with sole_use(begun, of="vlab conceal"):
         _keep_sealed(out)  # by the previous process
         try:
-            plan = {"suites": list(suites), "benches": list(benches), "count": count}
+            plan = {"suites": list(suites), "benches": list(benches), "count": count, "structures": structures}
             return _conceal(out, begun, plan, seed, engine, jobs, scheduler, progress)
         finally:
             if (out / COMMITMENTS).exists() or not any((begun / "truth").glob("*")):  # nothing to continue
@@ -122,14 +126,14 @@ def _conceal(
         items = _items(plan["suites"], plan["count"], plan["seed"])
         left = [item for item in items if not _is_whole(begun, item[2])]
         progress(len(items) - len(left), len(items))
-        work = partial(_one_kept, folder=begun.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
+        work = partial(_one_kept, folder=begun.resolve(), **_drawn_from(plan))
         made = run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
         for done, _ in enumerate(made):
             progress(len(items) - len(left) + done + 1, len(items))
         commitments = {n: _seal(truths / f"{n}.json", read_json(begun / "truth" / f"{n}.json")) for _, _, n in items}
         for name in commitments:
             os.replace(begun / "cases" / name, cases / name)
-        known = {key: plan[key] for key in ("seed", "suites", "benches", "generator", "count")}
+        known = {key: plan[key] for key in ("seed", "suites", "benches", "generator", "count", "structures")}
         document = {
             "format": FORMAT,
             "cases": {n: {"truth": c, "recordings": folder_digest(cases / n)} for n, c in commitments.items()},
@@ -190,12 +194,21 @@ def _is_whole(begun: Path, name: str) -> bool:
     return (begun / "truth" / f"{name}.json").exists() and (begun / "cases" / name).exists()
 
 
-def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int) -> str:
+def _drawn_from(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """Return benches, seed and source of the structures.
+
+    Plans without a source have the FE code of the plants.
+    """
+    structures = plan.get("structures", SHARED_FE)
+    return {"benches": tuple(plan["benches"]), "seed": plan["seed"], "structures": structures}
+
+
+def _one_kept(item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int, structures: str) -> str:
     """Make a case in an unfinished folder, truth last."""
     name = item[2]
     (folder / "truth" / f"{name}.json").unlink(missing_ok=True)
     shutil.rmtree(folder / "cases" / name, ignore_errors=True)
-    _, truth = _one(item, folder=folder / "cases", benches=benches, seed=seed)
+    _, truth = _one(item, folder=folder / "cases", benches=benches, seed=seed, structures=structures)
     write_json(folder / "truth" / f"{name}.json", truth)
     return name
 
@@ -317,7 +330,7 @@ def make_again(
     for name in names:
         if name not in items:
             raise BadProof(f"{name}: the plan with its {count} cases has none of this name; restore the commitments")
-    work = partial(_one, folder=folder.resolve(), benches=tuple(plan["benches"]), seed=plan["seed"])
+    work = partial(_one, folder=folder.resolve(), **_drawn_from(plan))
     wanted = [items[name] for name in names]
     made = run_all(work, wanted, engine=engine, jobs=jobs, scheduler=scheduler, environment=common_instructions())
     with contextlib.closing(made):  # the first deviating case ends the work
@@ -341,10 +354,10 @@ def _items(suites: Sequence[str], count: int, seed: int) -> list[tuple[int, str,
 
 
 def _one(
-    item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int
+    item: tuple[int, str, str], *, folder: Path, benches: tuple[str, ...], seed: int, structures: str
 ) -> tuple[str, dict[str, Any]]:
     index, suite, name = item
-    case = make_case(suite, benches, seed, index)
+    case = make_case(suite, benches, seed, index, structures=structures)
     write_case(case, folder / name)
     return name, {"case": name, **case.truth}
 

@@ -6,16 +6,27 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.errors import BadExperiment, unknown_name
+from vlab.proof.generator import built_structure, laboratory
 from vlab.proof.generator.bench import Blueprint
 from vlab.proof.generator.concealed import Concealed, Wanted, conceal
 from vlab.proof.generator.forms import FORMS
 from vlab.proof.generator.hidden import Kind
-from vlab.proof.generator.laboratory import beam, grid
 from vlab.proof.generator.library import LIBRARY
 from vlab.proof.generator.out_of_library import STRANGE
 from vlab.proof.generator.rigs import shaft, slider
 
-BENCHES: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft, "beam": beam, "grid": grid}
+OWN_FE, SHARED_FE = "own-fe", "shared-fe"
+"""OWN_FE, SHARED_FE: sources of beam and grid. The own FE code of the generator, with deviations that the nominal model
+cannot take up; or the FE code of the diagnosed plants. Cases sealed without a named source are of `SHARED_FE`."""
+_RIGS: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft}
+SOURCES: dict[str, dict[str, Callable[[], Blueprint]]] = {
+    OWN_FE: {**_RIGS, "beam": built_structure.beam, "grid": built_structure.grid},
+    SHARED_FE: {**_RIGS, "beam": laboratory.beam, "grid": laboratory.grid},
+}
+"""SOURCES: benches by the source of the structures; the rigs are the same."""
+BENCHES = tuple(SOURCES[OWN_FE])
+OPEN_LOOP = {OWN_FE: ("slider", "beam", "grid"), SHARED_FE: ("slider",)}
+"""OPEN_LOOP: benches without cases in a loop; the slider has no velocity sensor."""
 SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03}
 """SHARES [-]: frequency of each bench; a case of a structure takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
@@ -83,6 +94,8 @@ MIXTURES = {
     + ("null",) * 3
     + ("other-form", "out-of-library") * 2
     + ("two-effects", "masked", "near-threshold", "chain-only"),
+    "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
+    + ("null", "in-library") * 3,
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""
@@ -120,7 +133,7 @@ def drawn_suites(names: Sequence[str], count: int, seed: int) -> list[str]:
     return [order[i] for i in rng.permutation(count)]
 
 
-def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Concealed:
+def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, structures: str = OWN_FE) -> Concealed:
     """Make the case of an index, reproducible by its seed.
 
     Parameters
@@ -133,6 +146,8 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Conc
         Seed of all cases.
     index : int
         Index of the case.
+    structures : str
+        Source of beam and grid, one of `SOURCES`.
 
     Returns
     -------
@@ -148,13 +163,13 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int) -> Conc
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, index, attempt])
         wanted = SUITES[suite](rng)
-        possible = [b for b in benches if not wanted.in_loop or b != "slider"]  # no velocity sensor there
+        possible = [b for b in benches if not wanted.in_loop or b not in OPEN_LOOP[structures]]
         if not possible:
             continue
         shares = np.array([SHARES[b] for b in possible])
         bench = str(rng.choice(possible, p=shares / shares.sum()))
         try:
-            made = conceal(BENCHES[bench](), wanted, rng)
+            made = conceal(SOURCES[structures][bench](), wanted, rng)
             return replace(made, truth={**made.truth, "attempt": attempt})
         except BadExperiment as error:
             last = error
@@ -166,6 +181,12 @@ def check_benches(names: Sequence[str]) -> None:
     for name in names:
         if name not in BENCHES:
             raise unknown_name("bench", name, BENCHES)
+
+
+def check_source(name: str) -> None:
+    """Refuse an unknown source of the structures."""
+    if name not in SOURCES:
+        raise unknown_name("source of structures", name, SOURCES)
 
 
 def kinds() -> tuple[Kind, ...]:

@@ -127,6 +127,23 @@ class Bench:
             basis=T,
         )
 
+    def up_to(self, highest_hz: float) -> "Bench":
+        """Return a bench in its modes without those above a frequency.
+
+        Parameters
+        ----------
+        highest_hz : float
+            Highest frequency [Hz].
+
+        Returns
+        -------
+        Bench
+            Bench in fewer modes.
+        """
+        keep = np.eye(self.n)[:, np.sqrt(self.K.diagonal()) < 2 * np.pi * highest_hz]
+        basis = keep if self.basis is None else self.basis @ keep
+        return self if keep.shape[1] == self.n else replace(self.projected(keep), basis=basis)
+
     def adding(self, M: Any = 0.0, C: Any = 0.0, K: Any = 0.0) -> "Bench":
         """Return the bench with matrices added."""
         return replace(self, M=self.M + M, C=self.C + C, K=self.K + K)
@@ -175,17 +192,28 @@ class Bench:
 
 @dataclass(frozen=True, kw_only=True)
 class Benign:
-    """Uncertain parameter: a log-factor with its standard deviation.
+    """Deviation of a bench as built: a log-factor with its standard deviation.
 
     Parameters
     ----------
     kind : str
-        ``stiffness``, ``mass``, ``damping``, ``tension``, ``gain`` (of an actuator) or ``sensor``.
+        ``stiffness``, ``mass``, ``damping``, ``tension``, ``frequency``, ``gain`` (of an actuator) or ``sensor``. A
+        deviation of kind ``local`` is not a parameter of the nominal model.
+    sd : float
+        Standard deviation of the bench as built; 0 if nothing is drawn.
+    stated : float or None
+        Standard deviation according to the case; by default that of the bench as built, 0 for a fixed parameter.
     """
 
     name: str
     kind: str
     sd: float
+    stated: float | None = None
+
+    @property
+    def prior(self) -> float:
+        """Standard deviation in a calibration; 0 for a fixed parameter."""
+        return self.sd if self.stated is None else self.stated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -220,6 +248,16 @@ class Blueprint:
         ``command`` passes converter, delay and filter of the laboratory; ``force`` and ``moment`` are held unchanged.
     place_sd : float
         Standard deviation of the sensor places [m].
+    noise_db : (float, float) or None
+        Range of the ratio of signal to noise [dB]; by default one of three levels is drawn.
+    fits : int or None
+        Number of fit recordings; by default three to five are drawn.
+    command_step : float
+        Step of the converter of the commands [N]; zero for none.
+    per_period : int
+        Samples per period of the highest excited frequency in the calibration.
+    refit_hz : float
+        Highest mode in the calibration [Hz], for benches in their modes.
     """
 
     name: str
@@ -238,4 +276,9 @@ class Blueprint:
     input_kind: str
     input_unit: str
     place_sd: float = 0.0
+    noise_db: tuple[float, float] | None = None
+    fits: int | None = None
+    command_step: float = 0.0
+    per_period: int = 16
+    refit_hz: float = float("inf")
     exciters: tuple[str, ...] = ()

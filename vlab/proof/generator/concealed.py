@@ -8,7 +8,7 @@ import numpy as np
 
 from vlab.errors import BadExperiment, Diverged
 from vlab.proof.generator.bench import Bench, Blueprint
-from vlab.proof.generator.hardware import Output, Pickup
+from vlab.proof.generator.hardware import Converted, Output, Pickup
 from vlab.proof.generator.hidden import Hidden, Kind, places_for
 from vlab.proof.generator.integration import Feedback
 from vlab.proof.generator.plan import Plan, plan
@@ -26,8 +26,6 @@ CLOSE = 1.25
 """CLOSE [-]: accepted factor between found and wanted size."""
 LARGEST = 0.6
 """LARGEST [-]: largest change of the signals by a hidden effect, as a share of their rms."""
-PER_PERIOD = 16
-"""PER_PERIOD [-]: samples per period of the highest excited frequency in the calibration."""
 HALVED_S, MOST_HALVED = 4.0, 0.1
 """HALVED_S [s], MOST_HALVED [-]: part of the loudest recording integrated with half the step, and largest change over
 the noise. A case with coarser integration is worthless."""
@@ -103,6 +101,13 @@ class _Drawn:
     law: dict[str, Any] | None
     open: Setup
     """The same without a law in the loop."""
+    error: dict[str, float] | None
+    """Size of what a calibration of the nominal model leaves of the benign deviations; None if it has all of them."""
+
+    @property
+    def unit(self) -> float:
+        """Size of noise and model error together, over the noise."""
+        return 1.0 if self.error is None else float(np.hypot(1.0, self.error["over_noise"]))
 
 
 def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> Concealed:
@@ -128,6 +133,7 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
         No effect of the wanted kinds and size was found.
     """
     drawn = _draw(blueprint, wanted, rng)
+    wanted = replace(wanted, low=wanted.low * drawn.unit, high=wanted.high * drawn.unit)
     hidden, size, y = _hide(blueprint, wanted, drawn, rng)
     halved = _halved(drawn, hidden)
     if halved["over_noise"] > MOST_HALVED:
@@ -151,12 +157,14 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
         "recordings": [asdict(r) for r in drawn.plan.recordings],
         "step_halved": halved,
     }
+    if drawn.error is not None:
+        truth["model_error"] = drawn.error
     sensors = tuple((name, s.kind, s.unit) for name, s in drawn.setup.bench.sensors.items())
     return Concealed(blueprint=blueprint, plan=drawn.plan, sensors=sensors, outputs=outputs, law=drawn.law, truth=truth)
 
 
 def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Drawn:
-    factors = {b.name: float(b.sd * np.clip(rng.standard_normal(), -2.5, 2.5)) for b in blueprint.benign}
+    factors = {b.name: float(b.sd * np.clip(rng.standard_normal(), -2.5, 2.5)) for b in blueprint.benign if b.sd}
     recordings = plan(blueprint, rng, one_level=wanted.one_level)
     names = [b.name.partition(":")[2] for b in blueprint.benign if b.kind == "sensor"]
     shifts = {name: float(blueprint.place_sd * rng.standard_normal()) for name in names}
@@ -165,6 +173,8 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
     if blueprint.input_kind == "command":
         delay, corner = DELAY_SAMPLES * rng.uniform(0.98, 1.02), CORNER_HZ * rng.uniform(0.98, 1.02)
         output = Output(delay_s=delay / blueprint.rate_hz, corner_hz=corner)
+        if blueprint.command_step:
+            output = Converted(**asdict(output), step_n=blueprint.command_step)
     setup = Setup(
         bench=bench,
         output=output,
@@ -174,8 +184,8 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
     )
     commands = recordings.commands
     quiet = setup.run(commands, ())
-    level = str(rng.choice(list(NOISE)))
-    sigma = NOISE[level] * np.sqrt(np.mean(quiet[:, :, recordings.middle] ** 2, axis=0))
+    level, relative = _noise(blueprint, rng)
+    sigma = relative * np.sqrt(np.mean(quiet[:, :, recordings.middle] ** 2, axis=0))
     pickup = Pickup(
         sigma=sigma,
         hum=float(rng.uniform(0.0, 0.4)),
@@ -183,7 +193,9 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         step=float(rng.uniform(0.2, 1.0)),
     )
     noise = pickup.noise(rng, len(commands), commands.shape[2], blueprint.rate_hz)
-    law, opened = None, setup
+    law, opened, error = None, setup, None
+    if any(b.sd and not b.prior for b in blueprint.benign):
+        error = _model_error(blueprint, setup, recordings, quiet, sigma)
     if wanted.in_loop:
         setup, law = _closed(blueprint, setup, noise, rng)
         quiet = setup.run(commands, ())
@@ -197,7 +209,34 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         null=quiet,
         law=law,
         open=opened,
+        error=error,
     )
+
+
+def _noise(blueprint: Blueprint, rng: np.random.Generator) -> tuple[str, float]:
+    """Draw the level of the noise; return its name and its share of the signals."""
+    if blueprint.noise_db is None:
+        level = str(rng.choice(list(NOISE)))
+        return level, NOISE[level]
+    ratio = float(rng.uniform(*blueprint.noise_db))
+    low = 10 * int(ratio // 10)
+    return f"{low} to {low + 10} dB", 10.0 ** (-ratio / 20.0)
+
+
+def _model_error(blueprint: Blueprint, setup: Setup, recordings: Plan, quiet: Array, sigma: Array) -> dict[str, float]:
+    """Return what the calibrated nominal model leaves of the quiet fit recordings."""
+    fit = recordings.fit
+    nominal = blueprint.build({}, {})
+    reduced = nominal.up_to(blueprint.refit_hz)
+    commands = recordings.commands[:, :, fit]
+    refit = Refit(blueprint, {}, reduced, setup.output, commands, sigma, _every(blueprint))
+    size = refit.size(quiet[:, :, fit], replace(setup, bench=nominal).run(commands, ()))
+    signal = np.sqrt(np.mean((quiet[:, :, fit] / sigma[None, :, None]) ** 2))
+    return {"over_noise": size.left, "over_signal": float(size.left / signal), "uncalibrated": size.change}
+
+
+def _every(blueprint: Blueprint) -> int:
+    return max(1, int(blueprint.rate_hz / (blueprint.per_period * blueprint.band_hz[1])))
 
 
 def _closed(blueprint: Blueprint, setup: Setup, noise: Array, rng: np.random.Generator) -> tuple[Setup, dict[str, Any]]:
@@ -232,11 +271,11 @@ def _hide(
     refit = Refit(
         blueprint,
         drawn.factors,
-        bench,
+        bench if np.isinf(blueprint.refit_hz) else bench.up_to(blueprint.refit_hz),
         setup.output,
         commands[:, :, fit],
         drawn.pickup.sigma,
-        max(1, int(blueprint.rate_hz / (PER_PERIOD * blueprint.band_hz[1]))),
+        _every(blueprint),
     )
     for _ in range(DRAWS):
         found = _sized(blueprint, wanted, drawn, refit, rng)

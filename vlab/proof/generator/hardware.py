@@ -34,6 +34,24 @@ class Output:
         return low_passed(fine, 2 * np.pi * self.corner_hz, step) if self.corner_hz else fine
 
 
+@dataclass(frozen=True, kw_only=True)
+class Converted(Output):
+    """Path of a command to the force, with the steps of its converter.
+
+    Parameters
+    ----------
+    step_n : float
+        Step of the converter, in the unit of the commands; zero for none.
+    """
+
+    step_n: float = 0.0
+
+    def forces(self, commands: Array, step: float, substeps: int) -> Array:
+        """Return forces on the fine clock for rounded and held commands."""
+        held = np.round(commands / self.step_n) * self.step_n if self.step_n else commands
+        return super().forces(held, step, substeps)
+
+
 def late(fine: Array, steps: float | Array) -> Array:
     """Return the step means of a delayed staircase.
 

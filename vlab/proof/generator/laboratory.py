@@ -1,6 +1,8 @@
-"""Beam and hanging grid as built, on a fine mesh.
+"""Beam and hanging grid on a fine mesh of `vlab.fe`, as sealed cases were made.
 
-The mesh is at least three times as fine as those of the diagnosed models.
+The diagnosed plants come from the same FE code. New cases are made by `vlab.proof.generator.built_structure`, which
+shares no code with the plants. This source remains because sealed cases must be regenerated bit for bit. The mesh is at
+least three times as fine as those of the diagnosed models.
 """
 
 from collections.abc import Mapping
@@ -13,6 +15,7 @@ from vlab.fe import build_fe_model
 from vlab.fe.model import FeModel
 from vlab.fe.statics import cable_tensions
 from vlab.proof.generator.bench import Bench, Benign, Blueprint, Place, Sensor
+from vlab.proof.generator.places import beside, neighbours, span_name
 from vlab.signals import Array
 from vlab.structure import load_structure
 from vlab.structure.model import Bar, Structure
@@ -93,14 +96,7 @@ def _spans(fe: FeModel) -> dict[str, Place]:
         for a, b in pairwise(bar.points):
             length = float(np.hypot(*np.subtract(fe.structure.position(a), fe.structure.position(b))))
             flexible = length - fe.structure.clamp_length(a) - fe.structure.clamp_length(b)
-            if bar.name == "crosspiece":
-                name = f"crosspiece-{'left' if a == 'tip-left' else 'right'}"
-            elif fe.structure.name == "grid":
-                low, high = sorted(int("".join(c for c in p if c.isdigit())) for p in (a, b))
-                name = f"bar:{low}-{high}"
-            else:
-                name = f"{bar.name}:{a}-{b}"
-            out[name] = Place(
+            out[span_name(fe.structure, bar, a, b)] = Place(
                 row=_slope(fe, bar, b) - _slope(fe, bar, a),
                 angular=True,
                 stiffness=section.bending_stiffness / flexible,
@@ -145,11 +141,11 @@ def _built(name: str, factors: Mapping[str, float], shifts: Mapping[str, float],
             row=fe.deflection(point.name),
             stiffness=tensions[cable.name] / abs(cable.height) if cable else 0.0,
             alike=(cable.name,) if cable else (),
-            near=_neighbours(structure, point.name),
+            near=neighbours(structure, point.name),
             actuator=coils.get(point.name, ""),
         )
     places |= {k: p for k, p in _spans(fe).items() if np.any(p.row)}
-    places = _beside(places)
+    places = beside(places)
 
     def factor(key: str) -> float:
         return float(np.exp(factors.get(key, 0.0)))
@@ -177,26 +173,6 @@ def _shifted(fe: FeModel, at: str, shift: float) -> Array:
     if bar is None or shift == 0.0:
         return fe.deflection(at)
     return fe.deflection(at) + shift * _slope(fe, bar, at)
-
-
-def _beside(places: dict[str, Place]) -> dict[str, Place]:
-    """Add places one element away."""
-    ends = {name: set(p.near) for name, p in places.items() if ":" in name or name.startswith("crosspiece")}
-    out = {}
-    for name, place in places.items():
-        own = ends.get(name, {name})
-        more = tuple(other for other, points in ends.items() if other != name and own & points)
-        out[name] = replace(place, near=(*place.near, *more))
-    return out
-
-
-def _neighbours(structure: Structure, point: str) -> tuple[str, ...]:
-    out = []
-    for bar in structure.bar:
-        for a, b in pairwise(bar.points):
-            if point in (a, b):
-                out.append(b if point == a else a)
-    return tuple(out)
 
 
 def _blueprint(name: str, title: str, **settings: object) -> Blueprint:

@@ -58,7 +58,7 @@ class Plan:
 def plan(blueprint: Blueprint, rng: np.random.Generator, *, one_level: bool = False) -> Plan:
     """Draw the recordings of a case.
 
-    Three to five fit recordings have one signal class and at least three levels. Two or three held-out recordings
+    Three to five fit recordings, or those of the blueprint, have one signal class and at least three levels. Two or three held-out recordings
     follow. The first has the same class at another level, the second another class.
 
     Parameters
@@ -78,7 +78,7 @@ def plan(blueprint: Blueprint, rng: np.random.Generator, *, one_level: bool = Fa
     main = str(rng.choice(blueprint.exciters))
     usual = str(rng.choice(["multisine", "noise"], p=[0.8, 0.2]))
     other = str(rng.choice([c for c in CLASSES if c not in (usual, "noise", "multisine")]))
-    count = int(rng.integers(3, 6))
+    count = blueprint.fits or int(rng.integers(3, 6))
     base = np.geomspace(0.5, 2.0, count) if not one_level else np.linspace(0.95, 1.05, count)
     levels = base * np.exp(rng.uniform(-0.1, 0.1))
     recordings = [Recording(signal=usual, level=float(x), actuator=main, role="fit") for x in levels]

@@ -1,6 +1,6 @@
 """Size of a hidden effect: its residual after calibration, over the noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,12 +70,17 @@ class Refit:
         sigma: Array,
         every: int,
     ) -> None:
+        if np.isfinite(blueprint.refit_hz):  # resting actuators cost time
+            driven = [i for i in range(commands.shape[1]) if np.any(commands[:, i])]
+            names = [list(bench.actuators)[i] for i in driven]
+            commands = commands[:, driven]
+            bench = replace(bench, actuators={name: bench.actuators[name] for name in names})
         self._bench, self._sigma, self._every = bench, sigma, every
         self._step = every / blueprint.rate_hz
         forces = output.forces(commands, 1.0 / blueprint.rate_hz, 1)
         whole = len(forces) // every * every
         self._forces = forces[:whole].reshape(-1, every, *forces.shape[1:]).mean(axis=1)
-        self._benign = blueprint.benign
+        self._benign = tuple(b for b in blueprint.benign if b.prior and not _is_resting(b, bench))
         here = blueprint.matrices(factors)
         self._changes = [_matrices(blueprint, factors, bench, b, here) for b in self._benign]
         self._null = self._simulated(np.zeros(len(self._benign)))
@@ -135,7 +140,7 @@ class Refit:
 
     def _left(self, change: Array) -> float:
         """Return the rms residual over the noise."""
-        sd = np.array([b.sd for b in self._benign])
+        sd = np.array([b.prior for b in self._benign])
         target = change + self._null
         theta, rest = np.zeros(len(sd)), np.zeros(0)
         for share, louder in GROWING:
@@ -184,6 +189,10 @@ def _matrices(
     moved = {**factors, benign.name: factors.get(benign.name, 0.0) + STEP}
     M, C, K = ((a - b) / STEP for a, b in zip(blueprint.matrices(moved), here, strict=True))
     return T.T @ M @ T, T.T @ C @ T, T.T @ K @ T
+
+
+def _is_resting(benign: Benign, bench: Bench) -> bool:
+    return benign.kind == "gain" and benign.name.partition(":")[2] not in bench.actuators
 
 
 def _find(bench: Bench, name: str) -> int:
