@@ -308,7 +308,7 @@ def _stage(problem: StartProblem, share: float) -> StartProblem:
     """Return the problem on the first part of a window."""
     whole = problem.run.measured
     count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
-    part = replace(whole, time=whole.time[:count], data=whole.data[:count])
+    part = whole.rows(slice(count))
     run = replace(problem.run, measured=part)
     clock = _clock(problem.clock.timestep, run)
     bench = bench_for(at_timestep(problem.bench.plant, clock.timestep), run)
@@ -388,7 +388,7 @@ def _window(run: Run, freq: Array) -> int:
 
 def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
     """Return a run's window with commands as recorded inputs."""
-    part = replace(run.measured, time=run.measured.time[:samples], data=run.measured.data[:samples])
+    part = run.measured.rows(slice(samples))
     if law is None:
         return replace(run, measured=part, law=None)
     commands = replayed_commands(run, law, part, bench)

@@ -7,7 +7,7 @@ each array's header against the available bytes. Anything but plain numbers is n
 import io
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,14 @@ _LONGEST_HEADER = 10_000  # numpy's own limit, above which its parser is unsafe
 _LONGEST_TEXT = 10_000
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read an NPZ file, see `vlab.recordings.open_table`.
 
     `vlab.recordings.formats.variables.Variables` gives the column names.
@@ -40,6 +47,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Must be None, because the file has its own names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------
@@ -71,7 +80,7 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
             found.add(info.filename.removesuffix(".npy"), _array(_member(archive, info), info.filename))
     except Damaged as error:
         raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
-    return found.table(path, columns)
+    return found.table(path, columns, blanks)
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
