@@ -94,6 +94,8 @@ class Table:
         Units as stated in the file, unchecked.
     blanks : collection of str
         Columns that may have blank cells.
+    aliases : mapping of str to str
+        Column by its other name.
     rows : (n,) array of int or None
         Row of the file for each sample, after a selection of rows; None for all rows.
 
@@ -111,6 +113,7 @@ class Table:
     channels: tuple[Channel, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     blanks: Collection[str] = frozenset()
+    aliases: Mapping[str, str] = field(default_factory=dict)
     rows: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
@@ -143,11 +146,12 @@ class Table:
         return tuple(self.columns)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        name = name if name in self.columns else self.aliases.get(name, name)
         if name in self.columns:
             return self.columns[name]
         if name in self.refused:
             raise refuse(self.path, f"{name!r} cannot be a column: {self.refused[name]}")
-        raise unknown_column(name, self.names, self.path)
+        raise unknown_column(name, [*self.names, *self.aliases], self.path)
 
     def real(self, name: str) -> NDArray[Any]:
         """Return a real column.

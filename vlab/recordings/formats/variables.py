@@ -110,6 +110,7 @@ class Variables:
     units: dict[str, str] = field(default_factory=dict)
     gappy: dict[str, NDArray[Any]] = field(default_factory=dict)
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
 
     def add(self, name: str, value: Any) -> None:
         """Add a value under its name.
@@ -166,10 +167,12 @@ class Variables:
         for name in columns or ():
             if name not in self.columns and name not in self.refused and (found := part_of(name, self.arrays)) is not None:
                 self._array(name, found)
-        for name in [name for name in self.gappy if name in blanks]:
+        other = {self.aliases.get(name, name) for name in blanks}
+        for name in [name for name in self.gappy if name in blanks or name in other]:
             self.columns[name] = self.gappy[name]
             del self.refused[name]
-        chosen = self.columns if columns is None else {k: v for k, v in self.columns.items() if k in columns}
+        wanted = None if columns is None else {self.aliases.get(name, name) for name in columns}
+        chosen = self.columns if wanted is None else {k: v for k, v in self.columns.items() if k in wanted}
         kept = chosen or self.columns
         return Table(
             path=path,
@@ -179,6 +182,7 @@ class Variables:
             meta=self.meta,
             units={name: unit for name, unit in self.units.items() if name in kept},
             blanks=frozenset(name for name in kept if name in self.gappy),
+            aliases=self.aliases,
         )
 
     def _group(self, name: str, what: str, parts: dict[str, Any]) -> None:
