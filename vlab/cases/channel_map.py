@@ -109,6 +109,10 @@ class Run:
         Part of the file before `measured`.
     valid : (n_samples, n_channels) array of bool or None
         Valid samples of `measured`; None if its values are unchanged.
+    start : tuple of (array, array) or None
+        Stated qpos and qvel at the first sample of `measured`.
+    period_s : float or None
+        Stated period of the excitation [s].
     """
 
     name: str
@@ -121,6 +125,8 @@ class Run:
     hardware: Hardware | None
     initial: Literal["auto", "rest", "estimated"]
     valid: NDArray[np.bool_] | None = None
+    start: tuple[Array, Array] | None = None
+    period_s: float | None = None
 
     @property
     def outputs(self) -> Recording:
@@ -357,6 +363,7 @@ def _factor(unit: str, scale: float | None, si: str) -> float:
 
 def wire(plant: Plant, table: RecordingTable) -> tuple[tuple[Drive, ...], tuple[Compared, ...], Law | None]:
     """Map the channels of a recording to a plant by name."""
+    _stated_start(plant, table)
     drives = tuple(find_input(plant, c, table) for c in table.channel if c.input)
     compared = tuple(find_output(plant, c, table) for c in table.channel if not c.input)
     return drives, compared, None if table.controller is None else _law(plant, table.controller)
@@ -410,7 +417,25 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         law=law,
         hardware=hardware,
         initial=table.initial,
+        start=_stated_start(plant, table),
+        period_s=table.period_s,
     )
+
+
+def _stated_start(plant: Plant, table: RecordingTable) -> tuple[Array, Array] | None:
+    """Return the stated state of a recording's first sample."""
+    if not table.qpos:
+        return None
+    sizes = {"qpos": plant.model.nq, "qvel": plant.model.nv}
+    for key, size in sizes.items():
+        given = getattr(table, key)
+        if given and len(given) != size:
+            names = [plant.model.joint(i).name or f"number {i}" for i in range(plant.model.njnt)]
+            raise BadCase(
+                f"{key} has {len(given)} numbers, the model has {size}; give one for each of its coordinates, "
+                f"joints in order: {', '.join(names)}"
+            )
+    return np.array(table.qpos), np.array(table.qvel) if table.qvel else np.zeros(plant.model.nv)
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

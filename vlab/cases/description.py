@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.kinds import HELD_KINDS, UNCERTAIN_KINDS, check_unit, check_unit_of_kind, known_kind
 from vlab.errors import BadCase, unknown_name
 from vlab.recordings.assemble import ColumnSpec
+from vlab.recordings.selection import excludes, parse_where
 from vlab.signals import KIND_UNITS
 
 Role = Literal["fit", "holdout"]
@@ -96,6 +97,11 @@ class ChannelTable:
         readings taken before the change. ``"zero-first"``: same, with readings taken after the change. ``"past"``:
         constant from the preceding sample to its own. Default: ``"zero"`` for `HELD_KINDS`, else ``"linear"``; a
         diagnosis reports a contradiction by the recordings.
+    time, time_unit : str
+        Time column of the channel alone, and its unit; the recording's by default.
+    blank : str
+        Blank cells of an input. ``"hold"``: the last value stands. By default blank cells of an input are an error; those
+        of a compared channel have no reading and are not compared.
     """
 
     column: str
@@ -109,6 +115,9 @@ class ChannelTable:
     from_rest: bool = False
     delay_s: float = 0.0
     hold: Hold = ""
+    time: str = ""
+    time_unit: str = ""
+    blank: Literal["", "hold"] = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", known_kind(self.kind, self.unit))
@@ -118,19 +127,27 @@ class ChannelTable:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
         if self.input and self.delay_s:
             raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
+        if self.blank and not self.input:
+            raise BadCase('blank = "hold" is for inputs; a blank cell of a compared channel is no reading')
+        if self.time and self.hold == "past":
+            raise BadCase('hold = "past" needs the rows of the recording; give "zero" or "linear" beside time')
+        if self.time_unit:
+            check_unit(self.time_unit, "s")
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
             check_unit_of_kind(self.unit, self.kind, si)
         elif self.unit:
             check_unit(self.unit, self.unit)
 
-    def spec(self, name: str = "") -> ColumnSpec:
+    def spec(self, name: str = "", *, time_unit: str = "s") -> ColumnSpec:
         """Return the column specification for the file reader.
 
         Parameters
         ----------
         name : str
             Name of the channel.
+        time_unit : str
+            Unit of the recording's times.
 
         Returns
         -------
@@ -146,6 +163,10 @@ class ChannelTable:
             scale=self.scale,
             offset=self.offset,
             is_input=self.input,
+            is_held=self.is_held,
+            stands=self.blank == "hold",
+            time=self.time,
+            time_unit=self.time_unit or time_unit,
         )
 
     @property
@@ -227,6 +248,12 @@ class RecordingTable:
     initial : str
         Initial state: ``"rest"``, ``"estimated"`` from the first samples, or ``"auto"``: estimated unless the recording
         begins at rest.
+    qpos, qvel : tuple of float
+        Known state at the first compared sample, in the order and units of the model (SI); zero velocity by default.
+    where : str
+        Rows of the file to use, see `vlab.recordings.selection.parse_where`.
+    period_s : float
+        Period of a periodic excitation [s], if known.
     """
 
     file: str
@@ -238,12 +265,25 @@ class RecordingTable:
     start_s: float | None = None
     stop_s: float | None = None
     initial: Literal["auto", "rest", "estimated"] = "auto"
+    qpos: tuple[float, ...] = ()
+    qvel: tuple[float, ...] = ()
+    where: str = ""
+    period_s: float | None = None
     channel: tuple[ChannelTable, ...]
     controller: ControllerTable | None = None
 
     def __post_init__(self) -> None:
-        if (self.rate_hz is None) == (self.time is None):
+        has_own_times = all(channel.time for channel in self.channel)
+        if (self.rate_hz is None) == (self.time is None) and (self.rate_hz is not None or not has_own_times):
             raise BadCase("give rate_hz, or time = the name of the time column, and not both")
+        if self.where:
+            parse_where(self.where)
+        if self.qvel and not self.qpos:
+            raise BadCase("qvel is given without qpos; give both")
+        if self.qpos and self.initial != "auto":
+            raise BadCase(f'initial = "{self.initial}" and qpos are both given; one of them says how the recording begins')
+        if self.period_s is not None and not self.period_s > 0:
+            raise BadCase(f"period_s is {self.period_s:g}; it must be positive")
         if self.rate_hz is not None and not 0 < self.rate_hz <= MOST_HZ:
             raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive and at most {MOST_HZ:g}")
         check_unit(self.time_unit, "s")
@@ -273,6 +313,8 @@ class RecordingTable:
             Whether the time ranges overlap.
         """
         if self.file != other.file or not {c.column for c in self.channel} & {c.column for c in other.channel}:
+            return False
+        if excludes(self.where, other.where):
             return False
         starts = [-np.inf if r.start_s is None else r.start_s for r in (self, other)]
         stops = [np.inf if r.stop_s is None else r.stop_s for r in (self, other)]
@@ -344,6 +386,8 @@ class FrfTable:
         Whether the file uses exp(-i omega t) in place of exp(i omega t).
     low_hz, high_hz : float
         Used frequency range [Hz]. Lines outside are beyond the excitation or belong to modes outside the model.
+    where : str
+        Rows of the file to use, see `vlab.recordings.selection.parse_where`.
     """
 
     file: str
@@ -361,6 +405,7 @@ class FrfTable:
     conjugate: bool = False
     low_hz: float = 0.0
     high_hz: float | None = None
+    where: str = ""
     channel: tuple[FrfChannelTable, ...] = ()
 
     def __post_init__(self) -> None:
@@ -370,6 +415,8 @@ class FrfTable:
             check_unit(self.unit, {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}[self.form])
         if not self.outputs:
             raise BadCase("outputs must name at least one place")
+        if self.where:
+            parse_where(self.where)
         if self.level is not None and not self.level > 0:
             raise BadCase(f"level is {self.level:g}; it must be positive")
         if not 0 <= self.low_hz < (np.inf if self.high_hz is None else self.high_hz):

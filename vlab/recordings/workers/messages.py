@@ -173,7 +173,11 @@ class Topics:
                 for name, values in rows.arrays().items()
                 if not name.startswith("header.stamp.")
             ]
-            found += [(f"{topic}/{name}", Skip(why.removeprefix("it is "))) for name, why in rows.refused.items()]
+            found += [
+                (f"{topic}/{name}", Skip(why.removeprefix("it is ")))
+                for name, why in rows.refused.items()
+                if "text" not in why
+            ]
             if self.names.get(topic):
                 names[topic] = self.names[topic]
         found += [(topic, Skip(why)) for topic, why in self.skipped.items()]
