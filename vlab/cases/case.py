@@ -60,6 +60,8 @@ class Case:
         Contents of the case file, with shared channels, file patterns and episodes written out.
     allow_outside : bool
         Whether files outside the folder of the case may be read.
+    notes : tuple of str
+        Remarks on what was written out.
     """
 
     path: Path
@@ -69,6 +71,7 @@ class Case:
     structure: Structure | None = None
     raw: Mapping[str, Any] = field(default_factory=dict)
     allow_outside: bool = False
+    notes: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -136,7 +139,8 @@ class Case:
         compared = [condition.column for condition in conditions]
         file = self.open_file(table.file, columns=[*columns, *times, *compared], blanks=[*columns, *times])
         specs = [
-            c.spec(label, time_unit=table.time_unit) for c, label in zip(table.channel, table.channel_names, strict=True)
+            c.spec(label, time_unit=table.time_unit)
+            for c, label in zip(table.channel, table.channel_names, strict=True)
         ]
         file = select_rows(file, conditions)
         whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
@@ -188,12 +192,11 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
         structure=structure,
         raw=written.raw,
         allow_outside=allow_outside,
+        notes=written.notes,
     )
 
 
-def _build(
-    reader: Reader, table: CaseTable, *, allow_outside: bool
-) -> tuple[Plant, Hardware | None, Structure | None]:
+def _build(reader: Reader, table: CaseTable, *, allow_outside: bool) -> tuple[Plant, Hardware | None, Structure | None]:
     folder, model = Path(reader.file).parent, table.model
     if model.mjcf:
         check_file(reader, "model.mjcf", model.mjcf, allow_outside=allow_outside)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.cases.description import ChannelTable, ControllerTable, RecordingTable
+from vlab.cases.places import suggest
 from vlab.cases.timestamps import in_time
 from vlab.controllers import Controller, DirectRateFeedback, ObserverFeedback
-from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown_name
+from vlab.errors import BadCase, BadController, BadRecording, UnknownName, VlabError, unknown_name
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
 from vlab.recordings.assemble import own_si
@@ -185,7 +186,7 @@ def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -
         _check_input_unit(channel, "N" if plant.ports[channel.at].unit == "m" else "N m")
         return Drive(channel=label, port=channel.at, is_held=channel.is_held, is_first=channel.is_first)
     names = [tap.name for tap in plant.actuators if tap.name]
-    raise unknown_name("actuator", channel.at, [*names, *plant.ports])
+    raise unknown_place("actuator", channel, plant, [*names, *plant.ports])
 
 
 def _check_input_unit(channel: ChannelTable, unit: str) -> None:
@@ -237,15 +238,44 @@ def find_output(plant: Plant, channel: ChannelTable, recording: RecordingTable) 
     if sensors or at in plant.ports:
         kinds = [plant.sensors[i].kind for i in sensors] or list(_UNITS[plant.ports[at].unit])
         raise BadCase(f"{at!r} gives {' or '.join(kinds)}, the column {channel.column!r} is {channel.kind}")
-    raise _unknown_sensor(plant, at)
+    raise _unknown_sensor(plant, at, channel)
 
 
-def _unknown_sensor(plant: Plant, at: str) -> VlabError:
+def _unknown_sensor(plant: Plant, at: str, channel: ChannelTable | None = None) -> VlabError:
     parts = [tap.name for tap in plant.sensors if tap.name.startswith(f"{at}.")]
     if parts:
         return BadCase(f"sensor {at!r} has several values; say one of {', '.join(parts)}")
     names = [tap.name for tap in plant.sensors] + [tap.name for tap in plant.actuators if tap.name]
+    if channel is not None:
+        return unknown_place("sensor", channel, plant, [*names, *plant.ports])
     return unknown_name("sensor", at, [*names, *plant.ports])
+
+
+def unknown_place(kind: str, channel: ChannelTable, plant: Plant, names: Sequence[str]) -> VlabError:
+    """Return the error for a place that the model does not have.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of place, for the message.
+    channel : ChannelTable
+        Channel with the place.
+    plant : Plant
+        Model.
+    names : sequence of str
+        Accepted names.
+
+    Returns
+    -------
+    UnknownName
+        Error with the place that the given name, or else the column, suggests.
+    """
+    error = unknown_name(kind, channel.at, names)
+    guess = suggest(channel.at, plant, is_input=channel.input) or suggest(channel.column, plant, is_input=channel.input)
+    if guess is None or guess.at not in names:
+        return error
+    listed = str(error)[str(error).index("(accepted") :]
+    return UnknownName(f"unknown {kind} {channel.at!r}; did you mean {guess.at!r}? {listed}")
 
 
 def find_place(plant: Plant, name: str) -> None:

@@ -281,7 +281,9 @@ class RecordingTable:
         if self.qvel and not self.qpos:
             raise BadCase("qvel is given without qpos; give both")
         if self.qpos and self.initial != "auto":
-            raise BadCase(f'initial = "{self.initial}" and qpos are both given; one of them says how the recording begins')
+            raise BadCase(
+                f'initial = "{self.initial}" and qpos are both given; one of them says how the recording begins'
+            )
         if self.period_s is not None and not self.period_s > 0:
             raise BadCase(f"period_s is {self.period_s:g}; it must be positive")
         if self.rate_hz is not None and not 0 < self.rate_hz <= MOST_HZ:

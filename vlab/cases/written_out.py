@@ -8,7 +8,7 @@ import copy
 import re
 import stat
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +37,14 @@ class WrittenOut:
         Table of the case file by plain recording, for messages.
     channels : tuple of tuple of str
         Table of the case file by channel of each plain recording, for messages.
+    notes : tuple of str
+        Choices that the case file leaves open.
     """
 
     raw: Mapping[str, Any]
     places: tuple[str, ...]
     channels: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
 
 
 def check_file(reader: Reader, key: str, file: str, *, allow_outside: bool = False) -> None:
@@ -123,7 +126,7 @@ def write_out(raw: Mapping[str, Any], reader: Reader, *, allow_outside: bool = F
             channels.append(tuple(origins))
     if given:
         out["recording"] = [{k: v for k, v in one.items() if not k.startswith("\0")} for one in plain]
-    return WrittenOut(raw=out, places=tuple(places), channels=tuple(channels))
+    return WrittenOut(raw=out, places=tuple(places), channels=tuple(channels), notes=tuple(writer.notes))
 
 
 def _are_tables(value: Any) -> bool:
@@ -167,6 +170,7 @@ class _Writer:
 
     reader: Reader
     allow_outside: bool
+    notes: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
@@ -202,11 +206,13 @@ class _Writer:
         """Return the files that match a pattern."""
         path = Path(pattern)
         if (path.is_absolute() or ".." in path.parts) and not self.allow_outside:
-            raise self.reader.fail(key, f"the pattern {pattern!r} leaves the case's folder; allow it with --allow-outside")
+            raise self.reader.fail(
+                key, f"the pattern {pattern!r} leaves the case's folder; allow it with --allow-outside"
+            )
         top = Path(path.anchor) if path.is_absolute() else self.folder
         relative = str(path.relative_to(path.anchor)) if path.is_absolute() else pattern
         try:
-            names = []
+            names: list[str] = []
             for hit in top.glob(relative):
                 if len(names) > MOST_FILES:
                     break
@@ -216,7 +222,9 @@ class _Writer:
         if not names or len(names) > MOST_FILES:
             count = f"more than {MOST_FILES} files match" if names else "no file matches"
             there = sorted(p.name for p in self.folder.iterdir() if p.is_file())[:10]
-            raise self.reader.fail(key, f"{count} {pattern!r}; files of the case's folder: {', '.join(map(one_line, there))}")
+            raise self.reader.fail(
+                key, f"{count} {pattern!r}; files of the case's folder: {', '.join(map(one_line, there))}"
+            )
         return sorted(names, key=_natural)
 
     def episodes(self, one: dict[str, Any], place: str) -> Iterator[dict[str, Any]]:
@@ -232,6 +240,8 @@ class _Writer:
             yield one  # the reader of tables says what is missing
             return
         data = self.dataset(one, f"{place}.file")
+        if "time" not in one and "rate_hz" not in one and _FOLDER not in one:  # a data set would state its own time
+            check_file(self.reader, f"{place}.file", one["file"], allow_outside=self.allow_outside)
         if wanted is None:
             wanted = self.unchosen(one, data, key)
         for number in [None] if wanted is None else wanted:
@@ -254,7 +264,12 @@ class _Writer:
             return None
         if len(known) > MOST_UNCHOSEN:
             raise self.reader.fail(
-                key, f"there are {len(known)} episodes, {known[0]} to {known[-1]}; choose some, such as episodes = [0, 1]"
+                key,
+                f"there are {len(known)} episodes, {known[0]} to {known[-1]}; choose some, such as episodes = [0, 1]",
+            )
+        if len(known) > 1:
+            self.notes.append(
+                f"{one['file']}: no episode is chosen, so each of the {len(known)} episodes is a recording"
             )
         return known if len(known) > 1 or _FOLDER in one else None
 

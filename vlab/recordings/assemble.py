@@ -206,9 +206,15 @@ def to_recording(
     known = np.logical_and.reduce([p.is_known for p in placed])
     if not known.all() and known.any():
         first, last = np.flatnonzero(known)[[0, -1]]
-        notes.append(f"{int((~known).sum())} samples without a known input left out ({stamps[first]:g} to {stamps[last]:g} s kept)")
+        notes.append(
+            f"{int((~known).sum())} samples without a known input left out ({stamps[first]:g} to {stamps[last]:g} s kept)"
+        )
     missing = ~np.column_stack([p.is_read for p in placed])
-    keep = known & (stamps >= (-np.inf if start_s is None else start_s)) & (stamps < (np.inf if stop_s is None else stop_s))
+    keep = (
+        known
+        & (stamps >= (-np.inf if start_s is None else start_s))
+        & (stamps < (np.inf if stop_s is None else stop_s))
+    )
     if keep.sum() < 2:
         span = f"{stamps[0]:g} to {stamps[-1]:g} s"
         raise refuse(
@@ -258,7 +264,9 @@ def _check_lengths(
     for spec, values in zip(columns, data, strict=True):
         if values.size != samples and not spec.time:
             what = f"column {spec.column!r} has {values.size} samples, {against} {samples}"
-            raise refuse(table.path, what, fix="they were not sampled together; give each channel its time column: time = ...")
+            raise refuse(
+                table.path, what, fix="they were not sampled together; give each channel its time column: time = ..."
+            )
 
 
 def _times(table: Table, first: str, rate_hz: float | None, time: str | None, time_unit: str) -> Array:
@@ -328,7 +336,9 @@ def _placed(table: Table, spec: ColumnSpec, values: Array, stamps: Array, notes:
         return OnClock(values=values, is_known=all_known, is_read=all_known)
     count, first = int(blank.sum()), int(np.argmax(blank))
     if len(values) - count < 2:
-        raise refuse(table.path, f"column {spec.column!r} has {len(values) - count} readings", fix="name another column")
+        raise refuse(
+            table.path, f"column {spec.column!r} has {len(values) - count} readings", fix="name another column"
+        )
     if not spec.is_input:
         between, is_read = filled(values)
         notes.append(f"{spec.column}: {count} of {len(values)} samples have no reading and are not compared")
@@ -344,7 +354,9 @@ def _placed(table: Table, spec: ColumnSpec, values: Array, stamps: Array, notes:
 
 def _check_own_times(table: Table, spec: ColumnSpec, own: Array) -> None:
     if own.size < 2:
-        raise refuse(table.path, f"column {spec.column!r} has {own.size} samples with a time", fix="name another column")
+        raise refuse(
+            table.path, f"column {spec.column!r} has {own.size} samples with a time", fix="name another column"
+        )
     if not np.all(np.diff(own) > 0):
         bad = int(np.argmin(np.diff(own))) + 1
         what = f"the times {spec.time!r} of column {spec.column!r} do not increase at sample {bad} (t = {own[bad]:g} s)"

@@ -100,19 +100,22 @@ class DataSet:
             There is no such episode, or the description is damaged.
         """
         if not 0 <= episode < self.episodes:
-            raise refuse(
-                self.folder, f"there is no episode {episode}", fix=f"accepted: 0 to {self.episodes - 1}"
-            )
+            raise refuse(self.folder, f"there is no episode {episode}", fix=f"accepted: 0 to {self.episodes - 1}")
         template = self.info.get("data_path")
         if not isinstance(template, str) or len(template) > 1000:
             raise refuse(self.folder / INFO, "data_path is missing", fix="copy the data set again")
         chunk = self.info.get("chunks_size", 1000)
-        numbers = {"episode_index": episode, "episode_chunk": episode // chunk if isinstance(chunk, int) and chunk > 0 else 0}
+        numbers = {
+            "episode_index": episode,
+            "episode_chunk": episode // chunk if isinstance(chunk, int) and chunk > 0 else 0,
+        }
         if "{file_index" in template:
             numbers |= self._file_numbers(episode)
         unknown = [match[1] for match in _FIELD.finditer(template) if match[1] not in numbers]
         if unknown:
-            raise refuse(self.folder / INFO, f"data_path has the unknown field {unknown[0]!r}", fix="copy the data set again")
+            raise refuse(
+                self.folder / INFO, f"data_path has the unknown field {unknown[0]!r}", fix="copy the data set again"
+            )
         return _FIELD.sub(lambda match: f"{numbers[match[1]]:0{int(match[2] or 0)}d}", template)
 
     def _file_numbers(self, episode: int) -> dict[str, int]:
@@ -157,7 +160,9 @@ def read_dataset(folder: Path) -> DataSet | None:
     episodes = info.get("total_episodes") if isinstance(info, dict) else None
     if not isinstance(info, dict) or not isinstance(features, dict) or not isinstance(episodes, int):
         raise refuse(path, "features or total_episodes are missing", fix="copy the data set again")
-    elements = {str(name): names for name, feature in features.items() if (names := _element_names(feature))}
+    elements: dict[str, tuple[str, ...]] = {
+        str(name): names for name, feature in features.items() if (names := _element_names(feature))
+    }
     return DataSet(folder=folder, elements=elements, episodes=episodes, info=info)
 
 
@@ -168,11 +173,12 @@ def _element_names(feature: Any) -> tuple[str, ...]:
     """
     if not isinstance(feature, dict) or feature.get("dtype") in ("video", "image", "string"):
         return ()
-    names = feature.get("names")
-    if isinstance(names, dict):
-        values = list(names.values())
+    given = feature.get("names")
+    names = given
+    if isinstance(given, dict):
+        values = list(given.values())
         if values and all(isinstance(value, int) for value in values):
-            names = sorted(names, key=lambda name: names[name])
+            names = sorted(given, key=lambda name: given[name])
         else:
             names = [name for value in values if isinstance(value, list) for name in value]
     return tuple(names) if isinstance(names, list) and all(isinstance(name, str) for name in names) else ()
@@ -245,7 +251,9 @@ def bag_file(folder: Path) -> str:
     BadRecording
         The folder is no bag, or has several logs.
     """
-    logs: Sequence[str] = sorted(p.name for p in folder.iterdir() if p.suffix in (".mcap", ".db3")) if folder.is_dir() else []
+    logs: Sequence[str] = (
+        sorted(p.name for p in folder.iterdir() if p.suffix in (".mcap", ".db3")) if folder.is_dir() else []
+    )
     if not (folder / BAG).is_file() or not logs:
         raise refuse(
             folder, "the folder is no recording", fix=f"name a file, a LeRobot data set ({INFO}) or a ROS 2 bag ({BAG})"
@@ -253,5 +261,3 @@ def bag_file(folder: Path) -> str:
     if len(logs) > 1:
         raise refuse(folder, f"the bag has {len(logs)} logs", fix=f"name one: {', '.join(map(one_line, logs[:10]))}")
     return logs[0]
-
-

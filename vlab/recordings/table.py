@@ -308,7 +308,7 @@ def unknown_column(
     if others:
         listed = "; ".join(f"{one_line(n)}: {one_line(why, longest=80)}" for n, why in list(others.items())[:8])
         error = UnknownName(f"{error}; not readable: {listed}")
-    if not parts or "did you mean" in str(error) and len(parts) < 2:
+    if not parts or ("did you mean" in str(error) and len(parts) < 2):
         return error
     hint = " or ".join(repr(one_line(n)) for n in parts[:4])
     return UnknownName(f"{one_line(path)}: unknown column {one_line(name)!r}; did you mean {hint}?")

@@ -27,17 +27,14 @@ from vlab import units as known_units
 from vlab.errors import BadRecording
 from vlab.recordings.files import refuse
 from vlab.recordings.formats.cells import cut_line, parse_number
+from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
 from vlab.recordings.table import (
+    EVERY,
     MAX_COLUMNS,
     Table,
-    check_version,
-    read_channel,
-    read_meta,
     unknown_column,
 )
-from vlab.signals import Channel
 
-_SIGNATURE = "vlab-recording"
 _LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
 _LONGEST_PREAMBLE = 2 * MAX_COLUMNS
 _MOST_TITLES = 100
@@ -106,8 +103,8 @@ def read(
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
         raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
     layout = _layout(data, path, names, is_lenient=bool(blanks))
-    is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(_SIGNATURE)
-    labels = _labels(layout) if is_ours else None
+    is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(SIGNATURE)
+    labels = read_labels(layout.comments, layout.names, path) if is_ours else None
     if labels is not None:
         layout = replace(layout, names=("time", *(channel.name for channel in labels.channels)))
         _check_names(layout.names, len(layout.names), path)
@@ -121,6 +118,8 @@ def read(
     if _has_decimal_commas(data, layout):
         body = data[layout.offset :].replace(b",", b".")
         data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
+    if blanks is EVERY and labels is None:
+        return _each(data, layout, notes)
     values = _fast(data, layout) or _slow(data, layout)
     found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
     is_whole = data.endswith((b"\n", b"\r"))
@@ -139,6 +138,30 @@ def read(
         raise refuse(path, "a complex number among the samples of a recording", fix="the file was edited or is damaged")
     return Table(
         path=path, columns=found, meta=labels.meta, channels=tuple(c for c in labels.channels if c.name in found)
+    )
+
+
+def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
+    """Return the columns that are numbers, and the reason for each other column."""
+    found: dict[str, NDArray[Any]] = {}
+    refused: dict[str, str] = {}
+    try:
+        values = _fast(data, layout) or _slow(data, layout)
+        found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
+    except BadRecording:
+        for i in layout.keep:
+            one = replace(layout, keep=(i,), blank=frozenset({i}))
+            try:
+                found[layout.names[i]] = (_fast(data, one) or _slow(data, one))[0]
+            except BadRecording as error:
+                refused[layout.names[i]] = str(error).removeprefix(f"{layout.path}: ")
+    return Table(
+        path=layout.path,
+        columns=found,
+        refused=refused,
+        notes=notes,
+        units=_stated_units(layout),
+        blanks=frozenset(found),
     )
 
 
@@ -189,7 +212,9 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient:
     width, trailing = len(cells), len(cells) > 1 and not cells[-1]
     cells = cells[:-1] if trailing else cells
     numeric = [_is_number(cell, delimiter) for cell in cells]
-    if any(numeric) and not all(is_one or (is_lenient and not cell) for is_one, cell in zip(numeric, cells, strict=True)):
+    if any(numeric) and not all(
+        is_one or (is_lenient and not cell) for is_one, cell in zip(numeric, cells, strict=True)
+    ):
         bad = cells[numeric.index(False)]
         raise refuse(
             path,
@@ -420,7 +445,9 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
         )
     if value is None and not cell:
         raise layout.fail(
-            line, f"{where} is empty", fix="cut the gap, or name another column; columns that no channel names are not read"
+            line,
+            f"{where} is empty",
+            fix="cut the gap, or name another column; columns that no channel names are not read",
         )
     if value is None:
         fix = "lines after the header hold numbers only"
@@ -449,39 +476,4 @@ def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecordi
         line,
         f"{cells} cells where {layout.width} are expected",
         fix="every line needs the same columns; check the delimiter",
-    )
-
-
-# ------------------------------------------------------------------------------------------------- vlab's own form
-
-
-def _header(channels: Sequence[Channel]) -> list[str]:
-    return ["time [s]", *(f"{channel.name} [{channel.unit}]" for channel in channels)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Labels:
-    """Contents of a vlab file's comment lines."""
-
-    channels: tuple[Channel, ...]
-    samples: str
-    meta: dict[str, Any]
-
-
-def _labels(layout: _Layout) -> _Labels:
-    """Read a vlab file's comment lines.
-
-    The labels must agree with the header.
-    """
-    path = layout.path
-    check_version(layout.comments[0].removeprefix(_SIGNATURE).strip(), path)
-    entries = [comment.partition(":")[::2] for comment in layout.comments[1:]]
-    channels = tuple(read_channel(cut_line(text, ";", path, 1), path) for key, text in entries if key == "channel")
-    if layout.names != tuple(_header(channels)):
-        raise refuse(path, "the header and the channel labels do not agree", fix="the file was edited or is damaged")
-    single = {key: text.strip() for key, text in entries if key != "channel"}
-    return _Labels(
-        channels=channels,
-        samples=single.get("samples", "an unknown number of"),
-        meta=read_meta(single.get("meta", "{}"), path),
     )

@@ -85,7 +85,9 @@ def read_variables(
     BadRecording
         The file is damaged.
     """
-    answer = read_isolated(reader, data, path, library=library, install=install, options={"matlab": False, **(options or {})})
+    answer = read_isolated(
+        reader, data, path, library=library, install=install, options={"matlab": False, **(options or {})}
+    )
     found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
     try:
         for name, value in answer["variables"]:

@@ -19,9 +19,7 @@ INSTALL = "'vlab[ros]' (mcap, mcap-ros2-support)"
 """INSTALL: packages that decode robot logs."""
 
 
-def read_topics(
-    reader: str, data: bytes, path: Path, columns: Sequence[str] | None, blanks: Collection[str]
-) -> Table:
+def read_topics(reader: str, data: bytes, path: Path, columns: Sequence[str] | None, blanks: Collection[str]) -> Table:
     """Read the topics of a log in an isolated process.
 
     Parameters
@@ -47,9 +45,7 @@ def read_topics(
     BadRecording
         The library is missing, or the file is damaged.
     """
-    answer = read_isolated(
-        reader, data, path, library="mcap_ros2", install=INSTALL, bytes_per_second=BYTES_PER_SECOND
-    )
+    answer = read_isolated(reader, data, path, library="mcap_ros2", install=INSTALL, bytes_per_second=BYTES_PER_SECOND)
     found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
     try:
         for name, value in answer["variables"]:

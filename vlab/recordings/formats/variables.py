@@ -165,7 +165,11 @@ class Variables:
             Table.
         """
         for name in columns or ():
-            if name not in self.columns and name not in self.refused and (found := part_of(name, self.arrays)) is not None:
+            if (
+                name not in self.columns
+                and name not in self.refused
+                and (found := part_of(name, self.arrays)) is not None
+            ):
                 self._array(name, found)
         other = {self.aliases.get(name, name) for name in blanks}
         for name in [name for name in self.gappy if name in blanks or name in other]:

@@ -13,7 +13,6 @@ import pyarrow as pa
 from vlab.recordings.table import MAX_COLUMNS
 
 
-
 def is_numeric(kind: Any) -> bool:
     """Return whether values of an Arrow type are numbers."""
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)

@@ -56,8 +56,7 @@ uint32 size
 uint32 stride
 """
 STANDARD = {
-    "sensor_msgs/msg/JointState": HEADER
-    + "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    "sensor_msgs/msg/JointState": HEADER + "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
     "sensor_msgs/msg/Imu": HEADER
     + "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
     + "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"

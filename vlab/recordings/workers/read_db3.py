@@ -40,7 +40,9 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
         given: dict[str, str] = {}
         if "message_definitions" in tables:
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            given = {str(kind): str(text) for kind, encoding, text in bag.execute(query) if encoding == "ros2msg" and text}
+            given = {
+                str(kind): str(text) for kind, encoding, text in bag.execute(query) if encoding == "ros2msg" and text
+            }
         topics = Topics(options["limit"])
         decoders: dict[int, tuple[str, Any]] = {}
         for number, name, kind, encoding in bag.execute("SELECT id, name, type, serialization_format FROM topics"):
@@ -50,7 +52,9 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
                 continue
             schema = Schema(id=int(number) + 1, name=str(kind), encoding="ros2msg", data=text.encode())
             decoders[number] = (str(name), topics.decoder(str(name), str(encoding), schema))
-        for number, time_ns, content in bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"):
+        for number, time_ns, content in bag.execute(
+            "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
+        ):
             name, decode = decoders.get(number, ("", None))
             if decode is not None:
                 topics.add(name, int(time_ns), decode(bytes(content)))

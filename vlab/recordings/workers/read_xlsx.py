@@ -8,7 +8,7 @@ import zipfile
 from typing import Any
 
 import openpyxl
-import openpyxl.worksheet._reader  # noqa: F401  # loaded while files can be opened
+import openpyxl.worksheet._reader  # loaded while files can be opened
 
 _MOST_COLUMNS = 10_000
 _MOST_SHEETS = 100
