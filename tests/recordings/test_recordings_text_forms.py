@@ -242,3 +242,15 @@ def test_an_overview_reads_what_is_numbers_and_names_the_rest(tmp_path):
     table = open_table(write(tmp_path, "run.csv", "t,who,u\n0,me,1\n1,me,\n2,me,3\n"), blanks=EVERY)
     assert table.names == ("t", "u")
     assert "'me', not a number" in table.refused["who"]
+
+
+@pytest.mark.parametrize(
+    ("cut", "match"),
+    [
+        ("2.5\n0.700000\t1.6\t2.6\n", "line 15: 2 numbers where 3"),
+        ("0.700000\t1.6\t2.6\n", "states 3 samples, the file has 2"),
+    ],
+)
+def test_a_labview_file_that_is_cut_short_is_refused(tmp_path, cut, match):
+    with pytest.raises(BadRecording, match=match):
+        open_table(write(tmp_path, "run.lvm", sound.LVM.removesuffix(cut).rstrip("\t")))

@@ -183,7 +183,7 @@ def _lines(data: bytes, path: Path, offset: int = 0) -> Iterator[tuple[int, byte
         offset += len(line)
 
 
-def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient: bool) -> _Layout:
+def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient: bool = False) -> _Layout:
     """Find comments, delimiter, header and first numbers.
 
     A lenient search takes blank cells beside numbers for numbers.

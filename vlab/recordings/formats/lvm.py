@@ -90,7 +90,8 @@ def _numbers(lines: Sequence[str], path: Path) -> tuple[list[str], _Segment, lis
     segment: _Segment | None = None
     notes: list[str] = []
     is_special, ended, count, delimiter = False, 0, 0, "\t"
-    for line in lines:
+    stated, there = 0, 0
+    for number, line in enumerate(lines, start=1):
         bare = line.strip()
         is_special = (is_special or bare.startswith("***Start_Special***")) and not bare.startswith("***End_Special***")
         words = re.split(r"[\t,;]", line)
@@ -101,6 +102,8 @@ def _numbers(lines: Sequence[str], path: Path) -> tuple[list[str], _Segment, lis
                 raise refuse(path, "the segments of the file have different channels", fix="export one segment a file")
             out.append(delimiter.join(found.names) if segment is None else "#")
             segment, count = segment or found, count + 1
+            samples = keys.get("Samples", "")
+            stated += int(samples) if samples.isdecimal() and len(samples) < 12 else 0
         elif bare == END:
             ended += 1
             out.append("#")
@@ -111,9 +114,16 @@ def _numbers(lines: Sequence[str], path: Path) -> tuple[list[str], _Segment, lis
                 delimiter = "," if "comma" in line.lower() else "\t"
             out.append("#")
         else:
-            out.append(_row(line, delimiter, segment))
+            row = _row(line, delimiter, segment)
+            if len(row) < len(segment.names):
+                what = f"line {number}: {len(row)} numbers where {len(segment.names)} are expected"
+                raise refuse(path, what, fix="the file is cut short or damaged; copy or export it again")
+            out.append(delimiter.join(row))
+            there += 1
     if segment is None:
         raise refuse(path, f"no line of names that begins with {X}", fix="export it again with a header")
+    if there < stated:  # a header may count the first of several blocks only, so more is no fault
+        raise refuse(path, f"the header states {stated} samples, the file has {there}", fix="copy or export it again")
     if count > 1:
         notes.append(f"{count} segments are strung together")
     return out, segment, notes
@@ -141,8 +151,8 @@ def _segment(words: Sequence[str], keys: dict[str, str], path: Path) -> _Segment
     return _Segment(names=tuple(names), has_time=has_time, start=start, step=step)
 
 
-def _row(line: str, delimiter: str, segment: _Segment) -> str:
+def _row(line: str, delimiter: str, segment: _Segment) -> list[str]:
     """Return the numbers of a line, without its comment."""
     cells = line.split(delimiter)
     cells = cells if segment.has_time or cells[0].strip() else cells[1:]
-    return delimiter.join(cells[: len(segment.names)])
+    return cells[: len(segment.names)]

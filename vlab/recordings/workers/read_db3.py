@@ -29,6 +29,10 @@ def read(data: bytes, options: dict[str, Any]) -> dict[str, Any]:
     ValueError
         The file is no bag, or too large.
     """
+    size = int.from_bytes(data[16:18], "big")
+    pages, size = int.from_bytes(data[28:32], "big"), 65536 if size == 1 else size  # the database header of SQLite
+    if len(data) < pages * size:
+        raise ValueError(f"not a whole ROS 2 bag: {len(data)} of {pages * size} bytes")
     bag = sqlite3.connect(":memory:")
     try:
         bag.deserialize(data)
