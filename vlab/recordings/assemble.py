@@ -173,7 +173,7 @@ def to_recording(
     Raises
     ------
     BadRecording
-        Rate and time both or neither given, unequal lengths, complex columns, times that do not increase, blank cells
+        Rate and time both or neither given, unequal lengths, complex columns, or times that do not increase. Blank cells
         of an input that does not stand, or fewer than two samples in the window.
     BadUnit
         A unit is unknown, does not fit its kind or contradicts the file.

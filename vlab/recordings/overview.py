@@ -35,7 +35,7 @@ _SUFFIX = re.compile(r"[_\s\[(]([A-Za-z][A-Za-z0-9/^*_]*)[\])]?\s*$")
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnOverview:
-    """What a column may be.
+    """Probable meaning of a column.
 
     Parameters
     ----------

@@ -30,8 +30,12 @@ def read(
         Bytes of the file.
     path : Path
         Path of the file, such as ``run.csv.gz``.
-    names, columns, blanks
-        See the reader of the inner suffix.
+    names : sequence of str or None
+        Column names of an inner file without names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------

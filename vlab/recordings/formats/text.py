@@ -1,4 +1,4 @@
-"""Text of numbers separated by blanks, or by any delimiter that a CSV file may have.
+"""Text files of numbers between blanks or other delimiters.
 
 Runs of blanks become tabs, and lines of comments begin with ``#``. The reader of CSV files does the rest, with the line
 numbers of the file. The last comment before the numbers may hold the names, as numpy.savetxt writes them.
@@ -89,7 +89,7 @@ def _commented(line: bytes) -> bytes:
 def _separated(head: list[bytes], count: int) -> list[bytes]:
     """Return the lines before the numbers, with tabs between names.
 
-    Names with blanks inside are told by two blanks or more between them.
+    Names with blanks inside have two blanks or more between them.
     """
     out = []
     for line in head:
