@@ -23,9 +23,11 @@ from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.forward_selection import add_effects
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
     ablate_pairs,
+    besides,
     demands_another_effect,
     in_other_forms,
     pairs,
@@ -128,6 +130,18 @@ def search(
             on_whole_runs(whole, narrow, alone, len(alone), plain),
             doubles,
         )
+    if hypotheses:
+        report(0.9, "adding effects")
+        among = best_places(candidates, SECOND_EFFECT.second_places)
+        more = add_effects(
+            hypotheses[0],
+            before,
+            narrow,
+            whole,
+            lambda h: besides(screen, h.long_fit, list(effects), among=among),
+            max(enough, HYPOTHESIS_FITS.enough),
+        )
+        hypotheses = by_score(hypotheses, more)
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
     hypotheses = by_score(hypotheses)

@@ -86,6 +86,15 @@ class FinalFitSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ForwardSelectionSettings:
+    """Settings of `vlab.diagnose.search.forward_selection`."""
+
+    most_effects: int = 6
+    """most_effects [1]: effects of the largest hypothesis, at least 2; default untested. Raising it lets the selection
+    run longer on models that lack much."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrequencyScreeningSettings:
     """Settings of `vlab.diagnose.search.frequency_screening`."""
 
@@ -332,6 +341,7 @@ ATTEMPT = AttemptSettings()
 CONFIRMATION = ConfirmationSettings()
 CROSS_VALIDATION = CrossValidationSettings()
 FINAL_FIT = FinalFitSettings()
+FORWARD_SELECTION = ForwardSelectionSettings()
 FREQUENCY_SCREENING = FrequencyScreeningSettings()
 FREQUENCY_SELECTION = FrequencySelectionSettings()
 MODEL_CLASS = ModelClassSettings()
