@@ -216,6 +216,51 @@ class Recording:
         return np.ones(len(self), dtype=bool) if self.missing is None else ~self.missing[:, i]
 
 
+def strung_together(parts: Sequence[Recording]) -> Recording:
+    """Return consecutive parts of a recording as one.
+
+    Parameters
+    ----------
+    parts : sequence of Recording
+        Parts of the same channels, in the order of time.
+
+    Returns
+    -------
+    Recording
+        Labels and notes are those of the first part.
+    """
+    masks = [np.zeros(part.data.shape, dtype=bool) if part.missing is None else part.missing for part in parts]
+    return replace(
+        parts[0],
+        time=np.concatenate([part.time for part in parts]),
+        data=np.concatenate([part.data for part in parts]),
+        missing=np.concatenate(masks) if any(part.missing is not None for part in parts) else None,
+    )
+
+
+def longest_read(recording: Recording, name: str) -> slice:
+    """Return the longest stretch of samples in which a channel has readings throughout.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording.
+    name : str
+        Channel.
+
+    Returns
+    -------
+    slice
+        Whole recording for a channel without lost readings.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], recording.is_read(name).astype(int), [0]])))
+    first, last = edges[::2], edges[1::2]
+    if not first.size:
+        return slice(0, 0)
+    longest = int(np.argmax(last - first))
+    return slice(int(first[longest]), int(last[longest]))
+
+
 def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, why: str = "") -> None:
     """Refuse excessive samples and vanishing motion.
 
