@@ -9,6 +9,7 @@ import pytest
 from command import run as command
 
 from vlab.cases import compare_case, load_case
+from vlab.cases.checks.periods import check_periods
 from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.places import suggest
 from vlab.cases.simulate import simulate
@@ -534,3 +535,16 @@ def test_an_unknown_column_suggests_the_element(folder):
     )
     with pytest.raises(UnknownName, match=r"unknown column 'action\[7\]'.*accepted: action\[0\], action\[1\]"):
         load_case(write_case(folder, text)).runs()
+
+
+def test_a_stated_period_is_checked_against_the_inputs(folder):
+    table = columns()
+    table["u"] = np.sin(2 * np.pi * TIME / 0.5)
+    write_csv(folder / "run1.csv", table)
+    text = f'[[recording]]\nfile = "run1.csv"\nrole = "fit"\ntime = "t"\nperiod_s = 0.5\n{SHARED}'
+    assert check_periods(load_case(write_case(folder, text)).runs()) == []
+    for period, match in (("0.4", "differs by"), ("1.2", "hold less than two periods")):
+        (found,) = check_periods(load_case(write_case(folder, text.replace("= 0.5", f"= {period}"))).runs())
+        assert match in found.text
+    with pytest.raises(BadCase, match="must be positive"):
+        load_case(write_case(folder, text.replace("= 0.5", "= 0.0")))

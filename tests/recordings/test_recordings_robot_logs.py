@@ -4,8 +4,31 @@ import numpy as np
 import pytest
 import sound
 
+from vlab.cases import load_case
 from vlab.errors import BadRecording, UnknownName
 from vlab.recordings import isolated, open_table
+
+RIG = """<mujoco><worldbody><body><joint name="elbow"/><geom size="0.1"/></body></worldbody>
+<actuator><position name="servo" joint="elbow" kp="5" kv="1"/></actuator></mujoco>"""
+CASE = """[model]
+mjcf = "rig.xml"
+[[recording]]
+file = "bag"
+role = "fit"
+[[recording.channel]]
+column = "/command/target[0]"
+at = "servo"
+kind = "command"
+unit = "deg"
+input = true
+time = "/command/time"
+[[recording.channel]]
+column = "/joint_states/position[elbow]"
+at = "joint:elbow"
+kind = "angle"
+unit = "deg"
+time = "/joint_states/time"
+"""
 
 
 def write(tmp_path, name, content):
@@ -101,3 +124,20 @@ def test_a_bag_without_its_tables_is_refused(tmp_path):
     other.commit()
     with pytest.raises(BadRecording, match="tables 'topics' and 'messages' are missing"):
         open_table(write(tmp_path, "run.db3", other.serialize()))
+
+
+def test_topics_of_a_robot_log_are_put_on_the_clock_of_the_readings(tmp_path):
+    pytest.importorskip("mcap_ros2")
+    folder = tmp_path
+    (folder / "rig.xml").write_text(RIG)
+    (folder / "bag").mkdir()
+    (folder / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (folder / "bag" / "bag_0.mcap").write_bytes(sound.mcap(50))
+    (folder / "case.toml").write_text(CASE)
+    (run,) = load_case(folder).runs()
+    assert run.measured.time[0] == pytest.approx(0.01)  # the first command comes 2 ms after the first reading
+    assert run.measured.rate == pytest.approx(100.0)
+    np.testing.assert_allclose(run.measured["joint:elbow"], np.deg2rad(0.1 * np.arange(1, 50)), atol=1e-12)
+    # commands 0.5 k change 2 ms after every other reading: the mean of a step is 20 % old and 80 % new
+    means = np.deg2rad([0.0, 0.2 * 0.0 + 0.8 * 1.0])
+    np.testing.assert_allclose(run.measured["servo"][:2], means, atol=1e-12)
