@@ -271,7 +271,9 @@ def unknown_place(kind: str, channel: ChannelTable, plant: Plant, names: Sequenc
         Error with the place that the given name, or else the column, suggests.
     """
     error = unknown_name(kind, channel.at, names)
-    guess = suggest(channel.at, plant, is_input=channel.input) or suggest(channel.column, plant, is_input=channel.input)
+    guess = suggest(channel.at, plant, is_input=channel.input)
+    if guess is None and "did you mean" not in str(error):
+        guess = suggest(channel.column, plant, is_input=channel.input)
     if guess is None or guess.at not in names:
         return error
     listed = str(error)[str(error).index("(accepted") :]

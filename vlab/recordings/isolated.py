@@ -26,7 +26,7 @@ from vlab.recordings.formats.variables import Skipped
 WORKERS = Path(__file__).parent / "workers"
 """Folder of `sandbox.py` and of the readers."""
 
-_SECONDS = 4  # processor time for a file of any size; starting takes 0.25 s
+_SECONDS = 2  # processor time for a file of any size; starting takes 0.25 s
 _BYTES_PER_SECOND = 50e6  # slower than any disk; determines the size-dependent time
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
