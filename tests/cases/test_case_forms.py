@@ -407,6 +407,14 @@ def test_data_sets_that_are_refused(folder, old, new, match):
         load_case(write_case(folder, text.replace(old, new)))
 
 
+def test_many_episodes_need_a_choice(folder):
+    lerobot(folder / "set", 2)
+    info = json.loads((folder / "set" / "meta" / "info.json").read_text())
+    (folder / "set" / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": 10**15}))
+    with pytest.raises(BadCase, match=r"more than 20 episodes; choose some, such as episodes = \[0, 1\]"):
+        load_case(write_case(folder, f'[[recording]]\nfile = "set"\nrole = "fit"\n{ROBOT}'))
+
+
 def test_a_damaged_description_of_a_data_set_is_refused(folder):
     lerobot(folder / "set", 2)
     (folder / "set" / "meta" / "info.json").write_text("{")

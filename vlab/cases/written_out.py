@@ -257,7 +257,7 @@ class _Writer:
         if isinstance(where, str) and EPISODE in where:
             return None
         if _FOLDER in one and data is not None:
-            known = list(range(data.episodes))
+            known = list(range(min(data.episodes, MOST_UNCHOSEN + 1)))
         elif str(one["file"]).endswith(".parquet"):
             known = self.in_file(one["file"], key)
         else:
@@ -265,7 +265,7 @@ class _Writer:
         if len(known) > MOST_UNCHOSEN:
             raise self.reader.fail(
                 key,
-                f"there are {len(known)} episodes, {known[0]} to {known[-1]}; choose some, such as episodes = [0, 1]",
+                f"there are more than {MOST_UNCHOSEN} episodes; choose some, such as episodes = [0, 1]",
             )
         if len(known) > 1:
             self.notes.append(

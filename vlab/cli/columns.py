@@ -61,7 +61,7 @@ def _open(path: Path, episode: int) -> tuple[Table, dict[str, str]]:
     if path.is_dir():
         data = read_dataset(path)
         path = path / (bag_file(path) if data is None else data.file_of(episode))
-    elif path.exists():
+    elif path.exists() and path.resolve().parent.name.startswith("chunk-"):  # the layout of a data set
         above = [read_dataset(folder) for folder in list(path.resolve().parents)[:3]]
         data = next((found for found in above if found is not None), None)
     names: dict[str, str] = {}
