@@ -491,7 +491,7 @@ def test_degrees_read_as_radians_leave_the_range_of_the_joint(folder):
     (found,) = check_ranges(case, case.runs())
     assert found.severity == "warning"
     assert "in deg the numbers stay inside" in found.text
-    assert 'unit = "deg" in every [[recording.channel]] with column = "q"' in found.text
+    assert 'unit = "deg" in every [[channel]] with column = "q"' in found.text
     right = load_case(
         write_case(folder, (folder / "case.toml").read_text().removeprefix(HEAD).replace('"rad"', '"deg"'))
     )

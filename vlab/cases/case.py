@@ -62,6 +62,8 @@ class Case:
         Whether files outside the folder of the case may be read.
     notes : tuple of str
         Remarks on what was written out.
+    shared : frozenset of str
+        Columns of shared channels.
     """
 
     path: Path
@@ -72,6 +74,7 @@ class Case:
     raw: Mapping[str, Any] = field(default_factory=dict)
     allow_outside: bool = False
     notes: tuple[str, ...] = ()
+    shared: frozenset[str] = frozenset()
 
     @property
     def folder(self) -> Path:
@@ -193,6 +196,7 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
         raw=written.raw,
         allow_outside=allow_outside,
         notes=written.notes,
+        shared=written.shared,
     )
 
 

@@ -46,6 +46,17 @@ class WrittenOut:
     channels: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def shared(self) -> frozenset[str]:
+        """Columns of shared channels that a recording uses."""
+        tables = zip(self.raw.get("recording", ()), self.channels, strict=True)
+        return frozenset(
+            str(channel["column"])
+            for table, origins in tables
+            for channel, origin in zip(table.get("channel", ()), origins, strict=True)
+            if origin.startswith("channel[")
+        )
+
 
 def check_file(reader: Reader, key: str, file: str, *, allow_outside: bool = False) -> None:
     """Check that a file of a case is there and may be read.
