@@ -13,6 +13,7 @@ from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import NAMING, Finding, Verdict
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.parameter_vector import is_logarithm
 from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.parameters.locations import reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
@@ -20,7 +21,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import EVIDENCE, FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import Effect, PickUp
+from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.units import ANGULAR
 
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
@@ -88,12 +89,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
         parameters: dict[str, dict[str, Any]] = {}
         for parameter in term.effect.parameters:
             value, sd = term.values[parameter.name], fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
-            spread = 1.645 * sd
-            low, high = (
-                (value - spread, value + spread)
-                if parameter.signed
-                else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
-            )
+            low, high = _interval(parameter, float(value), 1.645 * sd)
             unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         places = choice.places if i == 0 else {term.place.name: 1.0}
@@ -113,6 +109,15 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
             )
         )
     return out
+
+
+def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:
+    """Return the 90 % interval of a value, from the spread of its entry in `Fit.sd`."""
+    if parameter.signed:
+        return value - spread, value + spread
+    if is_logarithm(parameter):
+        return value * float(np.exp(-spread)), value * float(np.exp(min(spread, 50.0)))
+    return max(value * (1.0 - spread), 0.0), value * (1.0 + spread)
 
 
 def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
@@ -180,6 +185,35 @@ def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance
         share = min(gained / mismatch, 1.0) if mismatch > 0.0 and np.isfinite(gained) else float("nan")
         out.append((gained, replace(finding, verified_by=names, explained=share)))
     return tuple(finding for _, finding in sorted(out, key=lambda item: -item[0]))
+
+
+def one_per_law(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings with the places of every law together.
+
+    Friction in all joints of a machine is one finding with a value for each joint.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Findings in order of what they explain.
+
+    Returns
+    -------
+    tuple of Finding
+        Findings; a law at several places stands where its first place stood.
+    """
+    laws: dict[str, list[Finding]] = {}
+    for finding in findings:
+        laws.setdefault(finding.form, []).append(finding)
+    return tuple(
+        replace(
+            first,
+            elsewhere=tuple((f.place, f.parameters) for f in others),
+            explained=first.explained + sum(f.explained for f in others),
+            verified_by=tuple(dict.fromkeys(name for f in (first, *others) for name in f.verified_by)),
+        )
+        for first, *others in laws.values()
+    )
 
 
 def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:

@@ -16,7 +16,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
-from vlab.diagnose.search.forward_selection import add_effects
+from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
@@ -72,10 +72,9 @@ def search_moving(
     (before,) = on_whole_runs(whole, narrow, [before])
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
-    if hypotheses:
-        report(0.9, "adding effects")
-        more = add_effects(hypotheses[0], before, narrow, whole, lambda h: _beside(screen, h, effects))
-        hypotheses = by_score(hypotheses, more)
+    report(0.9, "adding effects")
+    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates)
+    hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,
@@ -87,15 +86,6 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
-
-
-def _beside(screen: TrajectoryScoreTest, hypothesis: Hypothesis, effects: Sequence[Effect]) -> list[Candidate]:
-    """Return the screening of further effects beside a hypothesis."""
-    known = [
-        Candidate(effect=t.effect, place=t.place, values=t.values, log_likelihood_gain=hypothesis.log_likelihood_gain)
-        for t in hypothesis.terms
-    ]
-    return screen.given(known).candidates(effects)
 
 
 def _pairs(
