@@ -90,6 +90,8 @@ class Recording:
         Labels of the columns.
     meta : mapping
         Free notes on the recording (seed, structure, law).
+    missing : (n, n_channels) array of bool or None
+        Samples without a reading; `data` holds a straight line between the readings there. None without such samples.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class Recording:
     data: Array
     channels: tuple[Channel, ...]
     meta: Mapping[str, Any] = field(default_factory=dict)
+    missing: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _frozen(self.time, float))
@@ -113,6 +116,10 @@ class Recording:
             )
         if self.time.size < 2:
             raise BadRecording(f"the recording has {self.time.size} samples; at least 2 are needed")
+        if self.missing is not None:
+            object.__setattr__(self, "missing", _frozen(self.missing, bool))
+            if self.missing.shape != self.data.shape:
+                raise BadRecording(f"a mask of shape {self.missing.shape} does not fit samples of {self.data.shape}")
         names = [channel.name for channel in self.channels]
         for name in names:
             if names.count(name) > 1:
@@ -190,12 +197,68 @@ class Recording:
     def select(self, names: Sequence[str]) -> "Recording":
         """Return the recording of the named channels."""
         columns = [self.index(name) for name in names]
-        return replace(self, data=self.data[:, columns], channels=tuple(self.channels[i] for i in columns))
+        missing = None if self.missing is None else self.missing[:, columns]
+        channels = tuple(self.channels[i] for i in columns)
+        return replace(self, data=self.data[:, columns], channels=channels, missing=missing)
 
     def between(self, start: float, stop: float) -> "Recording":
         """Return the samples with start <= time < stop [s]."""
-        keep = (self.time >= start) & (self.time < stop)
-        return replace(self, time=self.time[keep], data=self.data[keep])
+        return self.rows((self.time >= start) & (self.time < stop))
+
+    def rows(self, keep: Array | slice) -> "Recording":
+        """Return the samples of a mask, of indices or of a slice."""
+        missing = None if self.missing is None else self.missing[keep]
+        return replace(self, time=self.time[keep], data=self.data[keep], missing=missing)
+
+    def is_read(self, name: str) -> Array:
+        """Return the mask (n,) of a channel's samples with a reading."""
+        i = self.index(name)
+        return np.ones(len(self), dtype=bool) if self.missing is None else ~self.missing[:, i]
+
+
+def strung_together(parts: Sequence[Recording]) -> Recording:
+    """Return consecutive parts of a recording as one.
+
+    Parameters
+    ----------
+    parts : sequence of Recording
+        Parts of the same channels, in the order of time.
+
+    Returns
+    -------
+    Recording
+        Labels and notes are those of the first part.
+    """
+    masks = [np.zeros(part.data.shape, dtype=bool) if part.missing is None else part.missing for part in parts]
+    return replace(
+        parts[0],
+        time=np.concatenate([part.time for part in parts]),
+        data=np.concatenate([part.data for part in parts]),
+        missing=np.concatenate(masks) if any(part.missing is not None for part in parts) else None,
+    )
+
+
+def longest_read(recording: Recording, name: str) -> slice:
+    """Return the longest stretch of samples in which a channel has readings throughout.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording.
+    name : str
+        Channel.
+
+    Returns
+    -------
+    slice
+        Whole recording for a channel without lost readings.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], recording.is_read(name).astype(int), [0]])))
+    first, last = edges[::2], edges[1::2]
+    if not first.size:
+        return slice(0, 0)
+    longest = int(np.argmax(last - first))
+    return slice(int(first[longest]), int(last[longest]))
 
 
 def check_sizes(recording: Recording, what: str, *, largest: float = LARGEST, why: str = "") -> None:

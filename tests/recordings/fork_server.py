@@ -3,6 +3,7 @@
 Run as a script by the fixture `workers` of `conftest.py`: orders and files come in on standard input, answers go out.
 """
 
+import contextlib
 import importlib
 import json
 import os
@@ -38,6 +39,7 @@ def serve(sandbox) -> None:
 if __name__ == "__main__":
     sys.path[:] = json.loads(sys.argv[1])
     sandbox = importlib.import_module("sandbox")
-    for reader in ("read_hdf5", "read_tdms"):
-        importlib.import_module(reader)
+    for reader in ("read_hdf5", "read_tdms", "read_xlsx", "read_mcap", "read_db3"):
+        with contextlib.suppress(ImportError):  # the library of an extra may be missing
+            importlib.import_module(reader)
     serve(sandbox)

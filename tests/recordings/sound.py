@@ -114,6 +114,129 @@ def uff(*, is_binary, is_even=True, is_complex=True, values=None):
         return path.read_bytes()
 
 
+def npy(array=None):
+    """NPY of a matrix or of a given array."""
+    stream = io.BytesIO()
+    np.save(stream, np.column_stack([TIMES, np.sin(TIMES)]) if array is None else array, allow_pickle=False)
+    return stream.getvalue()
+
+
+LVM = """LabVIEW Measurement\t
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t.
+X_Columns\tOne
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t3\t3\t
+X0\t0.5\t0.5\t
+Delta_X\t0.100000\t0.100000\t
+***End_of_Header***\t\t\t
+X_Value\tForce\tAcceleration\tComment
+0.500000\t1.0\t2.0\tstart
+0.600000\t1.5\t2.5
+0.700000\t1.6\t2.6
+"""
+"""LabVIEW measurement file with two channels, times and a comment."""
+
+
+def xlsx(rows=None):
+    """Workbook of two sheets."""
+    import openpyxl
+
+    book, stream = openpyxl.Workbook(), io.BytesIO()
+    book.active.title = "Run"
+    for row in rows or [["t [s]", "x"], *[[float(t), float(np.sin(t))] for t in TIMES]]:
+        book.active.append(row)
+    book.create_sheet("Notes").append(["nothing"])
+    book.save(stream)
+    return stream.getvalue()
+
+
+JOINT_STATE = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+START = 1_700_000_000
+
+
+def joint_state(k):
+    """Message of two joints, 10 ms apart."""
+    return {
+        "header": {"stamp": {"sec": START, "nanosec": k * 10_000_000}, "frame_id": ""},
+        "name": ["elbow", "wrist"],
+        "position": [0.1 * k, -0.2 * k],
+        "velocity": [10.0, -20.0],
+        "effort": [],
+    }
+
+
+def mcap(count=7):
+    """MCAP log of joint states at 100 Hz and of JSON commands at 50 Hz, 2 ms later."""
+    import json
+
+    from mcap_ros2.writer import Writer
+
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+    start = START * 10**9
+    for k in range(count):
+        at = start + k * 10_000_000
+        writer.write_message("/joint_states", schema, joint_state(k), log_time=at, publish_time=at, sequence=k)
+    inner = writer._writer
+    kind = inner.register_schema(name="command", encoding="jsonschema", data=b"{}")
+    topic = inner.register_channel(topic="/command", message_encoding="json", schema_id=kind)
+    for k in range(0, count, 2):
+        at = start + k * 10_000_000 + 2_000_000
+        inner.add_message(topic, log_time=at, publish_time=at, data=json.dumps({"target": [0.5 * k]}).encode())
+    writer.finish()
+    return stream.getvalue()
+
+
+def db3(count=7, *, definition=""):
+    """ROS 2 bag of joint states in SQLite, as rosbag2 lays it out, without message definitions by default."""
+    import sqlite3
+
+    from mcap_ros2._dynamic import serialize_dynamic
+
+    encode = serialize_dynamic("sensor_msgs/msg/JointState", JOINT_STATE)["sensor_msgs/msg/JointState"]
+    bag = sqlite3.connect(":memory:")
+    bag.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
+        "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)"
+    )
+    bag.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL)"
+    )
+    bag.execute("INSERT INTO topics VALUES(1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr', '')")
+    bag.execute("INSERT INTO topics VALUES(2, '/odd', 'my_msgs/msg/Odd', 'cdr', '')")
+    if definition:
+        bag.execute(
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT, "
+            "encoded_message_definition TEXT, type_description_hash TEXT)"
+        )
+        bag.execute(
+            "INSERT INTO message_definitions VALUES(1, 'sensor_msgs/msg/JointState', 'ros2msg', ?, '')", [definition]
+        )
+    for k in range(count):
+        data = bytes(encode(joint_state(k)))
+        bag.execute("INSERT INTO messages VALUES(?, 1, ?, ?)", [k + 1, START * 10**9 + k * 10_000_000, data])
+    bag.commit()
+    return bag.serialize()
+
+
 def tdms():
     """TDMS of two segments with a waveform of 100 Hz, in millimetres."""
     stream = io.BytesIO()

@@ -70,10 +70,10 @@ def test_a_name_that_is_no_file_is_refused(case, path):
         open_table(case / path)
 
 
-@pytest.mark.parametrize("name", ["run.xlsx", "run", "run.pkl", "run.csv.gz"])
+@pytest.mark.parametrize("name", ["run", "run.pkl", "run.bag"])
 def test_an_unknown_suffix_lists_the_accepted_ones(case, name):
     (case / name).write_bytes(GOOD)
-    with pytest.raises(BadRecording, match=r"\.csv, \.parquet, \.mat"):
+    with pytest.raises(BadRecording, match=r"\.csv, .*\.parquet, \.mat"):
         open_table(case / name)
 
 

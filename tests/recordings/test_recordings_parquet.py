@@ -27,9 +27,10 @@ def test_numeric_columns_are_read_and_others_say_why_not(tmp_path):
         "clock": [2**62 + 1, 2**62 + 3, 2**62 + 5],
         "when": pa.array([0, 1, 2], pa.timestamp("ns")),
         "nested": [[1.0], [2.0], [3.0]],
+        "words": [["a"], ["b"], ["c"]],
     }
     table = open_table(parquet(tmp_path, columns))
-    assert table.names == ("exp.off", "n", "half", "on")
+    assert table.names == ("exp.off", "n", "half", "on", "nested[0]")
     assert table["on"].tolist() == [1.0, 0.0, 1.0]
     reasons = {
         "who": "string",
@@ -37,7 +38,8 @@ def test_numeric_columns_are_read_and_others_say_why_not(tmp_path):
         "nan": "NaN at sample 1",
         "clock": "precision",
         "when": "seconds",
-        "nested": "list",
+        "nested": r"lists of 1 numbers; name an element, such as nested\[0\]",
+        "words": "list",
     }
     for name, why in reasons.items():
         with pytest.raises(BadRecording, match=why):

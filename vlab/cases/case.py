@@ -4,14 +4,15 @@ A case is a TOML file: ``case.toml`` in its folder, or a file of any other name.
 folder. Every file that a case names lies in the folder of the case file.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
 from vlab.cases.description import CaseTable, RecordingTable
+from vlab.cases.written_out import WrittenOut, check_file, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
-from vlab.files.containment import NotInside, file_inside
 from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
 from vlab.physics.attach import Attached, attach
@@ -21,6 +22,8 @@ from vlab.plants.build import build_plant
 from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
 from vlab.recordings.assemble import on_even_stamps, to_recording
+from vlab.recordings.selection import parse_where, select_rows
+from vlab.recordings.table import Table
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
 
@@ -53,6 +56,14 @@ class Case:
         Converters and amplifiers between law and structure; None for an MJCF model, with ideal converters.
     structure : Structure or None
         Structure from which the plant was built, if any.
+    raw : mapping
+        Contents of the case file, with shared channels, file patterns and episodes written out.
+    allow_outside : bool
+        Whether files outside the folder of the case may be read.
+    notes : tuple of str
+        Remarks on what was written out.
+    shared : frozenset of str
+        Columns of shared channels.
     """
 
     path: Path
@@ -60,6 +71,10 @@ class Case:
     plant: Plant
     hardware: Hardware | None
     structure: Structure | None = None
+    raw: Mapping[str, Any] = field(default_factory=dict)
+    allow_outside: bool = False
+    notes: tuple[str, ...] = ()
+    shared: frozenset[str] = frozenset()
 
     @property
     def folder(self) -> Path:
@@ -91,22 +106,59 @@ class Case:
         """
         return [self._read(name, table) for name, table in self.recordings(roles)]
 
+    def open_file(
+        self, file: str, *, columns: Sequence[str] | None = None, blanks: Collection[str] = frozenset()
+    ) -> Table:
+        """Open a file that the case names.
+
+        Parameters
+        ----------
+        file : str
+            Name relative to the folder of the case.
+        columns : sequence of str, optional
+            Columns to read; all by default.
+        blanks : collection of str
+            Columns that may have blank cells.
+
+        Returns
+        -------
+        Table
+            Columns of the file.
+
+        Raises
+        ------
+        BadRecording
+            The file is damaged, or outside the folder without permission.
+        """
+        wanted = None if columns is None else list(dict.fromkeys(columns))
+        if self.allow_outside:
+            return open_table(self.folder / file, columns=wanted, blanks=blanks)
+        return open_table(file, folder=self.folder, columns=wanted, blanks=blanks)
+
     def _read(self, name: str, table: RecordingTable) -> Run:
         columns = [channel.column for channel in table.channel]
-        wanted = list(dict.fromkeys([*columns, *([] if table.time is None else [table.time])]))
-        file = open_table(table.file, folder=self.folder, columns=wanted)
-        specs = [c.spec(label) for c, label in zip(table.channel, table.channel_names, strict=True)]
+        times = [name for name in (table.time, *(channel.time for channel in table.channel)) if name]
+        conditions = parse_where(table.where) if table.where else ()
+        compared = [condition.column for condition in conditions]
+        file = self.open_file(table.file, columns=[*columns, *times, *compared], blanks=[*columns, *times])
+        specs = [
+            c.spec(label, time_unit=table.time_unit)
+            for c, label in zip(table.channel, table.channel_names, strict=True)
+        ]
+        file = select_rows(file, conditions)
         whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
         return make_run(self.plant, name, table, on_even_stamps(whole), self.hardware)
 
 
-def load_case(path: Path | str) -> Case:
+def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     """Load a case and check its names against the model.
 
     Parameters
     ----------
     path : Path or str
         Folder or file of the case.
+    allow_outside : bool
+        Whether the case may name files outside its folder.
 
     Returns
     -------
@@ -125,45 +177,50 @@ def load_case(path: Path | str) -> Case:
     path = path / "case.toml" if is_folder else path
     reader = Reader(path, provenance_required=False, error=BadCase)
     if is_folder and path.exists():  # a file that the user names directly may be a link
-        _check_inside(reader, "", path.name)
-    table = reader.table(CaseTable, reader.load())
-    for i, recording in enumerate(table.recording):
-        _check_inside(reader, f"recording[{i}].file", recording.file)
+        check_file(reader, "", path.name)
+    written = write_out(reader.load(), reader, allow_outside=allow_outside)
+    table = reader.table(CaseTable, written.raw)
+    for where, recording in zip(written.places, table.recording, strict=True):
+        check_file(reader, f"{where}.file", recording.file, allow_outside=allow_outside)
     for i, frf in enumerate(table.frf):
-        _check_inside(reader, f"frf[{i}].file", frf.file)
-    plant, hardware, structure = _build(reader, table)
+        check_file(reader, f"frf[{i}].file", frf.file, allow_outside=allow_outside)
+    plant, hardware, structure = _build(reader, table, allow_outside=allow_outside)
     plant = _with_effects(reader, table, plant)
-    _check_names(reader, table, plant)
-    return Case(path=path, table=table, plant=plant, hardware=hardware, structure=structure)
+    _check_names(reader, table, plant, written)
+    return Case(
+        path=path,
+        table=table,
+        plant=plant,
+        hardware=hardware,
+        structure=structure,
+        raw=written.raw,
+        allow_outside=allow_outside,
+        notes=written.notes,
+        shared=written.shared,
+    )
 
 
-def _check_inside(reader: Reader, key: str, file: str) -> None:
-    try:
-        file_inside(file, Path(reader.file).parent, called="the case's folder")
-    except NotInside as error:
-        raise reader.fail(
-            key, f"there is no file {file!r} of the case: it {error}; copy it into the case's folder and check its name"
-        ) from error
-
-
-def _build(reader: Reader, table: CaseTable) -> tuple[Plant, Hardware | None, Structure | None]:
+def _build(reader: Reader, table: CaseTable, *, allow_outside: bool) -> tuple[Plant, Hardware | None, Structure | None]:
     folder, model = Path(reader.file).parent, table.model
     if model.mjcf:
-        _check_inside(reader, "model.mjcf", model.mjcf)
+        check_file(reader, "model.mjcf", model.mjcf, allow_outside=allow_outside)
         for key in ("hardware", "plant", "variant"):
             if getattr(model, key) != type(model).__dataclass_fields__[key].default:
                 raise reader.fail(f"model.{key}", "this key belongs to a structure; an MJCF model is used as it is")
+        if allow_outside:  # the model's own files still lie in its folder
+            real = (folder / model.mjcf).resolve()
+            return build_mjcf(real.name, folder=real.parent), None, None
         return build_mjcf(model.mjcf, folder=folder), None, None
     if model.structure in BUILT_IN:
         structure = load_structure(model.structure)
     elif model.structure.endswith(".toml"):
-        _check_inside(reader, "model.structure", model.structure)
+        check_file(reader, "model.structure", model.structure)
         structure = load_structure(folder / model.structure)
     else:
         known = [*BUILT_IN, "the name of a structure file in the case's folder"]
         raise reader.fail("model.structure", str(unknown_name("structure", model.structure, known)))
     if model.hardware:
-        _check_inside(reader, "model.hardware", model.hardware)
+        check_file(reader, "model.hardware", model.hardware)
     try:
         plant = build_plant(structure, model.plant, model.variant)
     except LookupError as error:
@@ -186,7 +243,7 @@ def _with_effects(reader: Reader, table: CaseTable, plant: Plant) -> Plant:
     return plant
 
 
-def _check_names(reader: Reader, table: CaseTable, plant: Plant) -> None:
+def _check_names(reader: Reader, table: CaseTable, plant: Plant, written: WrittenOut) -> None:
     for name in table.model.uncertain:
         _check_uncertain(reader, name, table, plant)
     for i, recording in enumerate(table.recording):
@@ -195,11 +252,11 @@ def _check_names(reader: Reader, table: CaseTable, plant: Plant) -> None:
             try:
                 find(plant, channel, recording)
             except VlabError as error:
-                raise reader.fail(f"recording[{i}].channel[{j}]", str(error)) from error
+                raise reader.fail(written.channels[i][j], str(error)) from error
         try:
             wire(plant, recording)
         except VlabError as error:
-            raise reader.fail(f"recording[{i}].controller", str(error)) from error
+            raise reader.fail(f"{written.places[i]}.controller", str(error)) from error
     places = [(f"frf[{i}]", (frf.input, *frf.outputs)) for i, frf in enumerate(table.frf)]
     places += [(f"modal[{i}].at", modal.at) for i, modal in enumerate(table.modal)]
     for key, names in places:

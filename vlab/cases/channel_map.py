@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from vlab import units
 from vlab.cases.description import ChannelTable, ControllerTable, RecordingTable
+from vlab.cases.places import suggest
 from vlab.cases.timestamps import in_time
 from vlab.controllers import Controller, DirectRateFeedback, ObserverFeedback
-from vlab.errors import BadCase, BadController, BadRecording, VlabError, unknown_name
+from vlab.errors import BadCase, BadController, BadRecording, UnknownName, VlabError, unknown_name
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
 from vlab.recordings.assemble import own_si
@@ -109,6 +110,10 @@ class Run:
         Part of the file before `measured`.
     valid : (n_samples, n_channels) array of bool or None
         Valid samples of `measured`; None if its values are unchanged.
+    start : tuple of (array, array) or None
+        Stated qpos and qvel at the first sample of `measured`.
+    period_s : float or None
+        Stated period of the excitation [s].
     """
 
     name: str
@@ -121,6 +126,8 @@ class Run:
     hardware: Hardware | None
     initial: Literal["auto", "rest", "estimated"]
     valid: NDArray[np.bool_] | None = None
+    start: tuple[Array, Array] | None = None
+    period_s: float | None = None
 
     @property
     def outputs(self) -> Recording:
@@ -179,7 +186,7 @@ def find_input(plant: Plant, channel: ChannelTable, recording: RecordingTable) -
         _check_input_unit(channel, "N" if plant.ports[channel.at].unit == "m" else "N m")
         return Drive(channel=label, port=channel.at, is_held=channel.is_held, is_first=channel.is_first)
     names = [tap.name for tap in plant.actuators if tap.name]
-    raise unknown_name("actuator", channel.at, [*names, *plant.ports])
+    raise unknown_place("actuator", channel, plant, [*names, *plant.ports])
 
 
 def _check_input_unit(channel: ChannelTable, unit: str) -> None:
@@ -231,15 +238,46 @@ def find_output(plant: Plant, channel: ChannelTable, recording: RecordingTable) 
     if sensors or at in plant.ports:
         kinds = [plant.sensors[i].kind for i in sensors] or list(_UNITS[plant.ports[at].unit])
         raise BadCase(f"{at!r} gives {' or '.join(kinds)}, the column {channel.column!r} is {channel.kind}")
-    raise _unknown_sensor(plant, at)
+    raise _unknown_sensor(plant, at, channel)
 
 
-def _unknown_sensor(plant: Plant, at: str) -> VlabError:
+def _unknown_sensor(plant: Plant, at: str, channel: ChannelTable | None = None) -> VlabError:
     parts = [tap.name for tap in plant.sensors if tap.name.startswith(f"{at}.")]
     if parts:
         return BadCase(f"sensor {at!r} has several values; say one of {', '.join(parts)}")
     names = [tap.name for tap in plant.sensors] + [tap.name for tap in plant.actuators if tap.name]
+    if channel is not None:
+        return unknown_place("sensor", channel, plant, [*names, *plant.ports])
     return unknown_name("sensor", at, [*names, *plant.ports])
+
+
+def unknown_place(kind: str, channel: ChannelTable, plant: Plant, names: Sequence[str]) -> VlabError:
+    """Return the error for a place that the model does not have.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of place, for the message.
+    channel : ChannelTable
+        Channel with the place.
+    plant : Plant
+        Model.
+    names : sequence of str
+        Accepted names.
+
+    Returns
+    -------
+    UnknownName
+        Error with the place that the given name, or else the column, suggests.
+    """
+    error = unknown_name(kind, channel.at, names)
+    guess = suggest(channel.at, plant, is_input=channel.input)
+    if guess is None and "did you mean" not in str(error):
+        guess = suggest(channel.column, plant, is_input=channel.input)
+    if guess is None or guess.at not in names:
+        return error
+    listed = str(error)[str(error).index("(accepted") :]
+    return UnknownName(f"unknown {kind} {channel.at!r}; did you mean {guess.at!r}? {listed}")
 
 
 def find_place(plant: Plant, name: str) -> None:
@@ -357,6 +395,7 @@ def _factor(unit: str, scale: float | None, si: str) -> float:
 
 def wire(plant: Plant, table: RecordingTable) -> tuple[tuple[Drive, ...], tuple[Compared, ...], Law | None]:
     """Map the channels of a recording to a plant by name."""
+    _stated_start(plant, table)
     drives = tuple(find_input(plant, c, table) for c in table.channel if c.input)
     compared = tuple(find_output(plant, c, table) for c in table.channel if not c.input)
     return drives, compared, None if table.controller is None else _law(plant, table.controller)
@@ -410,7 +449,25 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
         law=law,
         hardware=hardware,
         initial=table.initial,
+        start=_stated_start(plant, table),
+        period_s=table.period_s,
     )
+
+
+def _stated_start(plant: Plant, table: RecordingTable) -> tuple[Array, Array] | None:
+    """Return the stated state of a recording's first sample."""
+    if not table.qpos:
+        return None
+    sizes = {"qpos": plant.model.nq, "qvel": plant.model.nv}
+    for key, size in sizes.items():
+        given = getattr(table, key)
+        if given and len(given) != size:
+            names = [plant.model.joint(i).name or f"number {i}" for i in range(plant.model.njnt)]
+            raise BadCase(
+                f"{key} has {len(given)} numbers, the model has {size}; give one for each of its coordinates, "
+                f"joints in order: {', '.join(names)}"
+            )
+    return np.array(table.qpos), np.array(table.qvel) if table.qvel else np.zeros(plant.model.nv)
 
 
 def _part(whole: Recording, start: float, stop: float) -> Recording | None:

@@ -123,14 +123,15 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks beside the residuals: constant channels and file findings."""
+        """Remarks beside the residuals: short forms, constant channels, clocks and blank cells, file findings."""
         still = [
             f"{run.run.name}: {name} is {run.measured[name][0]:g} {run.measured.channels[run.measured.index(name)].unit} throughout: "
             "nothing can be measured against it"
             for run in self.runs
             for name in run.constant
         ]
-        return (*still, *self.check.lines)
+        read = [f"{r.run.name}: {text}" for r in self.runs for text in r.measured.meta.get("reading", ())]
+        return (*self.case.notes, *still, *read, *self.check.lines)
 
     @property
     def nrmse(self) -> dict[str, float]:
@@ -191,6 +192,7 @@ def compare_case(
     path: Path | str,
     *,
     roles: Sequence[str] = ("fit", "holdout"),
+    allow_outside: bool = False,
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> Comparison:
     """Simulate a case's recordings and measure the residuals.
@@ -201,6 +203,8 @@ def compare_case(
         Folder or file of the case.
     roles : sequence of str
         Roles of the recordings to use; recordings of any other role stay closed.
+    allow_outside : bool
+        Whether the case may name files outside its folder.
     progress : callable
         Called with the share done and the present activity.
 
@@ -214,7 +218,7 @@ def compare_case(
     BadCase
         The case does not fit its model, has no recording in `roles`, or has a wrong time unit.
     """
-    case = load_case(path)
+    case = load_case(path, allow_outside=allow_outside)
     runs = case.runs(roles)
     if not runs:
         if case.table.frf or case.table.modal:

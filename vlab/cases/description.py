@@ -6,31 +6,17 @@ from typing import Literal
 import numpy as np
 
 from vlab.cases.kinds import HELD_KINDS, UNCERTAIN_KINDS, check_unit, check_unit_of_kind, known_kind
+from vlab.cases.response_tables import FrfTable, Matrix, ModalTable, Role, check_scale
 from vlab.errors import BadCase, unknown_name
 from vlab.recordings.assemble import ColumnSpec
+from vlab.recordings.selection import excludes, parse_where
 from vlab.signals import KIND_UNITS
-
-Role = Literal["fit", "holdout"]
-Matrix = tuple[tuple[float, ...], ...]
-
 
 Hold = Literal["", "zero", "zero-first", "past", "linear"]
 
 
-LEAST_SCALE = 1e-30
-"""LEAST_SCALE [1]: smallest scale of a channel."""
 MOST_HZ = 1e9
 """MOST_HZ [Hz]: largest sample rate, above any laboratory's."""
-
-
-def _same_length(what: str, values: tuple[object, ...], n: int, against: str) -> None:
-    if len(values) != n:
-        raise BadCase(f"{what} has {len(values)} entries, {against} has {n}")
-
-
-def _check_scale(scale: float) -> None:
-    if not LEAST_SCALE <= abs(scale) <= 1.0 / LEAST_SCALE:
-        raise BadCase(f"the scale is {scale:g}; it must be model unit per file unit, and no such unit is that far off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +82,11 @@ class ChannelTable:
         readings taken before the change. ``"zero-first"``: same, with readings taken after the change. ``"past"``:
         constant from the preceding sample to its own. Default: ``"zero"`` for `HELD_KINDS`, else ``"linear"``; a
         diagnosis reports a contradiction by the recordings.
+    time, time_unit : str
+        Time column of the channel alone, and its unit; the recording's by default.
+    blank : str
+        Blank cells of an input. ``"hold"``: the last value stands. By default blank cells of an input are an error; those
+        of a compared channel have no reading and are not compared.
     """
 
     column: str
@@ -109,28 +100,39 @@ class ChannelTable:
     from_rest: bool = False
     delay_s: float = 0.0
     hold: Hold = ""
+    time: str = ""
+    time_unit: str = ""
+    blank: Literal["", "hold"] = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", known_kind(self.kind, self.unit))
         if self.scale is not None:
-            _check_scale(self.scale)
+            check_scale(self.scale)
         if self.input and self.from_rest:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
         if self.input and self.delay_s:
             raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
+        if self.blank and not self.input:
+            raise BadCase('blank = "hold" is for inputs; a blank cell of a compared channel is no reading')
+        if self.time and self.hold == "past":
+            raise BadCase('hold = "past" needs the rows of the recording; give "zero" or "linear" beside time')
+        if self.time_unit:
+            check_unit(self.time_unit, "s")
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
             check_unit_of_kind(self.unit, self.kind, si)
         elif self.unit:
             check_unit(self.unit, self.unit)
 
-    def spec(self, name: str = "") -> ColumnSpec:
+    def spec(self, name: str = "", *, time_unit: str = "s") -> ColumnSpec:
         """Return the column specification for the file reader.
 
         Parameters
         ----------
         name : str
             Name of the channel.
+        time_unit : str
+            Unit of the recording's times.
 
         Returns
         -------
@@ -146,6 +148,10 @@ class ChannelTable:
             scale=self.scale,
             offset=self.offset,
             is_input=self.input,
+            is_held=self.is_held,
+            stands=self.blank == "hold",
+            time=self.time,
+            time_unit=self.time_unit or time_unit,
         )
 
     @property
@@ -227,6 +233,12 @@ class RecordingTable:
     initial : str
         Initial state: ``"rest"``, ``"estimated"`` from the first samples, or ``"auto"``: estimated unless the recording
         begins at rest.
+    qpos, qvel : tuple of float
+        Known state at the first compared sample, in the order and units of the model (SI); zero velocity by default.
+    where : str
+        Rows of the file to use, see `vlab.recordings.selection.parse_where`.
+    period_s : float
+        Period of a periodic excitation [s], if known.
     """
 
     file: str
@@ -238,12 +250,27 @@ class RecordingTable:
     start_s: float | None = None
     stop_s: float | None = None
     initial: Literal["auto", "rest", "estimated"] = "auto"
+    qpos: tuple[float, ...] = ()
+    qvel: tuple[float, ...] = ()
+    where: str = ""
+    period_s: float | None = None
     channel: tuple[ChannelTable, ...]
     controller: ControllerTable | None = None
 
     def __post_init__(self) -> None:
-        if (self.rate_hz is None) == (self.time is None):
+        has_own_times = all(channel.time for channel in self.channel)
+        if (self.rate_hz is None) == (self.time is None) and (self.rate_hz is not None or not has_own_times):
             raise BadCase("give rate_hz, or time = the name of the time column, and not both")
+        if self.where:
+            parse_where(self.where)
+        if self.qvel and not self.qpos:
+            raise BadCase("qvel is given without qpos; give both")
+        if self.qpos and self.initial != "auto":
+            raise BadCase(
+                f'initial = "{self.initial}" and qpos are both given; one of them says how the recording begins'
+            )
+        if self.period_s is not None and not self.period_s > 0:
+            raise BadCase(f"period_s is {self.period_s:g}; it must be positive")
         if self.rate_hz is not None and not 0 < self.rate_hz <= MOST_HZ:
             raise BadCase(f"rate_hz is {self.rate_hz:g}; it must be positive and at most {MOST_HZ:g}")
         check_unit(self.time_unit, "s")
@@ -274,6 +301,8 @@ class RecordingTable:
         """
         if self.file != other.file or not {c.column for c in self.channel} & {c.column for c in other.channel}:
             return False
+        if excludes(self.where, other.where):
+            return False
         starts = [-np.inf if r.start_s is None else r.start_s for r in (self, other)]
         stops = [np.inf if r.stop_s is None else r.stop_s for r in (self, other)]
         return max(starts) < min(stops)
@@ -286,139 +315,6 @@ class RecordingTable:
         """
         places = [channel.at for channel in self.channel]
         return [c.name or (c.at if places.count(c.at) == 1 else f"{c.kind}:{c.at}") for c in self.channel]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrfChannelTable:
-    """``[[frf.channel]]``: a column with one output's response.
-
-    Parameters
-    ----------
-    imaginary : str
-        Column of the imaginary part, with `column` the real part.
-    phase, phase_unit : str
-        Column of the phase and its unit, with `column` the magnitude (also in dB).
-    coherence, variance : str
-        Column of the coherence, or of the response's variance in the square of its unit, if any.
-    scale : float
-        Factor on the response; -1 for a reversed sign.
-    """
-
-    column: str
-    at: str
-    imaginary: str = ""
-    phase: str = ""
-    phase_unit: str = "deg"
-    coherence: str = ""
-    variance: str = ""
-    scale: float = 1.0
-
-    def __post_init__(self) -> None:
-        _check_scale(self.scale)
-        if self.coherence and self.variance:
-            raise BadCase(f"channel {self.column!r} has both coherence and variance; give one of them")
-        if self.imaginary and self.phase:
-            raise BadCase(f"channel {self.column!r} has both imaginary and phase; give one of them")
-        check_unit(self.phase_unit, "rad")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrfTable:
-    """``[[frf]]``: measured frequency responses to one input.
-
-    Parameters
-    ----------
-    form_db : bool
-        Whether columns hold 20 log10 of the magnitude.
-    frequency : str
-        Name of the frequency column.
-    unit : str
-        Unit of the response; the SI unit of the form by default.
-    level : float
-        Excitation level (rms of the input, in a unit common to all responses of the case), if known.
-    averages : float
-        Number of averages of the coherence.
-    scale : float
-        Factor on all responses of the file; -1 for a reversed sign.
-    conjugate : bool
-        Whether the file uses exp(-i omega t) in place of exp(i omega t).
-    low_hz, high_hz : float
-        Used frequency range [Hz]. Lines outside are beyond the excitation or belong to modes outside the model.
-    """
-
-    file: str
-    role: Role
-    form: Literal["receptance", "mobility", "accelerance"]
-    form_db: bool = False
-    input: str
-    outputs: tuple[str, ...]
-    frequency: str = "f"
-    frequency_unit: str = "Hz"
-    unit: str = ""
-    level: float | None = None
-    averages: float = 10.0
-    scale: float = 1.0
-    conjugate: bool = False
-    low_hz: float = 0.0
-    high_hz: float | None = None
-    channel: tuple[FrfChannelTable, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_unit(self.frequency_unit, "Hz")
-        _check_scale(self.scale)
-        if self.unit:
-            check_unit(self.unit, {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}[self.form])
-        if not self.outputs:
-            raise BadCase("outputs must name at least one place")
-        if self.level is not None and not self.level > 0:
-            raise BadCase(f"level is {self.level:g}; it must be positive")
-        if not 0 <= self.low_hz < (np.inf if self.high_hz is None else self.high_hz):
-            raise BadCase(f"low_hz is {self.low_hz:g} and high_hz is {self.high_hz}; the lower must come first")
-        if not self.averages > 1:
-            raise BadCase(f"averages is {self.averages:g}; a coherence comes of more than one")
-        for channel in self.channel:
-            if channel.at not in self.outputs:
-                raise unknown_name("output", channel.at, self.outputs, where=f"channel {channel.column!r}")
-            if channel.imaginary and self.form_db:
-                raise BadCase(f"channel {channel.column!r}: a magnitude in dB has no imaginary part")
-        if self.channel:
-            _same_length("channel", self.channel, len(self.outputs), "outputs")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModalTable:
-    """``[[modal]]``: measured frequencies, damping ratios and shapes.
-
-    Parameters
-    ----------
-    at : tuple of str
-        Places of the shapes' entries.
-    shape : tuple of tuples
-        One row a mode, one entry a place.
-    frequency_sd_hz, zeta_sd, shape_sd : tuple of float
-        Standard deviations, one a mode.
-    """
-
-    role: Role
-    frequency_hz: tuple[float, ...]
-    zeta: tuple[float, ...] = ()
-    at: tuple[str, ...] = ()
-    shape: Matrix = ()
-    frequency_sd_hz: tuple[float, ...] = ()
-    zeta_sd: tuple[float, ...] = ()
-    shape_sd: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        n = len(self.frequency_hz)
-        if not n or not all(f > 0 for f in self.frequency_hz):
-            raise BadCase("frequency_hz must hold at least one positive frequency")
-        if not all(0 <= z < 1 for z in self.zeta):
-            raise BadCase("zeta is a ratio from 0 to below 1, not a percentage")
-        for name in ("zeta", "shape", "frequency_sd_hz", "zeta_sd", "shape_sd"):
-            if getattr(self, name):
-                _same_length(name, getattr(self, name), n, "frequency_hz")
-        for row in self.shape:
-            _same_length("a row of shape", row, len(self.at), "at")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -73,7 +73,7 @@ class InitialState:
     Parameters
     ----------
     how : str
-        ``"rest"`` or ``"estimated"``.
+        ``"rest"``, ``"estimated"``, or ``"stated"`` in the case.
     modes_hz : tuple of float
         Natural frequencies of the estimated modes [Hz].
     window_s : float
@@ -136,6 +136,8 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     deviation = deviation - np.where([c.from_rest for c in compared], 0.0, offset)
     largest = np.abs(deviation).max(axis=0, initial=0.0)
     slow = [run.measured.channels[run.measured.index(c.channel)].kind not in _ACCELERATIONS for c in compared]
+    if run.start is not None:
+        return _stated(rest, run.start)
     starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
@@ -191,6 +193,13 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         window_s=span,
         nrmse=float(np.sqrt(lost / size)) if size > 0 else 0.0,
     )
+
+
+def _stated(rest: State, start: tuple[Array, Array]) -> InitialState:
+    """Return the state that a case states; states of added effects begin at rest."""
+    qpos, qvel = rest.qpos.copy(), rest.qvel.copy()
+    qpos[: len(start[0])], qvel[: len(start[1])] = start
+    return InitialState(qpos=qpos, qvel=qvel, how="stated")
 
 
 def begins_at_rest(deviation: Array, slow: Array, plant: Plant) -> bool:
@@ -308,7 +317,7 @@ def _stage(problem: StartProblem, share: float) -> StartProblem:
     """Return the problem on the first part of a window."""
     whole = problem.run.measured
     count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
-    part = replace(whole, time=whole.time[:count], data=whole.data[:count])
+    part = whole.rows(slice(count))
     run = replace(problem.run, measured=part)
     clock = _clock(problem.clock.timestep, run)
     bench = bench_for(at_timestep(problem.bench.plant, clock.timestep), run)
@@ -388,7 +397,7 @@ def _window(run: Run, freq: Array) -> int:
 
 def _open_loop(run: Run, law: Law | None, samples: int, bench: Bench) -> Run:
     """Return a run's window with commands as recorded inputs."""
-    part = replace(run.measured, time=run.measured.time[:samples], data=run.measured.data[:samples])
+    part = run.measured.rows(slice(samples))
     if law is None:
         return replace(run, measured=part, law=None)
     commands = replayed_commands(run, law, part, bench)

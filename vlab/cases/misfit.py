@@ -101,6 +101,8 @@ def misfit(
 ) -> Misfit:
     """Compare one simulated channel with the recording.
 
+    Samples without a reading do not count.
+
     Parameters
     ----------
     measured, simulated : Recording
@@ -124,14 +126,16 @@ def misfit(
     """
     if not np.array_equal(measured.time, simulated.time):
         raise BadRecording(f"channel {channel!r}: recording and simulation have different time stamps")
-    y, error = measured[channel], simulated[channel] - measured[channel]
+    read = measured.is_read(channel)
+    time, y, modelled = (v[read] for v in (measured.time, measured[channel], simulated[channel]))
+    error = modelled - y
     size = float(np.std(y))
     if size <= 1e-12 * float(np.abs(y).max(initial=0.0)):
         raise BadRecording(f"channel {channel!r} is constant; a misfit is measured against what moves")
-    own = simulated[channel] - np.mean(simulated[channel])
+    own = modelled - np.mean(modelled)
     moved = float(np.std(own))
-    times, parts = _windows(measured.time, windows)
-    edges, error_power, power = _bands(measured.time, error, y, band_edges_hz)
+    times, parts = _windows(time, windows)
+    edges, error_power, power = _bands(time, error, y, band_edges_hz)
     total = error_power.sum()
     return Misfit(
         channel=channel,

@@ -35,6 +35,7 @@ VERBS = {
     "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
     "reproduce": "Reproduce the tables of the dissertation",
     "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "columns": "List the columns of a recording with their ranges and units",
     "compare": "Compare recordings of a case with the nominal model",
     "diagnose": "Find missing physics in a model from recordings",
     "conceal": "Generate cases with hidden physics and seal the truth",

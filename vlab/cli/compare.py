@@ -3,6 +3,7 @@
 import argparse
 
 from vlab.cases.compare import compare_case
+from vlab.cli.case_argument import add_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.files.output_folder import output_folder, write_manifest
@@ -11,7 +12,7 @@ from vlab.files.text import in_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("case", help="read this case folder with case.toml, or case file")
+    add_case(parser)
     add_out(parser, "report.html and run.rrd to this folder (default: print only)")
 
 
@@ -30,7 +31,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """
     check_out(arguments, read=[arguments.case])
     with share_bar("compare") as report:
-        comparison = compare_case(arguments.case, progress=report)
+        comparison = compare_case(arguments.case, allow_outside=arguments.allow_outside, progress=report)
     document = comparison.to_json()
     from vlab.views.reports.case import HEADERS, misfit_rows, write_case
 

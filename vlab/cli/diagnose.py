@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from vlab.cases import load_case
+from vlab.cli.case_argument import add_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.user_law import code_of
@@ -30,7 +31,7 @@ VERDICTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("case", help="read this case folder with case.toml, or case file")
+    add_case(parser)
     parser.add_argument(
         "--effect",
         action="append",
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         Document and text of the command.
     """
     check_out(arguments, read=[arguments.case])
-    case = load_case(arguments.case)
+    case = load_case(arguments.case, allow_outside=arguments.allow_outside)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
     names = [effect.name for effect in effects]

@@ -22,7 +22,7 @@ from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, ModalModel, Recording
 from vlab.structure import load_structure
 
-TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s")
+TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s", "x_value", "timestamp")
 """TIME_NAMES: names of the time column in foreign recordings."""
 
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run",
         nargs="+",
-        help="read these run folders or recordings (.parquet, .csv, .mat, .h5, .npz, .uff, .tdms); recordings of one input "
+        help="read these run folders or recordings (.parquet, .csv, .txt, .lvm, .mat, .h5, .npz, .uff, .tdms and more); recordings of one input "
         "are averaged, of different inputs combined",
     )
     parser.add_argument(

@@ -1,9 +1,9 @@
 """Export of the extended model with its case."""
 
+import copy
 import dataclasses
 import math
 import shutil
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +86,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
     effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
     is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
     theta = done.fit.theta if is_final else done.found.before.fit.theta
-    raw = tomllib.loads(case.path.read_text(encoding="utf-8"))
+    raw = copy.deepcopy(dict(case.raw))
     earlier = _earlier(done, raw)
     try:
         if case.structure is None:

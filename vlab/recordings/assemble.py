@@ -8,6 +8,7 @@ import numpy as np
 from vlab import units
 from vlab.errors import BadRecording, BadUnit, unknown_name
 from vlab.files.text import one_line
+from vlab.recordings.clocks import OnClock, filled, held, held_on, line_on, reading_on
 from vlab.recordings.files import refuse
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, Array, Channel, Recording
@@ -55,6 +56,12 @@ class ColumnSpec:
         Reading at zero, in the unit of the file; the offset is subtracted.
     is_input : bool
         Whether the channel drives the structure.
+    is_held : bool
+        Whether an input with a time of its own stays constant between its samples.
+    stands : bool
+        Whether blank cells of an input stand for the last value.
+    time, time_unit : str
+        Time column of the channel alone, and its unit; the recording's by default.
     """
 
     column: str
@@ -65,6 +72,10 @@ class ColumnSpec:
     scale: float | None = None
     offset: float = 0.0
     is_input: bool = False
+    is_held: bool = False
+    stands: bool = False
+    time: str = ""
+    time_unit: str = "s"
 
     def __post_init__(self) -> None:
         if self.kind not in KIND_UNITS:
@@ -146,7 +157,8 @@ def to_recording(
     rate_hz : float, optional
         Sample rate [Hz] of a file without a time column; the first sample is then at t = 0.
     time : str, optional
-        Name of the time column. Exactly one of `rate_hz` and `time` is given.
+        Name of the time column. Exactly one of `rate_hz` and `time` is given, unless every channel has its own time:
+        the compared channel with most samples then gives the clock.
     time_unit : str
         Unit of the time column.
     start_s, stop_s : float, optional
@@ -155,13 +167,14 @@ def to_recording(
     Returns
     -------
     Recording
-        In SI; ``meta["file"]`` names the file.
+        In SI; ``meta["file"]`` names the file and ``meta["reading"]`` lists what was put on another clock or left out.
+        ``missing`` marks blank cells of compared channels.
 
     Raises
     ------
     BadRecording
-        Rate and time both or neither given, unequal lengths, complex columns, times that do not increase, or fewer than
-        two samples in the window.
+        Rate and time both or neither given, unequal lengths, complex columns, or times that do not increase. Blank cells
+        of an input that does not stand, or fewer than two samples in the window.
     BadUnit
         A unit is unknown, does not fit its kind or contradicts the file.
     UnknownName
@@ -169,7 +182,8 @@ def to_recording(
     """
     if not columns:
         raise refuse(table.path, "no column was chosen", fix="describe at least one channel")
-    data, channels = [], []
+    data: list[Array] = []
+    channels: list[Channel] = []
     for spec in columns:
         values = table.real(spec.column)
         try:
@@ -181,17 +195,36 @@ def to_recording(
         with np.errstate(over="ignore"):  # a later check for finite samples finds an overflow
             data.append((values - spec.offset) * factor)
         channels.append(channel)
+    notes: list[str] = []
+    if time is None and rate_hz is None and all(spec.time for spec in columns):
+        time, time_unit = _own_clock(table, columns)
     stamps = _times(table, columns[0].column, rate_hz, time, time_unit)
     _check_lengths(table, columns, data, stamps.size, time)
-    keep = (stamps >= (-np.inf if start_s is None else start_s)) & (stamps < (np.inf if stop_s is None else stop_s))
+    if time is not None and not np.isfinite(stamps).all():
+        stamps, data = _without_blank_times(table, columns, data, stamps, time, notes)
+    placed = [_placed(table, spec, v, stamps, notes) for spec, v in zip(columns, data, strict=True)]
+    known = np.logical_and.reduce([p.is_known for p in placed])
+    if not known.all() and known.any():
+        first, last = np.flatnonzero(known)[[0, -1]]
+        notes.append(
+            f"{int((~known).sum())} samples without a known input left out ({stamps[first]:g} to {stamps[last]:g} s kept)"
+        )
+    missing = ~np.column_stack([p.is_read for p in placed])
+    keep = (
+        known
+        & (stamps >= (-np.inf if start_s is None else start_s))
+        & (stamps < (np.inf if stop_s is None else stop_s))
+    )
     if keep.sum() < 2:
         span = f"{stamps[0]:g} to {stamps[-1]:g} s"
         raise refuse(
             table.path, f"{keep.sum()} samples from start {start_s} to stop {stop_s} s; the recording runs from {span}"
         )
     try:
-        matrix = np.column_stack(data)[keep]
-        return Recording(time=stamps[keep], data=matrix, channels=tuple(channels), meta={"file": str(table.path)})
+        matrix = np.column_stack([p.values for p in placed])[keep]
+        meta = {"file": str(table.path), **({"reading": tuple(notes)} if notes else {})}
+        mask = missing[keep] if missing.any() else None
+        return Recording(time=stamps[keep], data=matrix, channels=tuple(channels), meta=meta, missing=mask)
     except BadRecording as error:
         raise refuse(table.path, str(error)) from error
 
@@ -229,9 +262,11 @@ def _check_lengths(
 ) -> None:
     against = f"column {columns[0].column!r}" if time is None else f"the time column {time!r}"
     for spec, values in zip(columns, data, strict=True):
-        if values.size != samples:
+        if values.size != samples and not spec.time:
             what = f"column {spec.column!r} has {values.size} samples, {against} {samples}"
-            raise refuse(table.path, what, fix="they were not sampled together")
+            raise refuse(
+                table.path, what, fix="they were not sampled together; give each channel its time column: time = ..."
+            )
 
 
 def _times(table: Table, first: str, rate_hz: float | None, time: str | None, time_unit: str) -> Array:
@@ -252,4 +287,88 @@ def _times(table: Table, first: str, rate_hz: float | None, time: str | None, ti
             raise BadUnit(f"{one_line(table.path)}: time column {one_line(time)!r}: {error}{fix}") from error
     if rate_hz is None or not (np.isfinite(rate_hz) and rate_hz > 0):
         raise refuse(table.path, f"the rate is {rate_hz} Hz; it must be positive")
-    return np.arange(table[first].size) / rate_hz
+    rows = np.arange(table[first].size) if table.rows is None else table.rows - table.rows[0]
+    return np.asarray(rows / rate_hz)
+
+
+# ---- clocks of their own and blank cells ----------------------------------------------------------------------------
+
+
+def _own_clock(table: Table, columns: Sequence[ColumnSpec]) -> tuple[str, str]:
+    """Return time column and unit of the compared channel with most samples."""
+    outputs = [spec for spec in columns if not spec.is_input] or list(columns)
+    best = max(outputs, key=lambda spec: int(np.isfinite(table.real(spec.column)).sum()))
+    return best.time, best.time_unit
+
+
+def _without_blank_times(
+    table: Table, columns: Sequence[ColumnSpec], data: list[Array], stamps: Array, time: str, notes: list[str]
+) -> tuple[Array, list[Array]]:
+    """Return times and columns without the rows whose time is blank.
+
+    A shorter column of a table ends in blank cells.
+    """
+    is_there = np.isfinite(stamps)
+    for spec, values in zip(columns, data, strict=True):
+        if not spec.time and np.isfinite(values[~is_there]).any():
+            bad = int(np.flatnonzero(~is_there & np.isfinite(values))[0])
+            what = f"the time column {time!r} is blank at sample {bad}, where {spec.column!r} has a value"
+            raise refuse(table.path, what, fix="fill the times, or give the channel its own time column")
+    notes.append(f"{int((~is_there).sum())} rows without a time left out")
+    return stamps[is_there], [v if s.time else v[is_there] for s, v in zip(columns, data, strict=True)]
+
+
+def _placed(table: Table, spec: ColumnSpec, values: Array, stamps: Array, notes: list[str]) -> OnClock:
+    """Return a channel on the clock of the recording."""
+    if spec.time:
+        own = _times(table, spec.column, None, spec.time, spec.time_unit)
+        if own.size != values.size:
+            what = f"column {spec.column!r} has {values.size} samples, its time column {spec.time!r} {own.size}"
+            raise refuse(table.path, what, fix="name the time column of the same topic or table")
+        is_there = np.isfinite(own) & ~np.isnan(values)
+        own, values = own[is_there], values[is_there]
+        _check_own_times(table, spec, own)
+        if not np.array_equal(own, stamps):
+            return _on_other_clock(spec, own, values, stamps, notes)
+    all_known = np.ones(len(values), dtype=bool)
+    blank = np.isnan(values)
+    if not blank.any():
+        return OnClock(values=values, is_known=all_known, is_read=all_known)
+    count, first = int(blank.sum()), int(np.argmax(blank))
+    if len(values) - count < 2:
+        raise refuse(
+            table.path, f"column {spec.column!r} has {len(values) - count} readings", fix="name another column"
+        )
+    if not spec.is_input:
+        between, is_read = filled(values)
+        notes.append(f"{spec.column}: {count} of {len(values)} samples have no reading and are not compared")
+        return OnClock(values=between, is_known=all_known, is_read=is_read)
+    if not spec.stands:
+        what = f"column {spec.column!r} drives the model and is blank at sample {first} ({count} of {len(values)})"
+        fix = 'say blank = "hold" in its channel where the last value stands, or cut the part with start_s and stop_s'
+        raise refuse(table.path, what, fix=fix)
+    stood, is_known = held(values)
+    notes.append(f"{spec.column}: {count} of {len(values)} cells are blank; the last value stands")
+    return OnClock(values=stood, is_known=is_known, is_read=is_known)
+
+
+def _check_own_times(table: Table, spec: ColumnSpec, own: Array) -> None:
+    if own.size < 2:
+        raise refuse(
+            table.path, f"column {spec.column!r} has {own.size} samples with a time", fix="name another column"
+        )
+    if not np.all(np.diff(own) > 0):
+        bad = int(np.argmin(np.diff(own))) + 1
+        what = f"the times {spec.time!r} of column {spec.column!r} do not increase at sample {bad} (t = {own[bad]:g} s)"
+        raise refuse(table.path, what, fix="name the right time column")
+
+
+def _on_other_clock(spec: ColumnSpec, own: Array, values: Array, stamps: Array, notes: list[str]) -> OnClock:
+    rate = (own.size - 1) / (own[-1] - own[0])
+    said = f"{spec.column}: {own.size} samples at {rate:.4g} Hz on their own clock"
+    if not spec.is_input:
+        out = reading_on(stamps, own, values)
+        notes.append(f"{said}, at {int(out.is_read.sum())} of {stamps.size} samples of the recording")
+        return out
+    notes.append(f"{said}, " + ("as means over the steps of the recording" if spec.is_held else "by straight lines"))
+    return held_on(stamps, own, values) if spec.is_held else line_on(stamps, own, values)

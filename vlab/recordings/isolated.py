@@ -32,7 +32,14 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THR
 
 
 def read_isolated(
-    reader: str, data: bytes, path: Path, *, library: str, install: str, options: Mapping[str, Any] | None = None
+    reader: str,
+    data: bytes,
+    path: Path,
+    *,
+    library: str,
+    install: str,
+    options: Mapping[str, Any] | None = None,
+    bytes_per_second: float = _BYTES_PER_SECOND,
 ) -> dict[str, Any]:
     """Return a reader's result for the bytes of a file.
 
@@ -46,6 +53,8 @@ def read_isolated(
         Required library, and the package to install if missing.
     options : mapping, optional
         Options of the reader.
+    bytes_per_second : float
+        Slowest accepted reading [bytes/s].
 
     Returns
     -------
@@ -60,7 +69,7 @@ def read_isolated(
     """
     if not is_installed(library):
         raise refuse(path, f"reading {path.suffix} files needs {library}", fix=f"pip install {install}")
-    limit, seconds = files.unpacked_limit(len(data)), _SECONDS + int(len(data) / _BYTES_PER_SECOND)
+    limit, seconds = files.unpacked_limit(len(data)), _SECONDS + int(len(data) / bytes_per_second)
     order = {
         "path": sys.path,
         "reader": reader,

@@ -36,8 +36,8 @@ class Finding:
     channel : str
         The channel, or ``"time"``; empty for all channels.
     kind : str
-        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``units`` or
-        ``sign``.
+        ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``reading``,
+        ``units`` or ``sign``.
     text : str
         Observation, location and amount.
     severity : {"note", "warning"}
@@ -60,6 +60,8 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 
 
 def _findings(recording: Recording) -> Iterator[Finding]:
+    for text in recording.meta.get("reading", ()):
+        yield Finding("", "reading", str(text), "note")
     yield from _time(recording)
     moving = []
     for i, channel in enumerate(recording.channels):

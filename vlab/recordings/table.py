@@ -4,7 +4,7 @@ import difflib
 import importlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab import units
-from vlab.errors import BadRecording, BadUnit, VlabError, unknown_name
+from vlab.errors import BadRecording, BadUnit, UnknownName, VlabError, unknown_name
 from vlab.files.text import one_line
 from vlab.recordings.bound import check_bound
 from vlab.recordings.files import PathLike, read_guarded, refuse
@@ -22,19 +22,46 @@ from vlab.signals import Channel
 
 READERS = {
     ".csv": "vlab.recordings.formats.csv",
+    ".txt": "vlab.recordings.formats.text",
+    ".dat": "vlab.recordings.formats.text",
+    ".tsv": "vlab.recordings.formats.text",
+    ".lvm": "vlab.recordings.formats.lvm",
+    ".jsonl": "vlab.recordings.formats.json_lines",
+    ".ndjson": "vlab.recordings.formats.json_lines",
+    ".json": "vlab.recordings.formats.json_document",
+    ".gz": "vlab.recordings.formats.gz",
     ".parquet": "vlab.recordings.formats.parquet",
     ".mat": "vlab.recordings.formats.mat",
     ".npz": "vlab.recordings.formats.npz",
+    ".npy": "vlab.recordings.formats.npy",
     ".h5": "vlab.recordings.formats.hdf5",
     ".hdf5": "vlab.recordings.formats.hdf5",
     ".uff": "vlab.recordings.formats.uff",
     ".unv": "vlab.recordings.formats.uff",
     ".tdms": "vlab.recordings.formats.tdms",
+    ".xlsx": "vlab.recordings.formats.xlsx",
+    ".mcap": "vlab.recordings.formats.mcap",
+    ".db3": "vlab.recordings.formats.db3",
 }
 """Reader module by suffix.
 
-Each module has ``read(data, path, *, names, columns) -> Table`` and is imported at first use.
+Each module has ``read(data, path, *, names, columns, blanks) -> Table`` and is imported at first use.
 """
+
+
+class _Every(frozenset[str]):
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __bool__(self) -> bool:
+        return True
+
+
+EVERY: frozenset[str] = _Every()
+"""EVERY: names of all columns, whatever they are."""
+
+MOST_LISTED = 40
+"""MOST_LISTED [1]: largest number of columns that a message names."""
 
 MAX_COLUMNS = 10_000
 """MAX_COLUMNS [1]: largest accepted number of columns. A file with more is damaged or hostile."""
@@ -54,7 +81,7 @@ class Table:
     path : Path
         The file.
     columns : mapping of str to (n,) array
-        Real or complex, finite, read-only columns; lengths may differ.
+        Real or complex, finite, read-only columns; lengths may differ. A column in `blanks` is NaN where a cell is blank.
     refused : mapping of str to str
         Reason of refusal by name, for entries that cannot be columns. Access raises the reason.
     notes : tuple of str
@@ -65,6 +92,12 @@ class Table:
         Labels of vlab's own file, else None.
     units : mapping of str to str
         Units as stated in the file, unchecked.
+    blanks : collection of str
+        Columns that may have blank cells.
+    aliases : mapping of str to str
+        Column by its other name.
+    rows : (n,) array of int or None
+        Row of the file for each sample, after a selection of rows; None for all rows.
 
     Raises
     ------
@@ -79,6 +112,9 @@ class Table:
     meta: Mapping[str, Any] = field(default_factory=dict)
     channels: tuple[Channel, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    blanks: Collection[str] = frozenset()
+    aliases: Mapping[str, str] = field(default_factory=dict)
+    rows: NDArray[Any] | None = None
 
     def __post_init__(self) -> None:
         columns = {}
@@ -88,7 +124,7 @@ class Table:
                 raise refuse(
                     self.path, f"column {name!r} has the shape {array.shape}", fix="a column is a list of numbers"
                 )
-            if not np.isfinite(array).all():
+            if not np.isfinite(array).all() and (name not in self.blanks or bool(np.isinf(array).any())):
                 raise refuse(self.path, f"column {name!r}: {not_finite(array)}")
             array.setflags(write=False)
             columns[name] = array
@@ -110,12 +146,12 @@ class Table:
         return tuple(self.columns)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        name = name if name in self.columns else self.aliases.get(name, name)
         if name in self.columns:
             return self.columns[name]
         if name in self.refused:
             raise refuse(self.path, f"{name!r} cannot be a column: {self.refused[name]}")
-        known = self.names if len(self.columns) <= 40 else difflib.get_close_matches(name, self.names, n=40, cutoff=0.0)
-        raise unknown_name("column", name, map(one_line, known), where=one_line(self.path))
+        raise unknown_column(name, [*self.names, *self.aliases], self.path)
 
     def real(self, name: str) -> NDArray[Any]:
         """Return a real column.
@@ -187,6 +223,7 @@ def open_table(
     folder: PathLike | None = None,
     names: Sequence[str] | None = None,
     columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
 ) -> Table:
     """Open a recording file as named columns.
 
@@ -202,11 +239,13 @@ def open_table(
         Column names of a CSV file without names, or in place of its names.
     columns : sequence of str, optional
         Columns to read; a CSV file may then have gaps and text in every other column.
+    blanks : collection of str
+        Columns in which blank cells and NaN are read as NaN, and not refused.
 
     Returns
     -------
     Table
-        Finite columns, refusals and notes.
+        Columns, refusals and notes.
 
     Raises
     ------
@@ -225,7 +264,7 @@ def open_table(
     check_bound(data, Path(path) if folder is None else Path(folder) / path)
     reader = importlib.import_module(READERS[suffix])
     try:
-        table = cast(Table, reader.read(data, Path(path), names=names, columns=columns))
+        table = cast(Table, reader.read(data, Path(path), names=names, columns=columns, blanks=blanks))
     except VlabError:
         raise
     except MemoryError as error:
@@ -239,6 +278,40 @@ def open_table(
     for name in columns or ():
         table[name]
     return table
+
+
+def unknown_column(
+    name: str, names: Sequence[str], path: PathLike, *, others: Mapping[str, str] = MappingProxyType({})
+) -> UnknownName:
+    """Return the error for a column that a file does not have.
+
+    Parameters
+    ----------
+    name : str
+        Name as given.
+    names : sequence of str
+        Columns of the file.
+    path : str or path
+        File, for the message.
+    others : mapping of str to str
+        Entries of the file that are no columns, with the reason.
+
+    Returns
+    -------
+    UnknownName
+        Error with the nearest columns; parts of a name such as ``action[0]`` count.
+    """
+    known = names if len(names) <= MOST_LISTED else difflib.get_close_matches(name, names, n=MOST_LISTED, cutoff=0.0)
+    known = known or names[:MOST_LISTED]
+    parts = [n for n in names if name and (f"[{name}]" in n or n.rpartition("/")[2] == name)]
+    error = unknown_name("column", name, map(one_line, known), where=one_line(path))
+    if others:
+        listed = "; ".join(f"{one_line(n)}: {one_line(why, longest=80)}" for n, why in list(others.items())[:8])
+        error = UnknownName(f"{error}; not readable: {listed}")
+    if not parts or ("did you mean" in str(error) and len(parts) < 2):
+        return error
+    hint = " or ".join(repr(one_line(n)) for n in parts[:4])
+    return UnknownName(f"{one_line(path)}: unknown column {one_line(name)!r}; did you mean {hint}?")
 
 
 def not_finite(array: NDArray[Any]) -> str:

@@ -113,7 +113,7 @@ def first_seconds(plant: Plant, run: Run, most_steps: int = MOST_STEPS) -> Run:
 def _as_far(simulated: Recording | None, run: Run) -> Recording | None:
     """Return a simulation cut to a run's length."""
     n = len(run.measured)
-    return None if simulated is None else replace(simulated, time=simulated.time[:n], data=simulated.data[:n])
+    return None if simulated is None else simulated.rows(slice(n))
 
 
 def _simulated(plant: Plant, run: Run) -> Recording | None:

@@ -138,10 +138,13 @@ class Column:
         Table of the first recording with the channel.
     columns : tuple of str
         Columns of the channel in all recordings.
+    is_shared : bool
+        Whether the channel is shared by all recordings.
     """
 
     table: ChannelTable
     columns: tuple[str, ...] = field(default=())
+    is_shared: bool = False
 
     @property
     def si(self) -> str:
@@ -165,7 +168,7 @@ class Column:
     def where(self) -> str:
         """Location of the channel in the case, for messages."""
         names = " and ".join(f'"{name}"' for name in self.columns)
-        return f"[[recording.channel]] with column = {names}"
+        return f"[[{'channel' if self.is_shared else 'recording.channel'}]] with column = {names}"
 
 
 def columns_of(case: Case) -> dict[str, Column]:
@@ -184,7 +187,7 @@ def columns_of(case: Case) -> dict[str, Column]:
     out: dict[str, Column] = {}
     for table in case.table.recording:
         for name, channel in zip(table.channel_names, table.channel, strict=True):
-            known = out.get(name, Column(table=channel))
+            known = out.get(name, Column(table=channel, is_shared=channel.column in case.shared))
             out[name] = replace(known, columns=tuple(dict.fromkeys([*known.columns, channel.column])))
     return out
 

@@ -26,6 +26,8 @@ from vlab.cases.checks.correction import (
     columns_of,
     slips_of,
 )
+from vlab.cases.checks.periods import check_periods
+from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.checks.shifts import shifts
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
 from vlab.signals import Recording
@@ -69,10 +71,15 @@ def check_recordings(
     runs = case.runs() if runs is None else list(runs)
     if simulated is None:
         check_clock(case, runs)
+    of_range, of_period = check_ranges(case, runs), check_periods(runs)
     runs = [first_seconds(case.plant, run) for run in runs]
     look = _Look(case, beside(case.plant, runs, simulated))
     found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
-    return FileCheck(found=(*found, *look.shifts({name for f in found for name in f.channels})))
+    said = {name for f in found for name in f.channels}
+    of_range = [f for f in of_range if not said & set(f.channels)]
+    return FileCheck(
+        found=(*found, *of_range, *of_period, *look.shifts(said | {n for f in of_range for n in f.channels}))
+    )
 
 
 class _Look:

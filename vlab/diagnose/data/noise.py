@@ -46,11 +46,16 @@ def noise_rms(run: Run, names: Sequence[str]) -> Array:
 
 
 def _noises(run: Run, names: Sequence[str]) -> list[tuple[float, float]]:
-    columns = [run.measured[name] for name in names]
-    if not run.measured.is_uniform:
-        return [(noise, noise) for noise in (uneven_noise(run.measured.time, column) for column in columns)]
-    inputs = np.column_stack([run.measured[drive.channel] for drive in run.drives]) if run.drives else None
-    return [_noise(column, inputs) for column in columns]
+    measured, out = run.measured, []
+    inputs = np.column_stack([measured[drive.channel] for drive in run.drives]) if run.drives else None
+    for name in names:
+        read, column = measured.is_read(name), measured[name]
+        if measured.is_uniform and read.all():
+            out.append(_noise(column, inputs))
+        else:
+            noise = uneven_noise(measured.time[read], column[read])
+            out.append((noise, noise))
+    return out
 
 
 def _noise(column: Array, inputs: Array | None) -> tuple[float, float]:

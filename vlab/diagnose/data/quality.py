@@ -152,6 +152,7 @@ def is_informative(run: Run, compared: Sequence[Compared]) -> NDArray[np.bool_]:
         return run.valid[:, [run.measured.index(c.channel) for c in compared]]
     out = np.repeat(_kept(run)[:, None], len(compared), axis=1)
     for i, c in enumerate(compared):
+        out[:, i] &= run.measured.is_read(c.channel)
         for at_limit in flat_tops(run.measured[c.channel]).values():
             out[:, i] &= ~at_limit
     return out

@@ -15,8 +15,8 @@ from vlab.cases.case import Case
 from vlab.cases.description import FrfTable, ModalTable
 from vlab.diagnose.settings import RESPONSES
 from vlab.errors import BadCase
-from vlab.recordings import open_table
 from vlab.recordings.responses import to_frequency_response
+from vlab.recordings.selection import parse_where, select_rows
 from vlab.recordings.table import Table
 from vlab.signals import Array, ComplexArray
 
@@ -241,7 +241,7 @@ def _telling(group: Sequence[Response]) -> Array:
 
 
 def _response(case: Case, table: FrfTable, name: str) -> Response:
-    file = open_table(table.file, folder=case.folder)
+    file = select_rows(case.open_file(table.file), parse_where(table.where) if table.where else ())
     read = to_frequency_response(file, table)
     used = (read.freq > 0) & (read.freq >= table.low_hz) & (read.freq <= (table.high_hz or np.inf))
     scales = np.abs(_scales(table)) if read.is_magnitude else _scales(table)

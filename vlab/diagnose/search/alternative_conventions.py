@@ -55,7 +55,7 @@ def list_conventions(problem: Problem) -> list[AlternativeConvention]:
         AlternativeConvention(words=describe_hold(hold), of=partial(with_hold, hold=hold))
         for hold in open_holds(problem)
     ]
-    starts = {table.initial for table in problem.case.table.recording}
+    starts = {table.initial for table in problem.case.table.recording if not table.qpos}
     if "auto" in starts and any(run.at_rest for run in problem.signals):
         out.append(
             AlternativeConvention(words='recordings begin in motion (initial = "estimated")', of=_begun_in_motion)
@@ -64,7 +64,9 @@ def list_conventions(problem: Problem) -> list[AlternativeConvention]:
 
 
 def _begun_in_motion(case: Case) -> Case:
-    tables = tuple(replace(t, initial="estimated") if t.initial == "auto" else t for t in case.table.recording)
+    tables = tuple(
+        replace(t, initial="estimated") if t.initial == "auto" and not t.qpos else t for t in case.table.recording
+    )
     return replace(case, table=replace(case.table, recording=tables))
 
 

@@ -158,7 +158,7 @@ def _shortened(run: Run, most: int) -> Run:
     measured = run.measured
     if len(measured) <= most:
         return run
-    return replace(run, measured=replace(measured, time=measured.time[:most], data=measured.data[:most]))
+    return replace(run, measured=measured.rows(slice(most)))
 
 
 def _target(problem: Problem, whole: Recording, run: Run) -> _Target:

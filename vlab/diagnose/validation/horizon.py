@@ -41,6 +41,7 @@ def parts_of(run: Run, count: int) -> list[Run]:
                 measured=_rows(run.measured, start, stop),
                 before=run.before if start == 0 else _rows(run.measured, 0, start),
                 initial=run.initial if start == 0 else "estimated",
+                start=run.start if start == 0 else None,
                 valid=None if run.valid is None else run.valid[start:stop],
             )
         )
@@ -90,4 +91,4 @@ def horizon_s(run: Run, count: int) -> float:
 
 
 def _rows(recording: Recording, start: int, stop: int) -> Recording:
-    return replace(recording, time=recording.time[start:stop], data=recording.data[start:stop])
+    return recording.rows(slice(start, stop))

@@ -25,7 +25,7 @@ from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
-from vlab.signals import Array, Recording
+from vlab.signals import Array, Recording, longest_read, strung_together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,8 +279,7 @@ def _simulated(models: Sequence[ExtendedModel | None], runs: Sequence[Sequence[R
     for parts in runs:
         whole = parts[0].measured
         if len(parts) > 1:
-            time = np.concatenate([part.measured.time for part in parts])
-            whole = replace(whole, time=time, data=np.concatenate([part.measured.data for part in parts]))
+            whole = strung_together([part.measured for part in parts])
         own: list[Recording | None] = []
         for _ in models:
             found = [next(data) for _ in parts]
@@ -343,7 +342,8 @@ def _checked(
 ) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
-    scale = np.array([np.std(run.measured[n]) for n in names])
+    read = {n: run.measured.is_read(n) for n in names}
+    scale = np.array([np.std(run.measured[n][read[n]]) for n in names])
     noise = noise_rms(run, names) / scale
     for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
         if step.channel in names:
@@ -355,7 +355,7 @@ def _checked(
             noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i])
 
     def apart(one: Recording, other: Recording) -> Array:
-        return np.array([_rms((one[n] - other[n])[kept]) for n in names]) / scale
+        return np.array([_rms((one[n] - other[n])[kept & read[n]]) for n in names]) / scale
 
     errors, recordings = [], list(simulated[:3])
     for model, recording in zip(models, simulated, strict=True):
@@ -403,7 +403,8 @@ def _log_ratios(
         return np.zeros(0)
     kept = ~held_samples(run.measured)
     columns = [run.measured.index(name) for name in names]
-    errors = [((model.data - run.measured.data)[kept][:, columns]) / scale for model in (without, extended)]
+    read = np.column_stack([run.measured.is_read(name) for name in names])
+    errors = [(((model.data - run.measured.data)[:, columns] * read)[kept]) / scale for model in (without, extended)]
     return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
 
 
@@ -411,7 +412,12 @@ def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> 
     """Return the incoherent rms (n_names,) of a simulation's residual."""
     if simulated is None:
         return np.zeros(len(names))
-    return np.array([incoherent_rms(run, name, run.measured[name] - simulated[name]) for name in names])
+    out = []
+    for name in names:
+        part = longest_read(run.measured, name)  # spectra need neighbouring samples
+        cut = run if part == slice(0, len(run.measured)) else replace(run, measured=run.measured.rows(part), valid=None)
+        out.append(incoherent_rms(cut, name, (run.measured[name] - simulated[name])[part]))
+    return np.array(out)
 
 
 def _rms(x: Array) -> float:

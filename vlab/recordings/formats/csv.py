@@ -13,7 +13,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,23 +24,22 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from vlab import units as known_units
-from vlab.errors import BadRecording, unknown_name
-from vlab.files.text import one_line
+from vlab.errors import BadRecording
 from vlab.recordings.files import refuse
 from vlab.recordings.formats.cells import cut_line, parse_number
+from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
 from vlab.recordings.table import (
+    EVERY,
     MAX_COLUMNS,
     Table,
-    check_version,
-    read_channel,
-    read_meta,
+    unknown_column,
 )
-from vlab.signals import Channel
 
-_SIGNATURE = "vlab-recording"
 _LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
 _LONGEST_PREAMBLE = 2 * MAX_COLUMNS
 _MOST_TITLES = 100
+BLANK_WORDS = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "NULL", "None"]
+"""BLANK_WORDS: contents of a cell without a reading."""
 _BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
@@ -59,6 +58,7 @@ class _Layout:
     comments: tuple[str, ...]
     units: tuple[str, ...] = ()  # units by column, from a line of their own
     titles: int = 0  # lines before the header
+    blank: frozenset[int] = frozenset()  # columns that may have blank cells
 
     def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
         return refuse(self.path, f"line {line}: {what}", fix=fix)
@@ -67,7 +67,14 @@ class _Layout:
         return f"column {index + 1} ({self.names[index]!r})" if index < len(self.names) else f"column {index + 1}"
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read a CSV file, see `vlab.recordings.open_table`.
 
     Parameters
@@ -80,6 +87,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Column names of a file without names, or in place of its names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------
@@ -93,21 +102,24 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
         raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
-    layout = _layout(data, path, names)
-    is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(_SIGNATURE)
-    labels = _labels(layout) if is_ours else None
+    layout = _layout(data, path, names, is_lenient=bool(blanks))
+    is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(SIGNATURE)
+    labels = read_labels(layout.comments, layout.names, path) if is_ours else None
     if labels is not None:
         layout = replace(layout, names=("time", *(channel.name for channel in labels.channels)))
         _check_names(layout.names, len(layout.names), path)
     for name in columns or ():
         if name not in layout.names:
-            raise unknown_name("column", name, layout.names, where=one_line(path))
+            raise unknown_column(name, layout.names, path)
     if columns is not None:
         layout = replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in columns))
+    layout = replace(layout, blank=frozenset(i for i in layout.keep if layout.names[i] in blanks))
     notes: tuple[str, ...] = ()
     if _has_decimal_commas(data, layout):
         body = data[layout.offset :].replace(b",", b".")
         data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
+    if blanks is EVERY and labels is None:
+        return _each(data, layout, notes)
     values = _fast(data, layout) or _slow(data, layout)
     found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
     is_whole = data.endswith((b"\n", b"\r"))
@@ -116,7 +128,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
             notes = (*notes, f"{layout.titles} line{'s' if layout.titles > 1 else ''} before the header not read")
         if not is_whole:
             notes = (*notes, "the last line has no line end: its last number may be cut short")
-        return Table(path=path, columns=found, notes=notes, units=_stated_units(layout))
+        gappy = frozenset(layout.names[i] for i in layout.blank)
+        return Table(path=path, columns=found, notes=notes, units=_stated_units(layout), blanks=gappy)
     if not is_whole or labels.samples != str(values[0].size):
         raise refuse(
             path, f"the file is truncated: {values[0].size} of {labels.samples} samples", fix="copy or export it again"
@@ -125,6 +138,30 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         raise refuse(path, "a complex number among the samples of a recording", fix="the file was edited or is damaged")
     return Table(
         path=path, columns=found, meta=labels.meta, channels=tuple(c for c in labels.channels if c.name in found)
+    )
+
+
+def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
+    """Return the columns that are numbers, and the reason for each other column."""
+    found: dict[str, NDArray[Any]] = {}
+    refused: dict[str, str] = {}
+    try:
+        values = _fast(data, layout) or _slow(data, layout)
+        found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
+    except BadRecording:
+        for i in layout.keep:
+            one = replace(layout, keep=(i,), blank=frozenset({i}))
+            try:
+                found[layout.names[i]] = (_fast(data, one) or _slow(data, one))[0]
+            except BadRecording as error:
+                refused[layout.names[i]] = str(error).removeprefix(f"{layout.path}: ")
+    return Table(
+        path=layout.path,
+        columns=found,
+        refused=refused,
+        notes=notes,
+        units=_stated_units(layout),
+        blanks=frozenset(found),
     )
 
 
@@ -146,8 +183,11 @@ def _lines(data: bytes, path: Path, offset: int = 0) -> Iterator[tuple[int, byte
         offset += len(line)
 
 
-def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
-    """Find comments, delimiter, header and first numbers."""
+def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient: bool = False) -> _Layout:
+    """Find comments, delimiter, header and first numbers.
+
+    A lenient search takes blank cells beside numbers for numbers.
+    """
     comments, content = [], []
     for number, (offset, raw) in enumerate(_lines(data, path), start=1):
         if number > _LONGEST_PREAMBLE:
@@ -160,11 +200,11 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
             comments.append(text.strip()[1:].strip())
         elif text.strip(" \t"):
             content.append((number, offset, text))
-            if len(content) == _MOST_TITLES or _is_all_numbers(text):
+            if len(content) == _MOST_TITLES or _is_all_numbers(text, is_lenient=is_lenient):
                 break
     if not content:
         raise refuse(path, "no numbers in the file", fix="check what was exported")
-    titles, units = _above_numbers(content)
+    titles, units = _above_numbers(content, is_lenient=is_lenient)
     content = content[titles:]
     delimiter = _delimiter(content[min(1, len(content) - 1)][2])
     number, offset, text = content[0]
@@ -172,7 +212,9 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None) -> _Layout:
     width, trailing = len(cells), len(cells) > 1 and not cells[-1]
     cells = cells[:-1] if trailing else cells
     numeric = [_is_number(cell, delimiter) for cell in cells]
-    if any(numeric) and not all(numeric):
+    if any(numeric) and not all(
+        is_one or (is_lenient and not cell) for is_one, cell in zip(numeric, cells, strict=True)
+    ):
         bad = cells[numeric.index(False)]
         raise refuse(
             path,
@@ -220,23 +262,26 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
-def _is_all_numbers(text: str) -> bool:
+def _is_all_numbers(text: str, *, is_lenient: bool) -> bool:
     delimiter = _delimiter(text)
-    return all(_is_number(cell, delimiter) for cell in _cells(text, delimiter))
+    numeric = [_is_number(cell, delimiter) or (is_lenient and not cell) for cell in _cells(text, delimiter)]
+    return all(numeric) and any(_is_number(cell, delimiter) for cell in _cells(text, delimiter))
 
 
-def _above_numbers(content: list[tuple[int, int, str]]) -> tuple[int, tuple[str, ...]]:
+def _above_numbers(content: list[tuple[int, int, str]], *, is_lenient: bool) -> tuple[int, tuple[str, ...]]:
     """Return the number of title lines and the units.
 
     The header follows the titles and has as many names as a line has numbers. The units, if any, are on the line after
     the header.
     """
     text = content[-1][2]
-    if len(content) < 3 or not _is_all_numbers(text):
+    if len(content) < 3 or not _is_all_numbers(text, is_lenient=is_lenient):
         return 0, ()
     delimiter = _delimiter(text)
     count = len(_cells(text, delimiter))
     above = [_cells(line, delimiter) for _, _, line in content[:-1]]
+    if is_lenient and len(above[-1]) == text.count(delimiter) + 1:
+        count = len(above[-1])  # the last cell is blank, and no delimiter too many
     if len(above[-1]) != count or any(_is_number(cell, delimiter) for cell in above[-1]):
         return 0, ()  # no header fits: the message refers to the first lines
     is_units = len(above[-2]) == count and all(_is_unit(cell) for cell in above[-1])
@@ -327,13 +372,16 @@ def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
             read_options=pa.csv.ReadOptions(column_names=labels, use_threads=False),
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False),
             convert_options=pa.csv.ConvertOptions(
-                column_types={k: pa.float64() for k in keep}, include_columns=keep, null_values=[]
+                column_types={k: pa.float64() for k in keep},
+                include_columns=keep,
+                null_values=BLANK_WORDS if layout.blank else [],
             ),
         )
     except (pa.ArrowException, ValueError):  # the slow reader locates the fault
         return None
     values = [table.column(name).to_numpy() for name in keep]
-    return values if all(np.isfinite(v).all() for v in values) else None
+    fine = [~np.isinf(v) if i in layout.blank else np.isfinite(v) for i, v in zip(layout.keep, values, strict=True)]
+    return values if all(f.all() for f in fine) else None
 
 
 def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
@@ -389,13 +437,17 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
     """Return the number in a cell, or raise with its fault."""
     value = parse_number(cell)
     where = layout.column(index)
+    if index in layout.blank and (cell in BLANK_WORDS or (value is not None and math.isnan(value.real))):
+        return math.nan
     if value is None and is_last and index == layout.width - 1:
         raise layout.fail(
             line, f"the file is truncated: {where} is {cell!r} and the line does not end", fix="copy or export it again"
         )
     if value is None and not cell:
         raise layout.fail(
-            line, f"{where} is empty", fix="fill or cut the gap; columns that no channel names are not read"
+            line,
+            f"{where} is empty",
+            fix="cut the gap, or name another column; columns that no channel names are not read",
         )
     if value is None:
         fix = "lines after the header hold numbers only"
@@ -424,39 +476,4 @@ def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecordi
         line,
         f"{cells} cells where {layout.width} are expected",
         fix="every line needs the same columns; check the delimiter",
-    )
-
-
-# ------------------------------------------------------------------------------------------------- vlab's own form
-
-
-def _header(channels: Sequence[Channel]) -> list[str]:
-    return ["time [s]", *(f"{channel.name} [{channel.unit}]" for channel in channels)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Labels:
-    """Contents of a vlab file's comment lines."""
-
-    channels: tuple[Channel, ...]
-    samples: str
-    meta: dict[str, Any]
-
-
-def _labels(layout: _Layout) -> _Labels:
-    """Read a vlab file's comment lines.
-
-    The labels must agree with the header.
-    """
-    path = layout.path
-    check_version(layout.comments[0].removeprefix(_SIGNATURE).strip(), path)
-    entries = [comment.partition(":")[::2] for comment in layout.comments[1:]]
-    channels = tuple(read_channel(cut_line(text, ";", path, 1), path) for key, text in entries if key == "channel")
-    if layout.names != tuple(_header(channels)):
-        raise refuse(path, "the header and the channel labels do not agree", fix="the file was edited or is damaged")
-    single = {key: text.strip() for key, text in entries if key != "channel"}
-    return _Labels(
-        channels=channels,
-        samples=single.get("samples", "an unknown number of"),
-        meta=read_meta(single.get("meta", "{}"), path),
     )

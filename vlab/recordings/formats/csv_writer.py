@@ -10,7 +10,7 @@ import numpy as np
 from vlab.errors import BadRecording
 from vlab.recordings.files import PathLike, refuse, written_whole
 from vlab.recordings.formats.cells import cut_line
-from vlab.recordings.formats.csv import _SIGNATURE, _header
+from vlab.recordings.formats.csv_labels import SIGNATURE, header_of
 from vlab.recordings.table import (
     FORMAT_VERSION,
     meta_to_json,
@@ -40,7 +40,7 @@ def write_csv(recording: Recording, path: PathLike) -> tuple[str, ...]:
         A label cannot be written as CSV text.
     """
     lines = [
-        f"# {_SIGNATURE} {FORMAT_VERSION}",
+        f"# {SIGNATURE} {FORMAT_VERSION}",
         f"# samples: {len(recording)}",
         f"# meta: {meta_to_json(recording.meta, path)}",
     ]
@@ -55,7 +55,7 @@ def write_csv(recording: Recording, path: PathLike) -> tuple[str, ...]:
                 fix="rename it, or write .parquet",
             )
         lines.append(f"# channel: {text}")
-    lines.append(_write_cells(_header(recording.channels), ","))
+    lines.append(_write_cells(header_of(recording.channels), ","))
     with written_whole(path) as stream:
         stream.write(("\n".join(lines) + "\n").encode())
         for start in range(0, len(recording), 16384):
@@ -74,8 +74,8 @@ def _write_cells(cells: Sequence[str], delimiter: str) -> str:
 
 def _survives(text: str, channel: Channel, path: PathLike) -> bool:
     try:
-        header = cut_line(_write_cells(_header([channel]), ","), ",", Path(path), 1)
+        header = cut_line(_write_cells(header_of([channel]), ","), ",", Path(path), 1)
         label = text.isprintable() and read_channel(cut_line(text, ";", Path(path), 1), path)
     except (BadRecording, UnicodeEncodeError):
         return False
-    return label == channel and header == _header([channel])
+    return label == channel and header == header_of([channel])

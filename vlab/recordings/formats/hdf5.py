@@ -5,8 +5,9 @@ and plug-in filters are named and never followed. A data set with unwritten part
 fill them with zeros.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from vlab.files.text import one_line
 from vlab.recordings.files import refuse
@@ -15,19 +16,31 @@ from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import Table
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read an HDF5 file, see `vlab.recordings.open_table`.
 
     `vlab.recordings.formats.variables.Variables` gives the column names.
     """
     if names is not None:
         raise refuse(path, "an HDF5 file names its own data sets", fix="leave out names")
-    return read_variables("read_hdf5", data, path, columns, library="h5py", install="h5py", is_matlab=False)
+    return read_variables("read_hdf5", data, path, columns, blanks=blanks, library="h5py", install="h5py")
 
 
-def read_matlab(data: bytes, path: Path, *, columns: Sequence[str] | None = None) -> Table:
+def read_matlab(
+    data: bytes, path: Path, *, columns: Sequence[str] | None = None, blanks: Collection[str] = frozenset()
+) -> Table:
     """Read the variables of a MAT 7.3 file."""
-    return read_variables("read_hdf5", data, path, columns, library="h5py", install="h5py", is_matlab=True)
+    options = {"matlab": True}
+    return read_variables(
+        "read_hdf5", data, path, columns, blanks=blanks, library="h5py", install="h5py", options=options
+    )
 
 
 def read_variables(
@@ -38,7 +51,8 @@ def read_variables(
     *,
     library: str,
     install: str,
-    is_matlab: bool = False,
+    blanks: Collection[str] = frozenset(),
+    options: Mapping[str, Any] | None = None,
 ) -> Table:
     """Read a file's variables in an isolated process.
 
@@ -52,10 +66,14 @@ def read_variables(
         Path of the file, for messages.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
     library, install : str
         Required library and its package to install.
-    is_matlab : bool
-        Whether MATLAB's conventions apply.
+    blanks : collection of str
+        Columns that may hold NaN.
+    options : mapping, optional
+        Options of the reader.
 
     Returns
     -------
@@ -67,7 +85,9 @@ def read_variables(
     BadRecording
         The file is damaged.
     """
-    answer = read_isolated(reader, data, path, library=library, install=install, options={"matlab": is_matlab})
+    answer = read_isolated(
+        reader, data, path, library=library, install=install, options={"matlab": False, **(options or {})}
+    )
     found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
     try:
         for name, value in answer["variables"]:
@@ -75,4 +95,4 @@ def read_variables(
     except Damaged as error:
         raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
     found.meta = answer["meta"] | found.meta
-    return found.table(path, columns)
+    return found.table(path, columns, blanks)

@@ -16,7 +16,7 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -214,7 +214,14 @@ def _complex(real: NDArray[Any], imaginary: NDArray[Any]) -> NDArray[Any] | Skip
     return both
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read a MAT file, see `vlab.recordings.open_table`.
 
     `vlab.recordings.formats.variables.Variables` gives the column names.
@@ -229,6 +236,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Must be None, because the file has its own names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------
@@ -243,7 +252,7 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     if names is not None:
         raise refuse(path, "a MAT file names its own variables", fix="leave out names")
     if data[:10] == b"MATLAB 7.3" or data[:4] == b"\x89HDF" or data[512:516] == b"\x89HDF":
-        return hdf5.read_matlab(data, path, columns=columns)
+        return hdf5.read_matlab(data, path, columns=columns, blanks=blanks)
     if len(data) < 136 or data[126:128] not in (b"IM", b"MI") or data[124:126] not in (b"\0\1", b"\1\0"):
         raise refuse(path, "not a MAT file of version 5 to 7.3", fix="save as -v7: save('name.mat', ..., '-v7')")
     found, own = Variables(), {}
@@ -257,7 +266,7 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
             own[name] = value
     except Damaged as error:
         raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
-    return _own_table(own, path, columns) if _OWN in found.meta else found.table(path, columns)
+    return _own_table(own, path, columns) if _OWN in found.meta else found.table(path, columns, blanks)
 
 
 # ------------------------------------------------------------------------------------------------- vlab's own form

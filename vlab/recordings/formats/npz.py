@@ -7,7 +7,7 @@ each array's header against the available bytes. Anything but plain numbers is n
 import io
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,14 @@ _LONGEST_HEADER = 10_000  # numpy's own limit, above which its parser is unsafe
 _LONGEST_TEXT = 10_000
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read an NPZ file, see `vlab.recordings.open_table`.
 
     `vlab.recordings.formats.variables.Variables` gives the column names.
@@ -40,6 +47,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Must be None, because the file has its own names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------
@@ -68,10 +77,10 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
             if not info.filename.endswith(".npy"):
                 found.notes.append(f"{info.filename}: no array, skipped")
                 continue
-            found.add(info.filename.removesuffix(".npy"), _array(_member(archive, info), info.filename))
+            found.add(info.filename.removesuffix(".npy"), array_of(_member(archive, info), info.filename))
     except Damaged as error:
         raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
-    return found.table(path, columns)
+    return found.table(path, columns, blanks)
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
@@ -91,7 +100,30 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     return content
 
 
-def _array(content: bytes, name: str) -> NDArray[Any] | str | Skipped:
+def array_of(
+    content: bytes, name: str, *, is_structured: bool = False
+) -> NDArray[Any] | dict[str, NDArray[Any]] | str | Skipped:
+    """Return the array of an NPY file's bytes.
+
+    Parameters
+    ----------
+    content : bytes
+        Bytes of the file.
+    name : str
+        Name for messages.
+    is_structured : bool
+        Whether the fields of a structured array are wanted.
+
+    Returns
+    -------
+    array, dict, str or Skipped
+        Array, fields by name, text, or the reason of a refusal.
+
+    Raises
+    ------
+    Damaged
+        The header contradicts the bytes.
+    """
     stream = io.BytesIO(content)
     try:
         version = npy.read_magic(stream)
@@ -102,7 +134,8 @@ def _array(content: bytes, name: str) -> NDArray[Any] | str | Skipped:
         raise Damaged(f"array {name!r} has a damaged header: {error}") from error
     if dtype.hasobject:
         return Skipped("a pickle, which could run a program and is never opened; save numbers only")
-    if dtype.names or dtype.kind == "V":
+    has_fields = bool(dtype.names) and is_structured and len(shape) == 1
+    if (dtype.names or dtype.kind == "V") and not has_fields:
         return Skipped(f"a structured array ({dtype}); save its fields one by one")
     declared, there = math.prod(shape) * dtype.itemsize, len(content) - stream.tell()
     if declared != there or any(length < 0 for length in shape):
@@ -110,6 +143,8 @@ def _array(content: bytes, name: str) -> NDArray[Any] | str | Skipped:
     if dtype.itemsize == 0 or not there:
         return np.empty(0)
     values = np.frombuffer(content, dtype=dtype, offset=stream.tell())
+    if has_fields:
+        return {key: np.ascontiguousarray(values[key]) for key in dtype.names or ()}
     if dtype.kind in "US":
         return _text(values)
     return values.reshape(shape, order="F" if is_fortran else "C")

@@ -9,7 +9,7 @@ import hashlib
 import json
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from vlab.recordings import files
 from vlab.recordings.files import PathLike, refuse, written_whole
+from vlab.recordings.formats import vectors
 from vlab.recordings.table import (
     FORMAT_VERSION,
     MAX_COLUMNS,
@@ -28,6 +29,7 @@ from vlab.recordings.table import (
     not_finite,
     read_channel,
     read_meta,
+    unknown_column,
 )
 from vlab.signals import Channel, Recording
 
@@ -91,7 +93,14 @@ def _digest(channels: Sequence[Channel], meta: str, rows: int) -> str:
     return hashlib.sha256(json.dumps([labels, meta, rows]).encode()).hexdigest()
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read a Parquet file, see `vlab.recordings.open_table`.
 
     Parameters
@@ -104,6 +113,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Must be None, because the file has its own names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------
@@ -122,24 +133,31 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     if len(schema.names) > MAX_COLUMNS:
         raise refuse(path, f"the file declares {len(schema.names)} columns, at most {MAX_COLUMNS} are read")
     refused, wanted = _choose(schema, columns)
-    declared, limit = rows * 8 * len(wanted), files.unpacked_limit(len(data))
+    declared, limit = 8 * _values(file, wanted), files.unpacked_limit(len(data))
     if rows < 1 or declared > limit:
         raise refuse(path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {limit} bytes are read")
     table = file.read(columns=wanted, use_threads=False)
     found: dict[str, Any] = {}
-    for name in wanted:
-        values = _numbers(table.column(name))
-        if isinstance(values, str):
-            refused[name] = values
-        else:
-            found[name] = values
+    for field_name in wanted:
+        for name, values in vectors.elements(field_name, table.column(field_name), refused):
+            if columns is not None and name not in columns:
+                continue
+            numbers = _numbers(values, may_be_blank=name in blanks)
+            if isinstance(numbers, str):
+                refused[name] = numbers
+            else:
+                found[name] = numbers
+    missing = next((name for name in columns or () if name not in found and name not in refused), None)
+    if missing is not None:
+        raise unknown_column(missing, vectors.all_names(file), path, others=_choose(schema, None)[0])
     metadata = {
         key.decode(): value.decode(errors="replace")
         for key, value in (schema.metadata or {}).items()
         if key != b"ARROW:schema"
     }
     if "vlab-recording" not in metadata:
-        return Table(path=path, columns=found, refused=refused, meta=metadata)
+        gappy = frozenset(name for name in found if name in blanks)
+        return Table(path=path, columns=found, refused=refused, meta=metadata, blanks=gappy)
     check_version(metadata["vlab-recording"], path)
     if refused:
         raise refuse(
@@ -160,31 +178,44 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
     return Table(path=path, columns=found, meta=read_meta(metadata.get("meta", ""), path), channels=channels)
 
 
+def _values(file: Any, wanted: Sequence[str]) -> int:
+    """Return the number of values that the file declares for some fields."""
+    metadata, count = file.metadata, 0
+    for group in range(metadata.num_row_groups):
+        for leaf in range(metadata.num_columns):
+            column = metadata.row_group(group).column(leaf)
+            if any(column.path_in_schema == name or column.path_in_schema.startswith(f"{name}.") for name in wanted):
+                count += column.num_values
+    return max(count, metadata.num_rows * len(wanted))
+
+
 def _choose(schema: Any, columns: Sequence[str] | None) -> tuple[dict[str, str], list[str]]:
     """Return refused fields with reasons, and wanted fields."""
     refused, wanted, times = {}, [], Counter(schema.names)
+    fields = None if columns is None else {*columns, *(vectors.field_of(name, schema.names) for name in columns)}
     for field in schema:
-        if columns is not None and field.name not in columns:
+        if fields is not None and field.name not in fields:
             continue
         if times[field.name] > 1:
             refused[field.name] = "the name stands more than once in the file"
-        elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type) or pa.types.is_boolean(field.type):
+        elif vectors.is_numeric(field.type) or vectors.is_vector(field.type):
             wanted.append(field.name)
         else:
             refused[field.name] = f"it holds {field.type}, not numbers; a time must be in seconds"
     return refused, wanted
 
 
-def _numbers(column: Any) -> Any:
+def _numbers(column: Any, *, may_be_blank: bool) -> Any:
     """Return a column as float64, or the reason of refusal."""
-    if column.null_count:
+    if column.null_count and not may_be_blank:
         first = int(np.argmax(column.is_null().to_numpy()))
         return f"empty at sample {first} ({column.null_count} of {len(column)} samples are empty)"
     try:
         values = column.cast(pa.float64()).to_numpy()
     except pa.ArrowInvalid as error:
         return f"it has numbers beyond the precision of a float ({error}); subtract the start of a clock"
-    return values if np.isfinite(values).all() else not_finite(values)
+    is_fine = not np.isinf(values).any() if may_be_blank else np.isfinite(values).all()
+    return values if is_fine else not_finite(values)
 
 
 def _channel(field: Any, path: Path) -> Channel:

@@ -5,7 +5,7 @@ optional extra, ``vlab[tdms]``. npTDMS trusts the counts in a file's headers and
 `vlab.recordings.isolated`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from vlab.recordings.files import refuse
@@ -13,8 +13,16 @@ from vlab.recordings.formats.hdf5 import read_variables
 from vlab.recordings.table import Table
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read a TDMS file, see `vlab.recordings.open_table`."""
     if names is not None:
         raise refuse(path, "a TDMS file names its own channels", fix="leave out names")
-    return read_variables("read_tdms", data, path, columns, library="nptdms", install="'vlab[tdms]' (npTDMS)")
+    install = "'vlab[tdms]' (npTDMS)"
+    return read_variables("read_tdms", data, path, columns, blanks=blanks, library="nptdms", install=install)

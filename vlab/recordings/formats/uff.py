@@ -8,7 +8,7 @@ one data set.
 
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,14 @@ _DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 1
 _SIGNATURE = "vlab-recording"
 
 
-def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns: Sequence[str] | None = None) -> Table:
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
     """Read a universal file, see `vlab.recordings.open_table`.
 
     Parameters
@@ -39,6 +46,8 @@ def read(data: bytes, path: Path, *, names: Sequence[str] | None = None, columns
         Must be None, because the file has its own names.
     columns : sequence of str or None
         Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
 
     Returns
     -------

@@ -4,7 +4,8 @@ Structs and matrices are split by name.
 """
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,45 @@ def to_float(values: NDArray[Any]) -> NDArray[Any] | str:
     return wide
 
 
+_PART = re.compile(r"(.*\S)\s*\[([\s\d:,-]+)\]")
+
+
+def part_of(name: str, arrays: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
+    """Return the part of an array that a name with indices means.
+
+    ``y[:, 2]`` is a column, counted from zero. ``y[:, :, 0]`` strings the second axis together: samples of an array
+    (samples, periods, realisations) then run through all periods of the first realisation.
+
+    Parameters
+    ----------
+    name : str
+        Name of an array with one index or ``:`` for each axis.
+    arrays : mapping of str to array
+        Arrays of the file.
+
+    Returns
+    -------
+    (n,) array or None
+        Samples along the first ``:``, then along each later one; None if the name means no part.
+    """
+    match = _PART.fullmatch(name.strip())
+    array = None if match is None else arrays.get(match[1])
+    if match is None or array is None:
+        return None
+    words = [word.strip() for word in match[2].split(",")]
+    if len(words) != array.ndim or ":" not in words:
+        return None
+    index: list[Any] = []
+    for word, length in zip(words, array.shape, strict=True):
+        if word == ":":
+            index.append(slice(None))
+        elif re.fullmatch(r"-?\d{1,9}", word) and -length <= int(word) < length:
+            index.append(int(word))
+        else:
+            return None
+    return np.ascontiguousarray(np.ravel(array[tuple(index)], order="F"))
+
+
 @dataclass
 class Variables:
     """Collected columns and refusals of a file.
@@ -68,6 +108,9 @@ class Variables:
     notes: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    gappy: dict[str, NDArray[Any]] = field(default_factory=dict)
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
 
     def add(self, name: str, value: Any) -> None:
         """Add a value under its name.
@@ -104,7 +147,7 @@ class Variables:
         else:
             self._array(name, value)
 
-    def table(self, path: Path, columns: Sequence[str] | None) -> Table:
+    def table(self, path: Path, columns: Sequence[str] | None, blanks: Collection[str] = frozenset()) -> Table:
         """Return the table of requested columns.
 
         Parameters
@@ -112,14 +155,28 @@ class Variables:
         path : Path
             Path of the file, for messages.
         columns : sequence of str or None
-            Columns to keep; all if none matches.
+            Columns to keep; all if none matches. ``y[:, 0]`` names a part of an array, see `part_of`.
+        blanks : collection of str
+            Columns that may hold NaN.
 
         Returns
         -------
         Table
             Table.
         """
-        chosen = self.columns if columns is None else {k: v for k, v in self.columns.items() if k in columns}
+        for name in columns or ():
+            if (
+                name not in self.columns
+                and name not in self.refused
+                and (found := part_of(name, self.arrays)) is not None
+            ):
+                self._array(name, found)
+        other = {self.aliases.get(name, name) for name in blanks}
+        for name in [name for name in self.gappy if name in blanks or name in other]:
+            self.columns[name] = self.gappy[name]
+            del self.refused[name]
+        wanted = None if columns is None else {self.aliases.get(name, name) for name in columns}
+        chosen = self.columns if wanted is None else {k: v for k, v in self.columns.items() if k in wanted}
         kept = chosen or self.columns
         return Table(
             path=path,
@@ -128,6 +185,8 @@ class Variables:
             notes=tuple(self.notes),
             meta=self.meta,
             units={name: unit for name, unit in self.units.items() if name in kept},
+            blanks=frozenset(name for name in kept if name in self.gappy),
+            aliases=self.aliases,
         )
 
     def _group(self, name: str, what: str, parts: dict[str, Any]) -> None:
@@ -146,6 +205,8 @@ class Variables:
         if isinstance(value, str):
             self.refused[name] = value
             return
+        if value.ndim > 1:
+            self.arrays[name] = value
         size, shape = value.size, " x ".join(map(str, value.shape))
         if not size:
             self.refused[name] = f"it is empty ({shape})"
@@ -158,6 +219,8 @@ class Variables:
                 self.columns[name] = np.ascontiguousarray(table.reshape(-1))
             else:
                 self.refused[name] = not_finite(table.reshape(-1))
+                if not np.isinf(value).any():
+                    self.gappy[name] = np.ascontiguousarray(table.reshape(-1))
             return
         if math.prod(others) > _WIDEST:
             self.refused[name] = f"it is a matrix of {shape}; more than {_WIDEST} columns are not read"

@@ -36,7 +36,7 @@ def write_stopped(done: RejectedCase, folder: Path) -> list[Section]:
         stream.write((json.dumps(finite(diagnosis.to_json()), indent=2, allow_nan=False) + "\n").encode())
     parts = [Section(title="What is wrong with the files", text=tuple(f"{line}." for line in diagnosis.quality))]
     if done.case.recordings():
-        parts += case_sections(compare_case(done.case.path))
+        parts += case_sections(compare_case(done.case.path, allow_outside=done.case.allow_outside))
     parts.append(Section(title="Next measurement", text=(f"{diagnosis.next_measurement.capitalize()}.",)))
     title = diagnosis.title or done.case.path.parent.name
     words = "The case does not say of its files what they are, so nothing was fitted or sought."

@@ -1,0 +1,133 @@
+"""Places of a model that the name of a column suggests.
+
+Robot logs name joints in many ways: ``shoulder_pan.pos``, ``qpos_0``, ``/joint_states/position[2]``,
+``observation.state[1]``. A suggestion stands in messages and overviews; nothing is taken from a suggestion silently.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+
+from vlab.plants.base import Plant
+from vlab.recordings.overview import kind_of
+
+_INPUTS = ("command", "moment", "force", "voltage", "current")
+"""Kinds of a column that more often drive than show a model."""
+_NUMBER = re.compile(r"(?:\[(\d+)\]|[_/.]?(\d+))\s*(?:[._/]\w+)?\s*$")
+_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suggestion:
+    """Place of a column, with its kind.
+
+    Parameters
+    ----------
+    at : str
+        Actuator, sensor or joint of the model.
+    kind : str
+        Kind of channel.
+    is_input : bool
+        Whether the column drives the model.
+    """
+
+    at: str
+    kind: str
+    is_input: bool
+
+
+def suggest(column: str, plant: Plant, *, is_input: bool | None = None) -> Suggestion | None:
+    """Return the place that the name of a column suggests.
+
+    Parameters
+    ----------
+    column : str
+        Name of the column.
+    plant : Plant
+        Model.
+    is_input : bool, optional
+        Whether the column drives the model; from its name by default.
+
+    Returns
+    -------
+    Suggestion or None
+        None if the name fits no single place. Names count first, then numbers from zero in the order of the model.
+    """
+    kind = kind_of(column)
+    drives = kind in _INPUTS if is_input is None else is_input
+    joints = _joints(plant)
+    if drives:
+        actuators = [tap.name for tap in plant.actuators if tap.name]
+        joint = _named(column, joints)
+        of_joint = _actuators_of(plant, joint) if joint else []
+        at = of_joint[0] if len(of_joint) == 1 else _named(column, actuators) or _numbered(column, actuators, kind)
+        kind = "command" if kind in ("", "position") else kind
+        return None if at is None else Suggestion(at=at, kind=kind, is_input=True)
+    sensors = [tap.name for tap in plant.sensors]
+    sensor = next((tap for tap in plant.sensors if tap.name == column), None)
+    if sensor is not None:
+        return Suggestion(at=sensor.name, kind=sensor.kind, is_input=False)
+    joint = _named(column, joints) or _numbered(column, joints, kind)
+    if joint is not None and kind in ("position", "velocity", "acceleration", ""):
+        return Suggestion(at=f"joint:{joint}", kind=_kind(plant, joint, kind), is_input=False)
+    named = _named(column, sensors)
+    tap = next((tap for tap in plant.sensors if tap.name == named), None)
+    return None if tap is None else Suggestion(at=tap.name, kind=tap.kind, is_input=False)
+
+
+def _joints(plant: Plant) -> list[str]:
+    model = plant.model
+    return [
+        model.joint(i).name for i in range(model.njnt) if int(model.jnt_type[i]) in _ONE_WAY and model.joint(i).name
+    ]
+
+
+def _kind(plant: Plant, joint: str, kind: str) -> str:
+    is_hinge = int(plant.model.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+    words = {"velocity": "velocity", "acceleration": "acceleration"}
+    if kind in words:
+        return f"angular-{kind}" if is_hinge else kind
+    return "angle" if is_hinge else "displacement"
+
+
+def _actuators_of(plant: Plant, joint: str) -> list[str]:
+    model: Any = plant.model
+    number = int(model.joint(joint).id)
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    return [
+        model.actuator(i).name
+        for i in range(model.nu)
+        if int(model.actuator_trntype[i]) in kinds
+        and int(model.actuator_trnid[i, 0]) == number
+        and model.actuator(i).name
+    ]
+
+
+def _words(name: str) -> list[str]:
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return [part.lower() for part in re.split(r"[^a-zA-Z0-9]+", spaced) if part]
+
+
+def _named(column: str, names: Sequence[str]) -> str | None:
+    """Return the name whose words follow each other in a column's name; the longest counts."""
+    words = _words(column)
+    found = []
+    for name in names:
+        own = _words(name)
+        if own and any(words[i : i + len(own)] == own for i in range(len(words) - len(own) + 1)):
+            found.append(name)
+    longest = max((len(_words(name)) for name in found), default=0)
+    best = [name for name in found if len(_words(name)) == longest]
+    return best[0] if len(best) == 1 else None
+
+
+def _numbered(column: str, names: Sequence[str], kind: str) -> str | None:
+    """Return the name of a numbered column, such as ``qpos_0`` or ``position[2]``."""
+    match = _NUMBER.search(column)
+    if match is None or not kind:
+        return None
+    number = int(match[1] or match[2])
+    return names[number] if number < len(names) else None

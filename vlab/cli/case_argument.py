@@ -1,0 +1,15 @@
+"""Arguments of the commands that open a case."""
+
+import argparse
+
+OUTSIDE = "--allow-outside"
+
+
+def add_case(parser: argparse.ArgumentParser) -> None:
+    """Add the case and the permission to read files outside its folder."""
+    parser.add_argument("case", help="read this case folder with case.toml, or case file")
+    parser.add_argument(
+        OUTSIDE,
+        action="store_true",
+        help="read the files that the case names outside its folder, too (default: refuse such a file)",
+    )

@@ -1,0 +1,117 @@
+"""One JSON document: lists of numbers by name, or a list of records."""
+
+import json
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlab.recordings import files
+from vlab.recordings.files import refuse
+from vlab.recordings.formats.records import table_of
+from vlab.recordings.formats.variables import Damaged, Skipped, Variables
+from vlab.recordings.table import Table
+from vlab.recordings.workers.rows import DEEPEST, Rows
+
+MOST_BYTES = 2**28
+"""MOST_BYTES [bytes]: largest document; its objects take some ten times as much memory."""
+
+
+def read(
+    data: bytes,
+    path: Path,
+    *,
+    names: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    blanks: Collection[str] = frozenset(),
+) -> Table:
+    """Read a JSON document, see `vlab.recordings.open_table`.
+
+    A list of objects gives one row an object. An object gives a column for each list of numbers, and dotted names for
+    nested objects. A list of objects in an object gives columns such as ``entries.position``.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    path : Path
+        Path of the file, for messages.
+    names : sequence of str or None
+        Must be None, because the file has its own names.
+    columns : sequence of str or None
+        Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
+
+    Returns
+    -------
+    Table
+        Columns and refusals.
+
+    Raises
+    ------
+    BadRecording
+        The document is damaged or too large.
+    """
+    if names is not None:
+        raise refuse(path, "a JSON document names its own values", fix="leave out names")
+    if len(data) > MOST_BYTES:
+        raise refuse(path, f"a JSON document of {len(data)} bytes", fix="write JSON lines (.jsonl), one object a line")
+    try:
+        content = json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise refuse(path, f"not a JSON document: {error}", fix="name a file with one object a line .jsonl") from error
+    limit = files.unpacked_limit(len(data))
+    try:
+        if _is_records(content):
+            return table_of(_rows(content, limit), path, columns, blanks)
+        if not isinstance(content, dict):
+            raise refuse(path, "the document holds no names", fix='write {"name": [values], ...} or a list of objects')
+        found = Variables()
+        _collect(found, "", content, limit, 0)
+    except (Damaged, ValueError, OverflowError) as error:
+        if isinstance(error, files.BadRecording):
+            raise
+        raise refuse(path, str(error), fix="cut the recording into parts") from error
+    return found.table(path, columns, blanks)
+
+
+def _is_records(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(part, dict) for part in value)
+
+
+def _rows(records: Sequence[Any], limit: int) -> Rows:
+    rows = Rows(limit)
+    for record in records:
+        rows.add(record)
+    return rows
+
+
+def _collect(found: Variables, name: str, value: Any, limit: int, depth: int) -> None:
+    """Add a value and the values inside under dotted names."""
+    if depth > DEEPEST:
+        raise ValueError(f"objects are nested more than {DEEPEST} deep")
+    if _is_records(value):
+        rows = _rows(value, limit)
+        for key, column in rows.arrays().items():
+            found.add(f"{name}.{key}", column)
+        for key, why in rows.refused.items():
+            found.refused[f"{name}.{key}"] = why
+    elif isinstance(value, dict):
+        for key, part in value.items():
+            _collect(found, f"{name}.{key}" if name else str(key), part, limit, depth + 1)
+    elif isinstance(value, list):
+        found.add(name, _array(value))
+    elif isinstance(value, int | float):
+        found.add(name, np.array([float(value)]))
+    elif isinstance(value, str):
+        found.add(name, value)
+
+
+def _array(value: list[Any]) -> Any:
+    try:
+        array = np.array(value, dtype=float)  # null becomes NaN, text raises
+    except (ValueError, TypeError, OverflowError):
+        return Skipped("a list of other things than numbers, or of unequal lists")
+    return array if array.ndim <= 3 else Skipped(f"a list nested {array.ndim} deep")

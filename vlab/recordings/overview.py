@@ -1,0 +1,168 @@
+"""Overview of a file: what each column may be, for a first look.
+
+Units come from the file, from a name or from the range of values. Guesses are named as guesses and change nothing.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vlab import units
+from vlab.recordings.table import Table
+from vlab.signals import Array
+
+WORDS = {
+    "time": ("time", "timestamp", "stamp", "t", "x_value"),
+    "command": ("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
+    "moment": ("torque", "effort", "tau", "moment"),
+    "force": ("force", "load"),
+    "current": ("current", "amp", "amps"),
+    "voltage": ("voltage", "volt", "volts"),
+    "acceleration": ("acc", "accel", "acceleration", "qacc"),
+    "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd"),
+    "position": ("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
+    "frequency": ("freq", "frequency", "f", "hz"),
+}
+"""WORDS: parts of names by the quantity that they suggest; the first match counts."""
+ANGULAR = ("rad", "deg")
+TURN = 2.0 * np.pi
+"""TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
+_SPLIT = re.compile(r"[^a-zA-Z]+|(?<=[a-z])(?=[A-Z])")
+_SUFFIX = re.compile(r"[_\s\[(]([A-Za-z][A-Za-z0-9/^*_]*)[\])]?\s*$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnOverview:
+    """Probable meaning of a column.
+
+    Parameters
+    ----------
+    name : str
+        Name in the file.
+    rows, blank : int
+        Number of samples, and of those without a value.
+    least, greatest : float
+        Range of the values.
+    unit : str
+        Unit stated in the file or in the name; empty if unknown.
+    guess : str
+        Unit that the range suggests, where none is stated.
+    kind : str
+        Quantity that the name suggests; empty if unknown.
+    rate_hz : float or None
+        Sample rate of a column of times.
+    """
+
+    name: str
+    rows: int
+    blank: int
+    least: float
+    greatest: float
+    unit: str
+    guess: str
+    kind: str
+    rate_hz: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain values for a JSON document."""
+        return {
+            "name": self.name,
+            "rows": self.rows,
+            "blank": self.blank,
+            "least": self.least,
+            "greatest": self.greatest,
+            "unit": self.unit,
+            "unit_guess": self.guess,
+            "kind": self.kind,
+            "rate_hz": self.rate_hz,
+        }
+
+
+def overview(table: Table) -> tuple[ColumnOverview, ...]:
+    """Return an overview of the real columns of a table.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of a file.
+
+    Returns
+    -------
+    tuple of ColumnOverview
+        Columns in file order; complex columns by their magnitude.
+    """
+    return tuple(_of_column(table, name) for name in table.names)
+
+
+def kind_of(name: str) -> str:
+    """Return the quantity that a name suggests, or an empty text.
+
+    Parameters
+    ----------
+    name : str
+        Name of a column.
+
+    Returns
+    -------
+    str
+        Key of `WORDS`.
+    """
+    parts = [part.lower() for part in _SPLIT.split(name) if part]
+    return next((kind for kind, words in WORDS.items() if set(parts) & set(words)), "")
+
+
+def _of_column(table: Table, name: str) -> ColumnOverview:
+    values = table[name]
+    kind = "complex" if np.iscomplexobj(values) else kind_of(name)
+    real = np.abs(values) if np.iscomplexobj(values) else values
+    there = real[np.isfinite(real)]
+    unit = table.units.get(name, "") or _unit_in_name(name)
+    rate = _rate(there, unit) if kind == "time" else None
+    if kind == "time" and there.size > 1 and not np.all(np.diff(there) > 0):
+        kind = f"time, starts again {int(np.sum(np.diff(there) <= 0))} times"
+    return ColumnOverview(
+        name=name,
+        rows=len(values),
+        blank=int(len(values) - there.size),
+        least=float(there.min(initial=np.inf)) if there.size else 0.0,
+        greatest=float(there.max(initial=-np.inf)) if there.size else 0.0,
+        unit=unit,
+        guess="" if unit else _guess(kind, there),
+        kind=kind,
+        rate_hz=rate if kind == "time" else None,
+    )
+
+
+def _unit_in_name(name: str) -> str:
+    """Return the unit at the end of a name, such as ``force_N``."""
+    match = _SUFFIX.search(name)
+    if match is None:
+        return ""
+    word = match[1]
+    is_bracketed = name.rstrip().endswith(("]", ")"))
+    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm") or word.lower() in sum(WORDS.values(), ())):
+        return ""
+    return word if units.same_dimension(word, word) else ""
+
+
+def _guess(kind: str, values: Array) -> str:
+    if not values.size:
+        return ""
+    if kind == "time":
+        step = float(np.median(np.diff(values))) if values.size > 1 else 0.0
+        return next((unit for unit, least in (("ns", 1e5), ("us", 500.0), ("ms", 0.5), ("s", 0.0)) if step > least), "")
+    if kind in ("position", "command"):
+        return "deg" if float(np.abs(values).max()) > TURN else "rad or m" if kind == "position" else ""
+    return {"moment": "N m", "force": "N", "current": "A", "voltage": "V", "frequency": "Hz"}.get(kind, "")
+
+
+def _rate(times: Array, unit: str) -> float | None:
+    """Return the sample rate of times [Hz], in their unit or in the guessed one."""
+    if times.size < 2 or not np.all(np.diff(times) > 0):
+        return None
+    said = unit or _guess("time", times)
+    if not units.same_dimension(said or "s", "s"):
+        return None
+    return float((times.size - 1) / ((times[-1] - times[0]) * units.factor(said or "s", "s")))
