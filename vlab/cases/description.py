@@ -91,6 +91,8 @@ class ChannelTable:
     delay_s : float
         Age of the readings at their row's time stamp [s], less than a sample; negative for readings after the stamp.
         The value describes an instrument's skew; longer delays are physics.
+    noise : float or None
+        Standard deviation of the readings' noise in the channel's own unit, if known. The noise counts as white.
     hold : str
         Input between samples. ``"linear"``: a straight line. ``"zero"``: constant from its sample to the next, with
         readings taken before the change. ``"zero-first"``: same, with readings taken after the change. ``"past"``:
@@ -108,6 +110,7 @@ class ChannelTable:
     input: bool = False
     from_rest: bool = False
     delay_s: float = 0.0
+    noise: float | None = None
     hold: Hold = ""
 
     def __post_init__(self) -> None:
@@ -118,6 +121,13 @@ class ChannelTable:
             raise BadCase("from_rest is for what is compared with the model, not for its inputs")
         if self.input and self.delay_s:
             raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
+        if self.noise is not None and self.input:
+            raise BadCase("noise is for what is compared with the model, not for its inputs")
+        if self.noise is not None and not 0 < self.noise < np.inf:
+            raise BadCase(
+                f"noise is {self.noise:g}; it must be a positive standard deviation in {self.unit or 'the unit of the file'}; "
+                "leave it out where it is unknown"
+            )
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
             check_unit_of_kind(self.unit, self.kind, si)
@@ -147,6 +157,11 @@ class ChannelTable:
             offset=self.offset,
             is_input=self.input,
         )
+
+    @property
+    def si_noise(self) -> float | None:
+        """Standard deviation of the readings' noise [SI unit of the channel], if the case states one."""
+        return None if self.noise is None else self.noise * abs(self.spec().channel_and_factor()[1])
 
     @property
     def is_held(self) -> bool:

@@ -114,6 +114,18 @@ class NoiseSettings:
     least_segments: int = 8
     """least_segments [1]: fewest segments per input in a coherence estimate, at least 2; default untested. Raising it
     lowers the coherence's bias and resolution."""
+    most_order: int = 60
+    """most_order [1]: largest order of the one-step predictor, at least 1; default ten modes with three times as many
+    coefficients, untested. Raising it predicts more modes and costs time."""
+    most_samples: int = 20000
+    """most_samples [samples]: samples of a record in the one-step predictor, at least 64; default a scatter of 0.5 %,
+    untested. Raising it costs time."""
+    samples_per_unknown: int = 4
+    """samples_per_unknown [1]: fewest samples per coefficient of the predictor, at least 2; default untested. Raising
+    it lowers the order in short records."""
+    repeated: float = 0.1
+    """repeated [1]: largest rms of the difference of two inputs over their rms in a repeat, above 0; default untested.
+    Response to the difference is removed, so raising it accepts repeats whose nonlinear response differs."""
 
 
 @dataclass(frozen=True, kw_only=True)
