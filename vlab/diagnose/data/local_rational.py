@@ -4,7 +4,7 @@ In every narrow band the spectrum R of a signal is
 
     R(k) D(k) = sum_i N_i(k) X_i(k) + T(k) + sum_j c_j Z_j(k) + D(k) V(k),
 
-with polynomials D (D(0) = 1), N_i and T of degree `RESIDUAL_NOISE.degree` in frequency. X are the inputs' spectra, T is
+with polynomials D (D(0) = 1), N_i and T in frequency. X are the inputs' spectra, T is
 the transient of leakage and free decay, Z are spectra of nonlinear functions of the motion. V is the noise. Every line
 of V is a leave-one-out error, so a resonance of few lines does not count as explained.
 
@@ -42,13 +42,14 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
     """
     R = spectrum(residual)[1:]
     X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
-    unknowns = RESIDUAL_NOISE.degree + (len(X) + 1) * (RESIDUAL_NOISE.degree + 1) + len(Z)
+    degree = RESIDUAL_NOISE.degree
+    unknowns = degree + (len(X) + 1) * (degree + 1) + len(Z)
     count = len(R) // (RESIDUAL_NOISE.lines_per_unknown * unknowns)
     if count == 0:
         return None
     noise = np.zeros(len(R))
     for band in np.array_split(np.arange(len(R)), count):
-        powers = np.vander(np.linspace(-1.0, 1.0, band.size), RESIDUAL_NOISE.degree + 1, increasing=True)
+        powers = np.vander(np.linspace(-1.0, 1.0, band.size), degree + 1, increasing=True)
         columns = [-R[band, None] * powers[:, 1:], powers.astype(complex)]
         columns += [x[band, None] * powers for x in X] + [z[band, None] for z in Z]
         A = np.hstack(columns)
@@ -59,11 +60,7 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
         Q = Q[:, :rank]
         fit = Vh[:rank].conj().T @ ((Q.conj().T @ R[band]) / singular[:rank])
         # leave-one-out residuals, (R - fit) / (1 - leverage); unbounded near a zero of D, so R is the upper bound
-        D = (
-            1.0 + powers[:, 1:] @ (fit[: RESIDUAL_NOISE.degree] / size[: RESIDUAL_NOISE.degree])
-            if np.all(size[: RESIDUAL_NOISE.degree] > 0)
-            else np.ones(band.size)
-        )
+        D = 1.0 + powers[:, 1:] @ (fit[:degree] / size[:degree]) if np.all(size[:degree] > 0) else np.ones(band.size)
         V = np.abs((R[band] - A @ fit) / D) / np.maximum(
             1.0 - np.sum(np.abs(Q) ** 2, axis=1), RESIDUAL_NOISE.least_freedom
         )

@@ -12,6 +12,7 @@ missing physics in one record.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,7 @@ _WORDS: dict[str, str] = {
     "inputs": "from the spectrum without the response to the inputs",
     "innovations": "from the innovations of a linear model",
     "neighbours": "from the differences of neighbouring samples",
+    "steps": "from the steps of the readings",
     "least": "assumed, as the recording shows less",
 }
 
@@ -67,6 +69,7 @@ class NoiseEstimate:
         return _WORDS[self.source].format(count=self.count)
 
 
+@lru_cache(maxsize=128)
 def estimate_noise(run: Run, channel: str) -> NoiseEstimate:
     """Estimate the noise of a channel of a run.
 

@@ -26,7 +26,7 @@ from vlab.diagnose.data.local_rational import noise_lines
 from vlab.diagnose.settings import NOISE
 from vlab.signals import Array
 
-FloorSource = Literal["spectrum", "inputs", "innovations", "neighbours", "least"]
+FloorSource = Literal["spectrum", "inputs", "innovations", "neighbours", "steps", "least"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Floor:
         Rms after any low-pass of the recording [unit of the channel].
     source : str
         ``"spectrum"``, ``"inputs"`` (spectrum without what the inputs explain), ``"innovations"``, ``"neighbours"``,
-        or ``"least"`` for the smallest noise that is assumed.
+        ``"steps"`` of the readings, or ``"least"`` for the smallest noise that is assumed.
     """
 
     sigma: float
@@ -78,13 +78,16 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
     if floor is not None and not _is_answer(column, inputs, freq[floor]):
         level, share = float(np.median(power[floor])), floor.stop / len(power)
     else:
-        bounds: list[tuple[float, FloorSource]] = [(level, source), (2.0 * _innovation(column, inputs), "innovations")]
-        if _is_answer(column, inputs, freq[high]):
+        is_answer = _is_answer(column, inputs, freq[high])
+        bounds: list[tuple[float, FloorSource]] = [(level, source)]
+        if is_answer or not _is_flat(power[high], len(power) // NOISE.groups):
+            bounds.append((2.0 * _innovation(column, inputs), "innovations"))
+        if is_answer:
             bounds.append((_unexplained(column, inputs), "inputs"))
         level, source = min(bounds)
-    grain = grain_of(column) / np.sqrt(12)
-    white, rms = (float(np.hypot(max(np.sqrt(part * level / 2), least), grain)) for part in (1.0, share))
-    source = "least" if level / 2 <= least**2 and grain < least else source
+    grain = grain_of(column) / np.sqrt(12)  # of motion over many steps the rounding is part of the level
+    white, rms = (float(max(np.sqrt(part * level / 2), least, grain)) for part in (1.0, share))
+    source = "steps" if white == grain else "least" if white == least else source
     return Floor(sigma=white, rms=rms, source=source)
 
 
@@ -114,6 +117,14 @@ def _filtered_floor(power: Array, least: float) -> slice | None:
                 return slice(1 + width * (stop - NOISE.flat_groups), 1 + width * stop)
             return None
     return None
+
+
+def _is_flat(power: Array, width: int) -> bool:
+    """Return whether the medians of parts of some bins [bins] of a spectrum agree."""
+    if width < 1:
+        return False
+    groups = np.median(power[: len(power) // width * width].reshape(-1, width), axis=1)
+    return bool(groups.max() < NOISE.flat * groups.min())
 
 
 def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
@@ -213,5 +224,6 @@ def uneven_floor(time: Array, column: Array) -> Floor:
                 weights[:, i] *= t[:, j] / (t[:, j] - t[:, i])
     left = (column[index] - np.sum(weights * column[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1))
     noise, grain = float(np.median(np.abs(left))) / 0.6745, grain_of(column) / np.sqrt(12)
-    level = float(np.hypot(max(noise, least), grain))
-    return Floor(sigma=level, rms=level, source="neighbours" if max(noise, grain) > least else "least")
+    level = max(noise, least, grain)
+    source: FloorSource = "neighbours" if level == noise else "steps" if level == grain else "least"
+    return Floor(sigma=level, rms=level, source=source)

@@ -2,8 +2,8 @@
 
 What inputs and motion determine is equal in every repeat, so the difference of two repeats is noise of any colour and
 origin. Three parts of the difference are no noise: the transient, the response to what the inputs differ by, and the
-response of a structure that changes from repeat to repeat. The local rational method removes all three. The robust
-method of periodic testing takes the same differences [1].
+response of a structure that changes from repeat to repeat. Free decays are fitted to the difference for the first, the
+local rational method removes the other two. The robust method of periodic testing takes the same differences [1].
 
 References
 ----------
@@ -18,9 +18,10 @@ from typing import Literal
 
 import numpy as np
 
-from vlab.cases.channel_map import ORDER, Run
+from vlab.cases.channel_map import Run
 from vlab.diagnose.data.band import uniform
-from vlab.diagnose.data.local_rational import noise_lines, nonlinear_spectra, spectrum
+from vlab.diagnose.data.free_decay import without_decays
+from vlab.diagnose.data.local_rational import noise_lines, spectrum
 from vlab.diagnose.settings import NOISE
 from vlab.signals import Array, Recording
 
@@ -114,10 +115,8 @@ def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | 
     n = min(len(one), len(other))
     y, z = one[channel][:n], other[channel][:n]
     u, w = (np.column_stack([part[d.channel][:n] for d in run.drives]) for part in (one, other))
-    kind = one.channels[one.index(channel)].kind
-    motion = nonlinear_spectra(0.5 * (y + z), ORDER.get(kind, 0), uniform(one.time))
     explained = [spectrum(x) for x in (*(0.5 * (u + w)).T, *(u - w).T) if np.ptp(x) > 0]
-    lines = noise_lines((y - z) / np.sqrt(2.0), explained, motion)
+    lines = noise_lines(without_decays((y - z) / np.sqrt(2.0)), explained)
     return None if lines is None else 2.0 * lines / n**2
 
 

@@ -123,6 +123,12 @@ class NoiseSettings:
     samples_per_unknown: int = 4
     """samples_per_unknown [1]: fewest samples per coefficient of the predictor, at least 2; default untested. Raising
     it lowers the order in short records."""
+    most_decays: int = 24
+    """most_decays [1]: most poles of the transient between repeats, at least 2; default twelve modes, untested. Raising
+    it removes transients of more modes, and more of a noise that a few modes shape."""
+    decay_window: int = 300
+    """decay_window [samples]: samples of the windows in which decays are compared, above `most_decays`; default
+    untested. Raising it separates closer modes and costs time."""
     repeated: float = 0.1
     """repeated [1]: largest rms of the difference of two inputs over their rms in a repeat, above 0; default untested.
     Response to the difference is removed, so raising it accepts repeats whose nonlinear response differs."""
