@@ -34,7 +34,7 @@ def without_decays(x: Array) -> Array:
     window = min(n // 3, NOISE.decay_window)
     if window <= NOISE.most_decays or not np.any(rest):
         return rest
-    rows = np.lib.stride_tricks.sliding_window_view(rest, window)
+    rows = np.lib.stride_tricks.sliding_window_view(rest, window)[:: _step(n)]
     basis = np.linalg.eigh(rows.T @ rows)[1][:, ::-1]
     best, least = rest, n * np.log(np.sum(rest**2))
     for order in range(2, NOISE.most_decays + 1, 2):
@@ -51,5 +51,11 @@ def _left(x: Array, subspace: Array) -> Array:
     poles = poles[np.abs(poles) > 0]
     poles = poles / np.maximum(np.abs(poles), 1.0)  # a transient does not grow
     decays: ComplexArray = np.exp(np.outer(np.arange(len(x)), np.log(poles.astype(complex))))
-    fitted = decays @ np.linalg.lstsq(decays, x.astype(complex))[0]
+    part = slice(None, None, _step(len(x)))
+    fitted = decays @ np.linalg.lstsq(decays[part], x[part].astype(complex))[0]
     return np.asarray(x - fitted.real)
+
+
+def _step(n: int) -> int:
+    """Return the step between the samples of a long signal that enter the fit."""
+    return max(1, n // NOISE.most_samples)

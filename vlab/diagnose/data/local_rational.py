@@ -25,7 +25,12 @@ from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import Array
 
 
-def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> Array | None:
+def noise_lines(
+    residual: Array,
+    linear: Sequence[Array],
+    nonlinear: Sequence[Array] = (),
+    degree: int = RESIDUAL_NOISE.degree,
+) -> Array | None:
     """Return the noise power on every line of a residual's spectrum without the mean.
 
     Parameters
@@ -34,6 +39,8 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
         Residual.
     linear, nonlinear : sequence of (n // 2 + 1,) complex arrays
         Explanatory spectra X and Z.
+    degree : int
+        Degree of the polynomials: resonances that one band may hold.
 
     Returns
     -------
@@ -42,7 +49,6 @@ def noise_lines(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
     """
     R = spectrum(residual)[1:]
     X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
-    degree = RESIDUAL_NOISE.degree
     unknowns = degree + (len(X) + 1) * (degree + 1) + len(Z)
     count = len(R) // (RESIDUAL_NOISE.lines_per_unknown * unknowns)
     if count == 0:

@@ -3,7 +3,8 @@
 What inputs and motion determine is equal in every repeat, so the difference of two repeats is noise of any colour and
 origin. Three parts of the difference are no noise: the transient, the response to what the inputs differ by, and the
 response of a structure that changes from repeat to repeat. Free decays are fitted to the difference for the first, the
-local rational method removes the other two. The robust method of periodic testing takes the same differences [1].
+local rational method removes the other two. The method removes a large part incompletely, so repeats with a large part
+are left out. The robust method of periodic testing takes the same differences [1].
 
 References
 ----------
@@ -116,8 +117,11 @@ def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | 
     y, z = one[channel][:n], other[channel][:n]
     u, w = (np.column_stack([part[d.channel][:n] for d in run.drives]) for part in (one, other))
     explained = [spectrum(x) for x in (*(0.5 * (u + w)).T, *(u - w).T) if np.ptp(x) > 0]
-    lines = noise_lines(without_decays((y - z) / np.sqrt(2.0)), explained)
-    return None if lines is None else 2.0 * lines / n**2
+    apart = (y - z) / np.sqrt(2.0)
+    settled = without_decays(apart)
+    left = [noise_lines(x, explained, degree=degree) for x in (apart, settled) for degree in NOISE.degrees]
+    power = min((2.0 * lines / n**2 for lines in left if lines is not None), key=np.sum, default=None)
+    return power if power is not None and np.sum(power) > NOISE.least_left * np.mean(settled**2) else None
 
 
 def _repeats(one: Run, other: Run) -> bool:
