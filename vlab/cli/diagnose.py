@@ -20,6 +20,8 @@ OF_THE_FIT_ALONE = (
 )
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
+    "partly-explained": "Physics is missing in the model: what was found explains a part of the mismatch, and more is missing.",
+    "unknown-law": "Physics is missing in the model: its place is found, and a tabulated force stands for its law.",
     "nothing-missing": "Nothing is missing: the calibrated model explains the recordings within the noise.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
     "bad-recording": "The recordings are damaged or contradict the case; the model was not judged.",
@@ -80,7 +82,12 @@ def run(arguments: argparse.Namespace) -> Outcome:
 def _text(diagnosis: Diagnosis) -> str:
     is_of_the_fit_alone = diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone
     verdict = OF_THE_FIT_ALONE if is_of_the_fit_alone else VERDICTS[diagnosis.verdict]
-    lines = [in_line(diagnosis.title), "", verdict, ""]
+    lines = [in_line(diagnosis.title), "", verdict]
+    if diagnosis.explained is not None:
+        lines.append(
+            f"Explained: {100 * diagnosis.explained:.0f} % of the mean-square mismatch on {_data_of(diagnosis)}."
+        )
+    lines.append("")
     for finding in diagnosis.findings:
         lines.append(
             f"{finding.name} at {in_line(finding.place)} (probability {finding.probability:.2f}): {finding.words}"
@@ -108,6 +115,10 @@ def _text(diagnosis: Diagnosis) -> str:
         f"{diagnosis.seconds:.0f} s",
     ]
     return "\n".join(lines)
+
+
+def _data_of(diagnosis: Diagnosis) -> str:
+    return "hold-out recordings" if diagnosis.is_held_out else "the fit recordings"
 
 
 def _values(finding: Finding) -> list[str]:

@@ -336,7 +336,7 @@ def _alternatives(done: Done) -> Section:
     key = "probability" if is_told else "remaining_share"
     options = [(_option(a["effect"], a["place"]), float(a[key]), float(a["remaining"])) for a in diagnosis.alternatives]
     best = choice.best
-    is_listed = bool(best.terms) and diagnosis.verdict != "missing-physics"
+    is_listed = bool(best.terms) and not diagnosis.is_naming
     own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
     if not is_listed:
         share = own if is_told else best.normalised_residual / max(before, 1e-300)
