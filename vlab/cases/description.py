@@ -160,7 +160,7 @@ class ChannelTable:
 
     @property
     def si_noise(self) -> float | None:
-        """Standard deviation of the readings' noise [SI unit of the channel], if the case states one."""
+        """Stated standard deviation of the readings' noise [SI unit of the channel]."""
         return None if self.noise is None else self.noise * abs(self.spec().channel_and_factor()[1])
 
     @property

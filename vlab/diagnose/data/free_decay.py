@@ -1,7 +1,7 @@
 """Free decays in a signal, fitted by total least squares on its windows and subtracted.
 
-A sum of m free decays sum_i c_i z_i^t fills an m-dimensional subspace of the signal's windows, which a shift by one
-sample maps onto itself by a matrix with the eigenvalues z_i [1]. The coefficients c_i follow by least squares, m from
+The windows of a sum of m free decays sum_i c_i z_i^t fill an m-dimensional subspace. A shift by one sample maps the
+subspace onto itself, by a matrix with the eigenvalues z_i [1]. The coefficients c_i follow by least squares, m from
 Schwarz's criterion.
 
 References
@@ -17,7 +17,7 @@ from vlab.signals import Array, ComplexArray
 
 
 def without_decays(x: Array) -> Array:
-    """Return a signal without its mean and its free decays.
+    """Return a signal without mean and free decays.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def without_decays(x: Array) -> Array:
 
 
 def _left(x: Array, subspace: Array) -> Array:
-    """Return what the free decays of a subspace (window, order) leave of a signal (n,)."""
+    """Return what the decays of a subspace (window, order) leave of a signal (n,)."""
     poles = np.linalg.eigvals(np.linalg.lstsq(subspace[:-1], subspace[1:])[0])
     poles = poles[np.abs(poles) > 0]
     poles = poles / np.maximum(np.abs(poles), 1.0)  # a transient does not grow

@@ -101,7 +101,7 @@ def noise_rms(run: Run, names: Sequence[str]) -> Array:
 
 
 def known_noise(run: Run, channel: str, column: Array, thin: int = 1) -> NoiseEstimate | None:
-    """Return the noise of a channel that one record alone does not show.
+    """Return stated noise, or noise between repeats.
 
     Stated noise counts as white at the rate of the file, so a thinned record keeps a part of the noise.
 
@@ -134,12 +134,25 @@ def known_noise(run: Run, channel: str, column: Array, thin: int = 1) -> NoiseEs
 
 
 def uneven_noise(time: Array, column: Array) -> float:
-    """Return the standard deviation of the noise of a smooth channel (n,) at uneven times (n,) [s]."""
+    """Return the noise level of a smooth channel at uneven times.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s].
+    column : (n,) array
+        Channel [SI].
+
+    Returns
+    -------
+    float
+        Standard deviation [unit of the channel].
+    """
     return uneven_floor(time, column).sigma
 
 
 def noise_level(column: Array, inputs: Array | None = None) -> float:
-    """Return the standard deviation of an evenly sampled channel's white noise.
+    """Return the noise level of an evenly sampled channel.
 
     Parameters
     ----------
@@ -157,7 +170,9 @@ def noise_level(column: Array, inputs: Array | None = None) -> float:
 
 
 def noise_notes(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
-    """Return a line for each channel: its noise over its rms, and the source.
+    """Return lines on the noise of channels.
+
+    A line gives the noise over the rms, and the source.
 
     Parameters
     ----------

@@ -72,11 +72,12 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
     if len(column) > NOISE.least_segments * NOISE.segment // 2:
         quiet = _spectrum(column, "median")[1]
         power = quiet if np.median(quiet[high]) < NOISE.bursts * np.median(power[high]) else power
-    level, share = float(np.median(power[high])), 1.0
+    low = _median_over_mean(len(column))
+    level, share = float(np.median(power[high])) / low, 1.0
     source: FloorSource = "spectrum"
     floor = _filtered_floor(power, NOISE.cliff * level)
     if floor is not None and not _is_answer(column, inputs, freq[floor]):
-        level, share = float(np.median(power[floor])), floor.stop / len(power)
+        level, share = float(np.median(power[floor])) / low, floor.stop / len(power)
     else:
         is_answer = _is_answer(column, inputs, freq[high])
         bounds: list[tuple[float, FloorSource]] = [(level, source)]
@@ -96,6 +97,12 @@ def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
         column - column.mean(), 1.0, nperseg=min(len(column), NOISE.segment), window="blackmanharris", average=average
     )
     return freq, power
+
+
+def _median_over_mean(count: int) -> float:
+    """Return the median of a Welch spectrum's power over the mean, of chi-squared values (Wilson and Hilferty)."""
+    segments = max(2 * count // NOISE.segment - 1, 1)
+    return (1.0 - 1.0 / (9.0 * segments)) ** 3
 
 
 def _filtered_floor(power: Array, least: float) -> slice | None:
@@ -147,7 +154,7 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
 
 
 def _unexplained(column: Array, inputs: Array | None) -> float:
-    """Return the one-sided density [1/(cycles/sample)] at the top of the spectrum that the inputs leave, inf unknown."""
+    """Return the density at the top of the spectrum that the inputs leave, or inf."""
     moving = [] if inputs is None else [x for x in inputs.T if np.ptp(x) > 0]
     lines = noise_lines(column, [np.fft.rfft(x - x.mean()) for x in moving])
     if lines is None:
@@ -157,7 +164,7 @@ def _unexplained(column: Array, inputs: Array | None) -> float:
 
 
 def _innovation(column: Array, inputs: Array | None) -> float:
-    """Return the bound of a white noise's variance by the one-step predictor, inf for too few samples.
+    """Return the one-step predictor's bound of a white noise's variance, or inf.
 
     The order minimises Schwarz's criterion. One QR factorisation gives the squared error of every order, as columns are
     sorted by lag.

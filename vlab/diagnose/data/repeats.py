@@ -112,7 +112,7 @@ def repeat_noise(run: Run, channel: str) -> RepeatNoise | None:
 
 
 def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | None:
-    """Return the noise power (n // 2,) on the lines of two sections, one value of two readings."""
+    """Return the noise power (n // 2,) on the lines of two sections."""
     n = min(len(one), len(other))
     y, z = one[channel][:n], other[channel][:n]
     u, w = (np.column_stack([part[d.channel][:n] for d in run.drives]) for part in (one, other))
@@ -144,7 +144,7 @@ def _are_equal(u: Array, w: Array) -> bool:
 
 
 def _blocks(run: Run) -> tuple[tuple[Recording, Recording] | None, int]:
-    """Return two successive sections of whole periods at the end of a run, and their number of periods.
+    """Return two successive sections of whole periods, and the number of periods.
 
     Samples of the file before the run count where the run itself is too short.
     """
@@ -171,7 +171,7 @@ def _blocks(run: Run) -> tuple[tuple[Recording, Recording] | None, int]:
 
 
 def _longer(run: Run) -> Recording | None:
-    """Return a run together with the samples before it, where these are on its clock."""
+    """Return a run with the samples before it, if on its clock."""
     before, own = run.before, run.measured
     if before is None:
         return None
