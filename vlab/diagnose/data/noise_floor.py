@@ -100,7 +100,10 @@ def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
 
 
 def _median_over_mean(count: int) -> float:
-    """Return the median of a Welch spectrum's power over the mean, of chi-squared values (Wilson and Hilferty)."""
+    """Return the median over the mean of a Welch spectrum of white noise.
+
+    Power is chi-squared; Wilson and Hilferty's approximation gives its median.
+    """
     segments = max(2 * count // NOISE.segment - 1, 1)
     return (1.0 - 1.0 / (9.0 * segments)) ** 3
 
