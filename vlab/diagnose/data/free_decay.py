@@ -1,4 +1,4 @@
-"""Free decays in a signal, fitted by total least squares on its windows and subtracted.
+"""Free decays in a signal, fitted by total least squares.
 
 The windows of a sum of m free decays sum_i c_i z_i^t fill an m-dimensional subspace. A shift by one sample maps the
 subspace onto itself, by a matrix with the eigenvalues z_i [1]. The coefficients c_i follow by least squares, m from

@@ -31,7 +31,7 @@ def noise_lines(
     nonlinear: Sequence[Array] = (),
     degree: int = RESIDUAL_NOISE.degree,
 ) -> Array | None:
-    """Return the noise power on every line of a residual's spectrum without the mean.
+    """Return the noise power on every line of a residual.
 
     Parameters
     ----------
@@ -104,5 +104,5 @@ def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
 
 
 def spectrum(x: Array) -> Array:
-    """Return the spectrum (n // 2 + 1,) of a signal without its mean."""
+    """Return the spectrum (n // 2 + 1,) without the mean."""
     return np.asarray(np.fft.rfft(x - x.mean()))

@@ -134,7 +134,7 @@ def known_noise(run: Run, channel: str, column: Array, thin: int = 1) -> NoiseEs
 
 
 def uneven_noise(time: Array, column: Array) -> float:
-    """Return the noise level of a smooth channel at uneven times.
+    """Return the noise level at uneven times.
 
     Parameters
     ----------

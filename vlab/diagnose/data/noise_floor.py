@@ -100,7 +100,7 @@ def _spectrum(column: Array, average: str) -> tuple[Array, Array]:
 
 
 def _median_over_mean(count: int) -> float:
-    """Return the median over the mean of a Welch spectrum of white noise.
+    """Return the median over the mean of a white spectrum.
 
     Power is chi-squared; Wilson and Hilferty's approximation gives its median.
     """
@@ -167,7 +167,7 @@ def _unexplained(column: Array, inputs: Array | None) -> float:
 
 
 def _innovation(column: Array, inputs: Array | None) -> float:
-    """Return the one-step predictor's bound of a white noise's variance, or inf.
+    """Return the variance bound of the one-step predictor, or inf.
 
     The order minimises Schwarz's criterion. One QR factorisation gives the squared error of every order, as columns are
     sorted by lag.
@@ -204,7 +204,7 @@ def grain_of(column: Array) -> float:
 
 
 def uneven_floor(time: Array, column: Array) -> Floor:
-    """Estimate the noise of a smooth channel at uneven times.
+    """Estimate the noise at uneven times.
 
     Every sample is compared with the cubic through its four neighbours. The median of the differences is robust to
     jumps.

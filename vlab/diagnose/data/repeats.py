@@ -1,4 +1,4 @@
-"""Noise between repeats: recordings, or periods of one recording, with equal inputs.
+"""Noise between repeats: recordings or periods with equal inputs.
 
 What inputs and motion determine is equal in every repeat, so the difference of two repeats is noise of any colour and
 origin. Three parts of the difference are no noise: the transient, the response to what the inputs differ by, and the
@@ -46,7 +46,7 @@ class RepeatNoise:
     of: Literal["recordings", "periods"]
 
     def rms(self, thin: int = 1) -> float:
-        """Return the noise rms below the Nyquist frequency of a thinned record.
+        """Return the noise rms of a thinned record.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ def with_repeats(runs: Sequence[Run], others: Sequence[Run] = ()) -> tuple[Run, 
 
 @lru_cache(maxsize=64)
 def repeat_noise(run: Run, channel: str) -> RepeatNoise | None:
-    """Estimate the noise of a channel from the repeats of a run.
+    """Estimate the noise of a channel from repeats.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def repeat_noise(run: Run, channel: str) -> RepeatNoise | None:
 
 
 def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | None:
-    """Return the noise power (n // 2,) on the lines of two sections."""
+    """Return the noise power (n // 2,) of two sections."""
     n = min(len(one), len(other))
     y, z = one[channel][:n], other[channel][:n]
     u, w = (np.column_stack([part[d.channel][:n] for d in run.drives]) for part in (one, other))
@@ -137,7 +137,7 @@ def _repeats(one: Run, other: Run) -> bool:
 
 
 def _are_equal(u: Array, w: Array) -> bool:
-    """Return whether inputs (n, k) move and are equal to a small share."""
+    """Return whether moving inputs (n, k) are equal."""
     size = np.std(u, axis=0)
     moving = np.maximum(size, np.std(w, axis=0)) > 0
     return bool(np.any(moving) and np.all(np.std(u - w, axis=0)[moving] <= NOISE.repeated * size[moving]))
