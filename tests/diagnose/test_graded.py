@@ -9,7 +9,7 @@ from test_honest_gap import distance, finding, fit_of
 
 from vlab.cases import load_case
 from vlab.diagnose.diagnosis import Attempt
-from vlab.diagnose.findings import graded
+from vlab.diagnose.findings import graded, one_per_law
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.locations import Place
@@ -235,3 +235,16 @@ def test_the_parts_of_a_recording_are_the_recording(chaotic):
 @pytest.mark.slow
 def test_an_exact_chaotic_model_lacks_nothing(chaotic):
     assert diagnose(load_case(chaotic)).diagnosis.verdict == "nothing-missing"
+
+
+def test_one_law_at_several_places_is_one_finding_with_a_value_each():
+    shoulder, elbow = (
+        finding("coulomb-friction", "joint:a", force=0.4),
+        finding("coulomb-friction", "joint:b", force=0.1),
+    )
+    shoulder, elbow = replace(shoulder, explained=0.5), replace(elbow, explained=0.2)
+    first, second = one_per_law([shoulder, finding("quadratic-drag"), elbow])
+    assert first.site == "joint:a, joint:b"
+    assert first.explained == pytest.approx(0.7)
+    assert [p["parameters"]["force"]["value"] for p in first.to_json()["places"]] == [0.4, 0.1]
+    assert second.effect == "quadratic-drag"

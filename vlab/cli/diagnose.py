@@ -90,7 +90,7 @@ def _text(diagnosis: Diagnosis) -> str:
     lines.append("")
     for finding in diagnosis.findings:
         lines.append(
-            f"{finding.name} at {in_line(finding.place)} (probability {finding.probability:.2f}): {finding.words}"
+            f"{finding.name} at {in_line(finding.site)} (probability {finding.probability:.2f}): {finding.words}"
         )
         lines += _values(finding)
         if len(finding.alike) > 1:
@@ -124,8 +124,11 @@ def _data_of(diagnosis: Diagnosis) -> str:
 def _values(finding: Finding) -> list[str]:
     """Return law and parameters of a finding."""
     lines = [f"  law: {finding.law}"]
-    for name, p in finding.parameters.items():
-        lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
+    for place, parameters in finding.places:
+        where = f" at {in_line(place)}" if finding.elsewhere else ""
+        for name, p in parameters.items():
+            interval = f"90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"
+            lines.append(f"  {name}{where} = {p['value']:.4g} {p['unit']}   ({interval})")
     return lines
 
 
@@ -142,7 +145,7 @@ def _attempt(attempt: Attempt) -> list[str]:
     """Return the description of the best attempt, one line per item."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
-        lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
+        lines += [f"  {finding.name} at {in_line(finding.site)}", *_values(finding)]
     return [*lines, ""]
 
 

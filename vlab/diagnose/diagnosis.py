@@ -54,6 +54,8 @@ class Finding:
         Hold-out recordings with a detectable effect; no other recording can verify the finding.
     explained : float
         Share of the mismatch that returns without the finding [1]; NaN where unknown.
+    elsewhere : tuple of (str, dict)
+        Further places of the same law, with their parameters.
     """
 
     effect: str
@@ -68,6 +70,17 @@ class Finding:
     words: str
     verified_by: tuple[str, ...] = ()
     explained: float = float("nan")
+    elsewhere: tuple[tuple[str, dict[str, dict[str, Any]]], ...] = ()
+
+    @property
+    def places(self) -> tuple[tuple[str, dict[str, dict[str, Any]]], ...]:
+        """All places of the law with their parameters, the main place first."""
+        return ((self.place, self.parameters), *self.elsewhere)
+
+    @property
+    def site(self) -> str:
+        """All places in one string."""
+        return ", ".join(place for place, _ in self.places)
 
     @property
     def name(self) -> str:
@@ -81,6 +94,7 @@ class Finding:
             "form": self.form,
             "family": self.family,
             "place": self.place,
+            "places": [{"place": place, "parameters": values} for place, values in self.places],
             "places_90": list(self.places_90),
             "probability": self.probability,
             "class": list(dict.fromkeys([self.effect, self.form, *self.alike])),
@@ -113,7 +127,7 @@ class Attempt:
     @property
     def name(self) -> str:
         """Effects and locations."""
-        return " + ".join(f"{f.name} at {f.place}" for f in self.findings)
+        return " + ".join(f"{f.name} at {f.site}" for f in self.findings)
 
     @property
     def holds(self) -> bool:
@@ -130,7 +144,7 @@ class Attempt:
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document, further effects under ``also``."""
         first, *more = (
-            {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90")}
+            {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90", "explained")}
             for f in self.findings
         )
         return {**first, "also": more, **errors_to_json(self.checked)}

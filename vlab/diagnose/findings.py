@@ -187,6 +187,35 @@ def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance
     return tuple(finding for _, finding in sorted(out, key=lambda item: -item[0]))
 
 
+def one_per_law(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings with the places of every law together.
+
+    Friction in all joints of a machine is one finding with a value for each joint.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Findings in order of what they explain.
+
+    Returns
+    -------
+    tuple of Finding
+        Findings; a law at several places stands where its first place stood.
+    """
+    laws: dict[str, list[Finding]] = {}
+    for finding in findings:
+        laws.setdefault(finding.form, []).append(finding)
+    return tuple(
+        replace(
+            first,
+            elsewhere=tuple((f.place, f.parameters) for f in others),
+            explained=first.explained + sum(f.explained for f in others),
+            verified_by=tuple(dict.fromkeys(name for f in (first, *others) for name in f.verified_by)),
+        )
+        for first, *others in laws.values()
+    )
+
+
 def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
     """Return the hypotheses besides the reported one, best first.
 

@@ -20,6 +20,7 @@ from vlab.diagnose.findings import (
     findings_of_attempt,
     findings_of_terms,
     graded,
+    one_per_law,
 )
 from vlab.diagnose.inference.model_choice import Choice, choose_model
 from vlab.diagnose.parameters.mjcf import unused
@@ -280,7 +281,7 @@ def _report(
     return Diagnosis(
         title=problem.case.table.title,
         verdict=verdict,
-        findings=findings,
+        findings=one_per_law(findings),
         alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.normalised_residual),
         checked=checked,
         mismatch=_mismatch(checked),

@@ -16,7 +16,7 @@ from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.data_findings import DataFindings, look_at_data
 from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
-from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded
+from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded, one_per_law
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
@@ -227,7 +227,7 @@ def _diagnosed(
     if verdict == "partly-explained":
         findings = graded(findings, choice, explained_share(checked) or 0.0)
     diagnosis = replace(
-        _report(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
+        _report(verdict, problem, choice, fit_after, checked, seen, one_per_law(findings), notes, attempt),
         alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
         residual_is_small=is_within_noise(checked, is_structure=is_structure),
         seconds=time.monotonic() - began,

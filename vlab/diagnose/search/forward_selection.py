@@ -182,6 +182,7 @@ def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candid
         key = candidate.effect.physics if candidate.effect.physics in own else f"family:{candidate.effect.family}"
         chosen.setdefault(key, candidate)
         plain = plain_form(candidate, table)
-        chosen.setdefault(f"plain:{plain.label}", plain) if plain is not candidate else None
+        if plain is not candidate:
+            chosen.setdefault(f"plain:{plain.label}", plain)
     order = sorted(chosen.values(), key=lambda c: -c.log_likelihood_gain)
     return order[: FORWARD_SELECTION.fitted]

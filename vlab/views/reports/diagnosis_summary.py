@@ -24,7 +24,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
         "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
     )
     if diagnosis.is_naming:
-        names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.place}" for f in diagnosis.findings)
+        names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.site}" for f in diagnosis.findings)
         if diagnosis.verdict != "missing-physics":
             return (
                 f"The model leaves out {names}, and more: the extended model explains {100 * (diagnosis.explained or 0.0):.0f} % of the "
