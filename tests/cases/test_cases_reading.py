@@ -193,6 +193,13 @@ def test_a_case_may_be_any_file_so_that_several_share_a_folder(folder):
         ('time = "t"', "rate_hz = 1e15", "rate_hz is 1e.15; it must be positive and at most 1e.09"),
         ('unit = "mm"', 'unit = "mm"\nscale = 1e300', "no such unit is that far off"),
         ('unit = "mm"', 'unit = "mm"\noffset = inf', "it must be finite"),
+        ('unit = "mm"', 'unit = "mm"\nnoise = 0.0', "noise is 0; it must be a positive standard deviation in mm"),
+        ('unit = "mm"', 'unit = "mm"\nnoise = inf', "it must be finite"),
+        (
+            'kind = "command"\nunit = "N"',
+            'kind = "command"\nunit = "N"\nnoise = 0.1',
+            "noise is for what is compared with the model",
+        ),
         ("title", "= =", "malformed TOML"),
     ],
 )
@@ -230,6 +237,16 @@ def test_what_a_file_reads_at_rest_is_taken_off(folder):
     plain = load_case(folder).runs()[0].measured["laser"]
     change(folder, 'unit = "mm"', 'unit = "mm"\noffset = 50.0')
     np.testing.assert_allclose(load_case(folder).runs()[0].measured["laser"], plain - 0.05)
+
+
+def test_stated_noise_is_in_the_unit_of_the_file(folder):
+    assert load_case(folder).runs()[0].compared[0].noise is None
+    change(folder, 'unit = "mm"', 'unit = "mm"\nnoise = 0.3')
+    (one,) = (c for c in load_case(folder).runs()[0].compared if c.channel == "laser")
+    assert one.noise == pytest.approx(3e-4)
+    change(folder, "noise = 0.3", "noise = 0.3\nscale = -0.002")
+    (one,) = (c for c in load_case(folder).runs()[0].compared if c.channel == "laser")
+    assert one.noise == pytest.approx(6e-4)
 
 
 def test_samples_are_not_fitted_and_held_out(folder):

@@ -6,6 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 from rigs import oscillator_case
 from scipy import signal
+from synthetic import run_of
 
 from vlab.cases import load_case
 from vlab.diagnose.data.noise import noise_level, noise_rms
@@ -44,19 +45,10 @@ def test_noise_is_found_where_a_logger_left_it(seed, is_filtered):
 
 
 def test_a_filter_takes_off_a_part_of_the_noise_itself():
-    class Run:
-        class measured(dict):
-            is_uniform = True
-
-            def is_read(self, name):
-                return np.ones(len(self[name]), dtype=bool)
-
-        drives = ()
-
     _, y, noise = driven(0)
-    Run.measured = Run.measured(y=logged(y + noise))
+    run = run_of(np.arange(N) / 1000.0, {"y": logged(y + noise)})
     # of white noise .72 of the power is left
-    assert noise_rms(Run, ["y"])[0] == pytest.approx(np.sqrt(0.72) * NOISE, rel=0.08)
+    assert noise_rms(run, ["y"])[0] == pytest.approx(np.sqrt(0.72) * NOISE, rel=0.08)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

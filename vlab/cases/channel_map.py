@@ -1,7 +1,7 @@
 """Channel map: drives, compared channels and the law of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import mujoco
@@ -62,6 +62,8 @@ class Compared:
     ----------
     order : int
         Order of the time derivative at a port: 0 position, 1 velocity, 2 acceleration.
+    noise : float or None
+        Standard deviation of the readings' noise that the case states [SI unit of the channel].
     """
 
     channel: str
@@ -70,6 +72,7 @@ class Compared:
     order: int = 0
     actuator: int | None = None
     from_rest: bool = False
+    noise: float | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,6 +117,8 @@ class Run:
         Stated qpos and qvel at the first sample of `measured`.
     period_s : float or None
         Stated period of the excitation [s].
+    repeats : tuple of Recording
+        Other recordings with the inputs of `measured`, sample by sample.
     """
 
     name: str
@@ -128,6 +133,7 @@ class Run:
     valid: NDArray[np.bool_] | None = None
     start: tuple[Array, Array] | None = None
     period_s: float | None = None
+    repeats: tuple[Recording, ...] = ()
 
     @property
     def outputs(self) -> Recording:
@@ -222,19 +228,19 @@ def find_output(plant: Plant, channel: ChannelTable, recording: RecordingTable) 
     BadCase, UnknownName
         No sensor, port or actuator under a law has that name, or its quantity differs.
     """
-    label, at = _label(channel, recording), channel.at
+    label, at, noise = _label(channel, recording), channel.at, channel.si_noise
     sensors = [i for i, tap in enumerate(plant.sensors) if at in (tap.name, tap.at, f"sensor:{tap.name}")]
     for i in sensors:
         if "other" in (plant.sensors[i].kind, channel.kind) or plant.sensors[i].kind == channel.kind:
-            return Compared(channel=label, sensor=i, from_rest=channel.from_rest)
+            return Compared(channel=label, sensor=i, from_rest=channel.from_rest, noise=noise)
     if at in plant.ports and channel.kind in _UNITS[plant.ports[at].unit]:
-        return Compared(channel=label, port=at, order=ORDER[channel.kind], from_rest=channel.from_rest)
+        return Compared(channel=label, port=at, order=ORDER[channel.kind], from_rest=channel.from_rest, noise=noise)
     for i, tap in enumerate(plant.actuators):
         if at in (tap.name, tap.at, f"actuator:{tap.name}") and tap.name and not sensors:
             if recording.controller is None or at not in recording.controller.actuators:
                 raise BadCase(f"{at!r} is an actuator that no law commands; say input = true, or name a sensor")
             _check_input_unit(channel, tap.unit)
-            return Compared(channel=label, actuator=i)
+            return Compared(channel=label, actuator=i, noise=noise)
     if sensors or at in plant.ports:
         kinds = [plant.sensors[i].kind for i in sensors] or list(_UNITS[plant.ports[at].unit])
         raise BadCase(f"{at!r} gives {' or '.join(kinds)}, the column {channel.column!r} is {channel.kind}")

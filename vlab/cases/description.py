@@ -77,6 +77,8 @@ class ChannelTable:
     delay_s : float
         Age of the readings at their row's time stamp [s], less than a sample; negative for readings after the stamp.
         The value describes an instrument's skew; longer delays are physics.
+    noise : float or None
+        Standard deviation of the readings' noise in the channel's own unit, if known. The noise counts as white.
     hold : str
         Input between samples. ``"linear"``: a straight line. ``"zero"``: constant from its sample to the next, with
         readings taken before the change. ``"zero-first"``: same, with readings taken after the change. ``"past"``:
@@ -99,6 +101,7 @@ class ChannelTable:
     input: bool = False
     from_rest: bool = False
     delay_s: float = 0.0
+    noise: float | None = None
     hold: Hold = ""
     time: str = ""
     time_unit: str = ""
@@ -118,6 +121,13 @@ class ChannelTable:
             raise BadCase('hold = "past" needs the rows of the recording; give "zero" or "linear" beside time')
         if self.time_unit:
             check_unit(self.time_unit, "s")
+        if self.noise is not None and self.input:
+            raise BadCase("noise is for what is compared with the model, not for its inputs")
+        if self.noise is not None and not 0 < self.noise < np.inf:
+            raise BadCase(
+                f"noise is {self.noise:g}; it must be a positive standard deviation in {self.unit or 'the unit of the file'}; "
+                "leave it out where it is unknown"
+            )
         si = KIND_UNITS[self.kind]
         if self.scale is None and si is not None:
             check_unit_of_kind(self.unit, self.kind, si)
@@ -153,6 +163,11 @@ class ChannelTable:
             time=self.time,
             time_unit=self.time_unit or time_unit,
         )
+
+    @property
+    def si_noise(self) -> float | None:
+        """Stated standard deviation of the readings' noise [SI unit of the channel]."""
+        return None if self.noise is None else self.noise * abs(self.spec().channel_and_factor()[1])
 
     @property
     def is_held(self) -> bool:

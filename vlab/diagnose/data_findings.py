@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.diagnose.data.command_limit import CommandLimit, find_limit
 from vlab.diagnose.data.mains_interference import MainsInterference
-from vlab.diagnose.data.noise import noise_levels
+from vlab.diagnose.data.noise import noise_levels, noise_notes
 from vlab.diagnose.data.quality import DataQuality, SensorLimit, sensor_limits
 from vlab.diagnose.data.quantisation import SensorStep, sensor_steps
 from vlab.diagnose.diagnosis import Finding
@@ -41,6 +41,8 @@ class DataFindings:
         Data quality of the recordings.
     zeros : tuple of SensorOffset
         Large sensor offsets of the last fit.
+    noise : tuple of str
+        Noise of every channel and its source.
     """
 
     limit: CommandLimit | None
@@ -50,6 +52,7 @@ class DataFindings:
     benign_interferences: tuple[MainsInterference, ...]
     damage: DataQuality
     zeros: tuple[SensorOffset, ...] = ()
+    noise: tuple[str, ...] = ()
 
     @property
     def is_missing(self) -> bool:
@@ -138,4 +141,5 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
         interferences=tuple(big),
         benign_interferences=tuple(small),
         damage=damage,
+        noise=tuple(noise_notes(runs, problem.names)),
     )

@@ -106,6 +106,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
                 channel.update({"offset": known.offset} if known.offset else {})
                 channel.update({"hold": known.hold} if known.hold else {})
                 channel.update({"delay_s": known.delay_s} if known.delay_s else {})
+                channel.update({} if known.noise is None else {"noise": known.noise})
         raw["title"] = f"{case.table.title} (extended)"
         raw["model"]["effect"] = [
             {"name": e.effect.name, "place": e.place, "parameters": {k: float(v) for k, v in e.values.items()}}

@@ -219,6 +219,7 @@ def _diagnosed(
         *(s.line for s in static_offsets),
         *holdout.notes,
         *problem.notes,
+        *seen.noise,
         *confirmed.rejected,
         *model_class.notes,
     )

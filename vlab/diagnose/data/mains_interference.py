@@ -19,7 +19,7 @@ from scipy import signal
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.quality import marked
 from vlab.diagnose.settings import INTERFERENCE
-from vlab.signals import Array
+from vlab.signals import Array, Recording
 
 BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 """BLACKMAN_HARRIS [1]: cosine coefficients of the four-term window with side lobes at -92 dB (Harris 1978)."""
@@ -176,10 +176,16 @@ def remove_mains_interference(run: Run, interferences: Sequence[MainsInterferenc
     if not interferences:
         return run
     run = marked(run)
+    clean = [_without(replace(run, measured=m), interferences) for m in (run.measured, *run.repeats)]
+    return replace(run, measured=clean[0], repeats=tuple(clean[1:]))
+
+
+def _without(run: Run, interferences: Sequence[MainsInterference]) -> Recording:
     data = run.measured.data.copy()
     for interference in interferences:
-        data[:, run.measured.index(interference.channel)] -= interference.on(run)
-    return replace(run, measured=replace(run.measured, data=data))
+        if interference.channel in run.measured.names:
+            data[:, run.measured.index(interference.channel)] -= interference.on(run)
+    return replace(run.measured, data=data)
 
 
 def _sized(interference: MainsInterference, runs: Sequence[Run]) -> MainsInterference:

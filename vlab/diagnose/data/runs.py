@@ -13,9 +13,10 @@ from scipy import signal
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
 from vlab.cases.replay import before
-from vlab.diagnose.data.noise import noise_level
+from vlab.diagnose.data.band import fastest, uniform
+from vlab.diagnose.data.noise import known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
-from vlab.diagnose.settings import NOISE, RUNS
+from vlab.diagnose.settings import RUNS
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -192,39 +193,6 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
                 led=run.u[max(a - RUNS.long_preroll, 0) : a],
             )
         )
-    return out
-
-
-def uniform(time: Array) -> float:
-    """Return the sample period of a record [s], the median of its intervals."""
-    return float(np.median(np.diff(time)))
-
-
-def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
-    """Return the frequency below which nearly all velocity power lies.
-
-    Parameters
-    ----------
-    y : (n, n_channels) array
-        Channels [SI].
-    h : float
-        Sample period [s].
-    orders : sequence of int
-        0 displacement, 1 velocity, 2 acceleration.
-
-    Returns
-    -------
-    float
-        Frequency [Hz].
-    """
-    out = 0.0
-    for column, order in zip(y.T, orders, strict=True):
-        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
-        floor = np.median(power[freq > NOISE.noise_band / (2 * h)]) if freq.size > 8 else 0.0
-        power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
-        total = np.cumsum(power)
-        if total[-1] > 0:
-            out = max(out, float(freq[np.searchsorted(total, RUNS.power_share * total[-1])]))
     return out
 
 
@@ -434,7 +402,14 @@ def signals_of(
         u=u,
         load=load,
         y=y,
-        noise=np.array([noise_level(column, inputs[part]) for column in recorded.T]),
+        noise=np.array(
+            [
+                known.sigma
+                if (known := known_noise(run, c.channel, column, thin))
+                else noise_level(column, inputs[part])
+                for c, column in zip(compared, recorded.T, strict=True)
+            ]
+        ),
         scale=scale,
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         t0=float(grid[part.start]),

@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.clock import plan_clock
+from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 
@@ -76,7 +77,7 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
             notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
     if not runs:
         notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
-    return HoldOut(runs=tuple(runs), notes=(*notes, *_unused(case)))
+    return HoldOut(runs=with_repeats(runs, fitted), notes=(*notes, *_unused(case)))
 
 
 def moves(run: Run) -> bool:

@@ -11,7 +11,8 @@ from vlab.cases.channel_map import ORDER, Compared, Law, Run
 from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay import bench_for
-from vlab.diagnose.data.runs import fastest, uniform
+from vlab.diagnose.data.band import fastest, uniform
+from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
@@ -82,7 +83,7 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
     BadCase
         No recording, too short a recording, or different channels.
     """
-    runs = tuple(case.runs(roles))
+    runs = with_repeats(case.runs(roles))
     if not runs:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")

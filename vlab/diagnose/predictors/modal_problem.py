@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
-from vlab.diagnose.data.runs import Feedthrough, signals_of, uniform
+from vlab.diagnose.data.runs import Feedthrough, signals_of
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes

@@ -9,9 +9,10 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, joint_of
 from vlab.cases.linear_start import exponentials
-from vlab.diagnose.data.noise import noise_level, uneven_noise
+from vlab.diagnose.data.band import uniform
+from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
-from vlab.diagnose.data.runs import liveliest, on_grid, uniform
+from vlab.diagnose.data.runs import liveliest, on_grid
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.settings import TRAJECTORY_DATA
@@ -144,7 +145,14 @@ def read_trajectory_data(
         load=load,
         act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
         y=y,
-        noise=np.array([_noise(grid, column, is_even, np.column_stack([u, load])) for column in y.T]),
+        noise=np.array(
+            [
+                known.sigma
+                if (known := known_noise(run, c.channel, column, thin if is_even else 1))
+                else _noise(grid, column, is_even, np.column_stack([u, load]))
+                for c, column in zip(stepper.channels, y.T, strict=True)
+            ]
+        ),
         scale=np.where(scale > 0, scale, np.abs(y).max(axis=0, initial=0.0) + 1e-12),
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         valid=None if usable.all() else usable,

@@ -114,6 +114,30 @@ class NoiseSettings:
     least_segments: int = 8
     """least_segments [1]: fewest segments per input in a coherence estimate, at least 2; default untested. Raising it
     lowers the coherence's bias and resolution."""
+    most_order: int = 60
+    """most_order [1]: largest order of the one-step predictor, at least 1; default ten modes with three times as many
+    coefficients, untested. Raising it predicts more modes and costs time."""
+    most_samples: int = 20000
+    """most_samples [samples]: samples of a record in the one-step predictor and in the fit of free decays, at least
+    64; default a scatter of 0.5 %, untested. Raising it costs time."""
+    samples_per_unknown: int = 4
+    """samples_per_unknown [1]: fewest samples per coefficient of the predictor, at least 2; default untested. Raising
+    it lowers the order in short records."""
+    most_decays: int = 24
+    """most_decays [1]: most poles of the transient between repeats, at least 2; default twelve modes, untested. Raising
+    it removes transients of more modes, and more of a noise that a few modes shape."""
+    decay_window: int = 300
+    """decay_window [samples]: samples of the windows in which decays are compared, above `most_decays`; default
+    untested. Raising it separates closer modes and costs time."""
+    degrees: tuple[int, ...] = (1, 3)
+    """degrees [1]: degrees of the local polynomials for differences of repeats, from 1; default untested. A further
+    entry explains closer resonances in wider bands and costs time."""
+    least_left: float = 0.25
+    """least_left [1]: least share of the power of a difference of repeats that inputs do not explain, 0 to 1; default
+    half in amplitude, untested. Raising it leaves out repeats of slightly different inputs or structures."""
+    repeated: float = 0.1
+    """repeated [1]: largest rms of the difference of two inputs over their rms in a repeat, above 0; default untested.
+    Response to the difference is removed, so raising it accepts repeats whose nonlinear response differs."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,6 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.diagnose.settings import VALIDATION
-from vlab.signals import Recording
 
 
 def parts_of(run: Run, count: int) -> list[Run]:
@@ -38,9 +37,10 @@ def parts_of(run: Run, count: int) -> list[Run]:
         out.append(
             replace(
                 run,
-                measured=_rows(run.measured, start, stop),
-                before=run.before if start == 0 else _rows(run.measured, 0, start),
+                measured=run.measured.rows(slice(start, stop)),
+                before=run.before if start == 0 else run.measured.rows(slice(0, start)),
                 initial=run.initial if start == 0 else "estimated",
+                start=run.start if start == 0 else None,
                 start=run.start if start == 0 else None,
                 valid=None if run.valid is None else run.valid[start:stop],
             )
@@ -88,7 +88,3 @@ def is_predicted(errors: Sequence[float], noise: float) -> bool:
 def horizon_s(run: Run, count: int) -> float:
     """Return the length of a part [s]; infinite for an uncut recording."""
     return np.inf if count == 1 else float(run.measured.time[-1] - run.measured.time[0]) / count
-
-
-def _rows(recording: Recording, start: int, stop: int) -> Recording:
-    return recording.rows(slice(start, stop))

@@ -11,7 +11,7 @@ from vlab.cases.replay import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference
-from vlab.diagnose.data.noise import noise_rms
+from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.data.residual_noise import incoherent_rms
@@ -344,7 +344,8 @@ def _checked(
     kept = ~held_samples(run.measured)
     read = {n: run.measured.is_read(n) for n in names}
     scale = np.array([np.std(run.measured[n][read[n]]) for n in names])
-    noise = noise_rms(run, names) / scale
+    estimates = [estimate_noise(run, name) for name in names]
+    noise = np.array([estimate.rms for estimate in estimates]) / scale
     for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
         if step.channel in names:
             i = names.index(step.channel)
@@ -352,7 +353,8 @@ def _checked(
     for interference in interferences:
         if interference.channel in names:
             i = names.index(interference.channel)
-            noise[i] = np.hypot(noise[i], float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i])
+            hum = float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i]
+            noise[i] = max(noise[i], hum) if estimates[i].is_of_repeats else np.hypot(noise[i], hum)
 
     def apart(one: Recording, other: Recording) -> Array:
         return np.array([_rms((one[n] - other[n])[kept & read[n]]) for n in names]) / scale

@@ -1,0 +1,42 @@
+"""Sample period of a record, and the band of recorded motion."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from vlab.diagnose.settings import NOISE, RUNS
+from vlab.signals import Array
+
+
+def uniform(time: Array) -> float:
+    """Return the sample period of a record [s], the median of its intervals."""
+    return float(np.median(np.diff(time)))
+
+
+def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
+    """Return the frequency below which nearly all velocity power lies.
+
+    Parameters
+    ----------
+    y : (n, n_channels) array
+        Channels [SI].
+    h : float
+        Sample period [s].
+    orders : sequence of int
+        0 displacement, 1 velocity, 2 acceleration.
+
+    Returns
+    -------
+    float
+        Frequency [Hz].
+    """
+    out = 0.0
+    for column, order in zip(y.T, orders, strict=True):
+        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
+        floor = np.median(power[freq > NOISE.noise_band / (2 * h)]) if freq.size > 8 else 0.0
+        power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
+        total = np.cumsum(power)
+        if total[-1] > 0:
+            out = max(out, float(freq[np.searchsorted(total, RUNS.power_share * total[-1])]))
+    return out
