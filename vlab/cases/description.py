@@ -336,6 +336,8 @@ class FrfTable:
         Unit of the response; the SI unit of the form by default.
     level : float
         Excitation level (rms of the input, in a unit common to all responses of the case), if known.
+    excitation : {"sine", "random"}
+        Whether the level is that of each line of a stepped sine, or of noise over the band of the lines.
     averages : float
         Number of averages of the coherence.
     scale : float
@@ -356,6 +358,7 @@ class FrfTable:
     frequency_unit: str = "Hz"
     unit: str = ""
     level: float | None = None
+    excitation: Literal["sine", "random"] = "sine"
     averages: float = 10.0
     scale: float = 1.0
     conjugate: bool = False

@@ -52,7 +52,9 @@ class Response:
     is_magnitude : bool
         Whether the phase is unknown.
     level : float or None
-        Level of the excitation.
+        Level of the excitation: rms of the input in its unit, or on a scale common to all responses.
+    is_random : bool
+        Whether the excitation is Gaussian noise over the band of the lines, instead of a stepped sine.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Response:
     spread: Array
     is_magnitude: bool
     level: float | None = None
+    is_random: bool = False
 
     @property
     def omega(self) -> Array:
@@ -271,6 +274,7 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
         spread=np.hypot(noise, RESPONSES.slope * change),
         is_magnitude=read.is_magnitude,
         level=table.level,
+        is_random=table.excitation == "random",
     )
 
 
