@@ -154,7 +154,6 @@ def trial_values(effect: Effect) -> dict[str, float]:
     return {p.name: p.grid[len(p.grid) // 2] if p.grid else 1.0 for p in effect.parameters}
 
 
-@cache
 def dependence(effect: Effect) -> Dependence:
     """Return the motion that determines the describing function of a law.
 
@@ -170,6 +169,12 @@ def dependence(effect: Effect) -> Dependence:
     {"displacement", "velocity", "both"}
         Kind of dependence.
     """
+    return _dependence(type(effect))
+
+
+@cache
+def _dependence(law: type[Effect]) -> Dependence:
+    effect = law()
     a, values = np.array(TRIED), trial_values(effect)
     here, fast, large = (_tried(effect, values, x, w) for x, w in ((a, 1.0), (a, 2.0), (2 * a, 1.0)))
     size = SAME * (np.abs(here).max() + np.abs(fast).max())
@@ -187,7 +192,6 @@ def _tried(effect: Effect, values: Values, amplitude: Array, omega: float) -> Co
         return channel_gain(effect, values, amplitude, omega)
 
 
-@cache
 def has_describing_function(effect: Effect) -> bool:
     """Return whether a law acts on first harmonics, and differently at different amplitudes.
 
@@ -204,6 +208,12 @@ def has_describing_function(effect: Effect) -> bool:
     bool
         Whether responses at several levels can identify the law.
     """
+    return _has_describing_function(type(effect))
+
+
+@cache
+def _has_describing_function(law: type[Effect]) -> bool:
+    effect = law()
     if is_linear(effect) or isinstance(effect, PickUp) or getattr(effect, "response", "any") != "any":
         return False
     values, a = trial_values(effect), np.array(TRIED)

@@ -132,6 +132,10 @@ class Modes:
         Shapes of unit maximum; without columns where unknown.
     freq_sd, zeta_sd, shape_sd : (n,) array
         Standard deviations with model error: relative, relative, and of shapes of unit maximum.
+    amplitude : (n,) array or None
+        Amplitude of every mode at `amplitude_at` [m or rad], or on a scale common to all tables; None where unknown.
+    amplitude_at : str
+        Location of the amplitudes.
     """
 
     name: str
@@ -143,6 +147,8 @@ class Modes:
     freq_sd: Array
     zeta_sd: Array
     shape_sd: Array
+    amplitude: Array | None = None
+    amplitude_at: str = ""
 
     @property
     def n(self) -> int:
@@ -355,4 +361,6 @@ def _modes(table: ModalTable, name: str) -> Modes:
         freq_sd=np.hypot(freq_sd, RESPONSES.frequency_error)[order],
         zeta_sd=np.hypot(zeta_sd, RESPONSES.zeta_error)[order],
         shape_sd=np.hypot(shape_sd, RESPONSES.shape_error)[order],
+        amplitude=np.array(table.amplitude)[order] if table.amplitude else None,
+        amplitude_at=(table.amplitude_at or table.at[0]) if table.amplitude else "",
     )

@@ -68,9 +68,9 @@ def equivalent(
     for weight, name, chosen in _units(effect, values):
         key = (name, chosen, low, high, nodes, is_gaussian)
         if nodes:
-            part = _between(effect, key, position, np.broadcast_to(np.log(omega), at.shape))
+            part = _between(type(effect), key, position, np.broadcast_to(np.log(omega), at.shape))
         else:
-            part = _interpolated(_table(effect, *key)[0], position - low)
+            part = _interpolated(_table(type(effect), *key)[0], position - low)
         value += weight * part[0]
         slope += weight * part[1] / _step()
     return Equivalent(value=value * factor, slope=slope * factor)
@@ -112,9 +112,10 @@ def _units(effect: Effect, values: Values) -> list[tuple[float, str, Shapes]]:
 
 @lru_cache(maxsize=2048)
 def _table(
-    effect: Effect, name: str, chosen: Shapes, low: int, high: int, nodes: tuple[float, ...], is_gaussian: bool
+    law: type[Effect], name: str, chosen: Shapes, low: int, high: int, nodes: tuple[float, ...], is_gaussian: bool
 ) -> ComplexArray:
     """Return a unit function at its nodes, (n_frequencies, n_amplitudes)."""
+    effect = law()
     amplitude = np.exp(_step() * np.arange(low, high + 1))
     p = {q.name: 0.0 for q in effect.parameters} | dict(chosen) | ({name: 1.0} if name else {})
     omega = np.array(nodes or (1.0,))
@@ -143,10 +144,10 @@ def _interpolated(table: ComplexArray, position: Array) -> tuple[ComplexArray, C
 
 
 def _between(
-    effect: Effect, key: tuple[str, Shapes, int, int, tuple[float, ...], bool], position: Array, log_omega: Array
+    law: type[Effect], key: tuple[str, Shapes, int, int, tuple[float, ...], bool], position: Array, log_omega: Array
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return a unit function between frequencies, by Lagrange's polynomial in log frequency."""
-    table, low, nodes = _table(effect, *key), key[2], np.log(np.array(key[4]))
+    table, low, nodes = _table(law, *key), key[2], np.log(np.array(key[4]))
     value, slope = np.zeros(position.shape, dtype=complex), np.zeros(position.shape, dtype=complex)
     for i, node in enumerate(nodes):
         others = np.delete(nodes, i)

@@ -72,6 +72,18 @@ class EquivalentTableSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LevelModesSettings:
+    """Settings of `vlab.diagnose.predictors.level_modes`."""
+
+    passes: int = 6
+    """passes [1]: most passes over shape and equivalents of a mode, at least 1; default untested. Raising it helps
+    strong nonlinearity and costs time."""
+    settled: float = 1e-6
+    """settled [1]: relative change of a pole that ends the passes, above 0; default far below the accuracy of tables.
+    Raising it saves time."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LevelResponseSettings:
     """Settings of `vlab.diagnose.predictors.level_response`."""
 
@@ -274,6 +286,7 @@ FREQUENCY_RESIDUAL = FrequencyResidualSettings()
 EQUIVALENT_TABLE = EquivalentTableSettings()
 INNOVATIONS = InnovationsSettings()
 KALMAN = KalmanSettings()
+LEVEL_MODES = LevelModesSettings()
 LEVEL_RESPONSE = LevelResponseSettings()
 MODAL = ModalSettings()
 MODAL_INTEGRATION = ModalIntegrationSettings()
