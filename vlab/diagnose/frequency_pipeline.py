@@ -92,7 +92,7 @@ def diagnose_frequency(
     case : Case
         Case.
     effects : sequence of Effect
-        Candidate effects; the catalogue by default. Nonlinear effects are unidentifiable from linear responses.
+        Candidate effects; the catalogue by default. Nonlinear effects need data at several known levels.
     progress : callable or None
         Receives the completed share and the current step.
 

@@ -165,22 +165,8 @@ class OperatingPoint:
 
     def sensor_gain(self, terms: Sequence[Term] | None = None) -> tuple[ComplexArray, ComplexArray]:
         """Return the gain of nonlinear sensors (n, n_all), and its derivative by the log amplitude."""
-        H = self.sensed
-        gain, slope = np.ones_like(H), np.zeros_like(H)
-        excitation, orders = self.excitation, self.wires.orders
-        for term in self.terms if terms is None else terms:
-            if not isinstance(term.effect, SensorEffect) or not is_level_dependent(term):
-                continue
-            k = term.place.index
-            power = float(orders[k] - self.response.order)
-            signal = H[:, k] * excitation.omega**power * excitation.amplitude
-            size, omega = excitation.size(signal), excitation.frequency(signal)
-            own = equivalent(
-                term.effect, term.values, np.maximum(size, 1e-300), omega, is_gaussian=excitation.is_random
-            )
-            slope[:, k] = slope[:, k] * own.value + gain[:, k] * own.slope
-            gain[:, k] = gain[:, k] * own.value
-        return gain, slope
+        chosen = self.terms if terms is None else terms
+        return sensor_gains(chosen, self.sensed, self.wires.orders, self.response.order, self.excitation)
 
     def follows(self, change: ComplexArray, moved: ComplexArray) -> ComplexArray:
         """Return the change of recorded responses with the feedback through amplitudes.
@@ -198,10 +184,7 @@ class OperatingPoint:
             Change of the recorded responses.
         """
         excitation = self.excitation
-        rate = np.stack(
-            [excitation.change(self.motion[:, e], moved[:, e]) for e in range(len(self.elements))], axis=1
-        ).reshape(len(moved), -1)
-        stiffened = self._stiffened(rate)
+        stiffened = self._stiffened(excitation.change(self.motion, moved))
         push = stiffened * self._unit_motion
         change = change - self._chained((self.outputs @ push[..., None])[..., 0])
         gain, slope = self.sensor_gain()
@@ -209,8 +192,7 @@ class OperatingPoint:
         if np.any(slope):
             sensed = self.sensed
             scale = excitation.amplitude[:, None]
-            columns = [excitation.change(sensed[:, k] * scale[:, 0], change[:, k] * scale[:, 0]) for k in range(sensed.shape[1])]
-            out = out + slope * sensed * np.stack(columns, axis=1)
+            out = out + slope * sensed * excitation.change(sensed * scale, change * scale)
         return np.asarray(out * self.chain.gain)
 
     @property
@@ -249,6 +231,42 @@ class OperatingPoint:
         scale = (self.chain.source * self.excitation.amplitude)[:, None]
         moved = -scale * (push[:, None, :] @ self.solved.loaded)[:, 0]
         return self.follows(direct, moved)
+
+
+def sensor_gains(
+    terms: Sequence[Term], H: ComplexArray, orders: Sequence[int], order: int, excitation: Excitation
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the gains of nonlinear sensors.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        Terms.
+    H : (n, n_all) complex array
+        Responses before the sensors.
+    orders : sequence of int
+        Time derivatives of displacement in every output.
+    order : int
+        Time derivatives of displacement in the responses.
+    excitation : Excitation
+        Excitation.
+
+    Returns
+    -------
+    gain, slope : (n, n_all) complex array
+        Gains, and their derivatives by the log amplitude.
+    """
+    gain, slope = np.ones_like(H), np.zeros_like(H)
+    for term in terms:
+        if not isinstance(term.effect, SensorEffect) or not is_level_dependent(term):
+            continue
+        k = term.place.index
+        signal = H[:, k] * excitation.omega ** float(orders[k] - order) * excitation.amplitude
+        size, omega = np.maximum(excitation.size(signal), 1e-300), excitation.frequency(signal)
+        own = equivalent(term.effect, term.values, size, omega, is_gaussian=excitation.is_random)
+        slope[:, k] = slope[:, k] * own.value + gain[:, k] * own.slope
+        gain[:, k] = gain[:, k] * own.value
+    return gain, slope
 
 
 def operating_point(
@@ -395,5 +413,5 @@ def _by_channel(at: OperatingPoint, terms: Sequence[Term], by: float) -> Complex
     actuator = source_gain([t for t in terms if is_level_dependent(t)], at.wires.actuators[j], at.excitation).value
     chain = Chain(mix=chain.mix, beside=chain.beside, source=chain.source * actuator, gain=chain.gain)
     change = (chain.recorded(at.solved.H) - at.chain.recorded(at.solved.H)) / at.chain.gain / by
-    ratio = (chain.source / at.chain.source - 1.0) / by
-    return at.follows(change, at.motion * ratio[:, None])
+    ratio = chain.source / np.where(at.chain.source == 0, 1.0, at.chain.source) - 1.0
+    return at.follows(change, at.motion * (ratio / by)[:, None])

@@ -246,8 +246,10 @@ def _roots(function: Callable[[Array, Array], Array], linear: Array) -> tuple[Ar
 
     Without a solution, the end of the scan nearest to zero counts: a port that sticks hardly moves.
     """
-    reach, step = LEVEL_RESPONSE.reach * np.log(10.0), np.log(10.0) / LEVEL_RESPONSE.per_decade
-    grid = np.arange(linear.min() - reach, linear.max() + reach + step, step)
+    below, above = LEVEL_RESPONSE.reach
+    decade = np.log(10.0)
+    step = decade / LEVEL_RESPONSE.per_decade
+    grid = np.arange(linear.min() - below * decade, linear.max() + above * decade + step, step)
     n = len(linear)
     every = np.tile(grid, n), np.repeat(np.arange(n), len(grid))
     values = function(*every).reshape(n, len(grid))

@@ -87,10 +87,10 @@ class LevelModesSettings:
 class LevelResponseSettings:
     """Settings of `vlab.diagnose.predictors.level_response`."""
 
-    reach: float = 3.0
-    """reach [decades]: searched amplitudes below and above those of the linear response, above 0; default untested.
-    Raising it finds more distant solutions and costs time."""
-    per_decade: int = 12
+    reach: tuple[float, float] = (1.5, 1.0)
+    """reach [decades]: searched amplitudes below the smallest and above the largest linear one, above 0; default
+    untested. Raising it finds more distant solutions and costs time."""
+    per_decade: int = 8
     """per_decade [1]: tested amplitudes per decade, at least 4; default untested. Raising it separates neighbouring
     solutions and costs time."""
     refined: int = 8
