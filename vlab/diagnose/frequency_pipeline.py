@@ -11,7 +11,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
-from vlab.diagnose.data.amplitude_dependence import level_notes
+from vlab.diagnose.data.amplitude_dependence import level_notes, level_scale_notes
 from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
 from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_attempt, findings_of_terms
@@ -22,6 +22,7 @@ from vlab.diagnose.predictors.frequency_problem import FrequencyProblem, prepare
 from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.cross_validation import LeftOut, cross_validate
 from vlab.diagnose.search.frequency_selection import FrequencyFound, search_frequency
+from vlab.diagnose.search.level_trials import has_levels
 from vlab.diagnose.settings import FREQUENCY_VERDICT
 from vlab.diagnose.validation.frequency import (
     CheckedFrequency,
@@ -343,6 +344,10 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
             "state in [model.uncertain] what is known of them"
         )
     out += level_notes(problem.measured)
+    if has_levels(problem):
+        out += level_scale_notes(problem.measured)
+    elif any(isinstance(d, Response) and d.level is None for d in (*problem.measured, *problem.held_out)):
+        out.append("nonlinear effects were not tried: state level in each [[frf]], for at least two levels to fit")
     return out
 
 

@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from vlab.physics.effect import ActuatorEffect, Effect, PickUp, PortEffect, SensorEffect, Step, Values
 from vlab.physics.small_signal import is_linear
@@ -144,8 +145,6 @@ def gaussian_mean(function: Callable[[Array], ComplexArray], deviation: Any) -> 
 @cache
 def _weighted_quantiles() -> Array:
     """Return amplitudes over the standard deviation at the quantiles."""
-    from scipy.special import gammaincinv
-
     return np.sqrt(2 * gammaincinv(2.0, np.array(RAYLEIGH)))
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlab.diagnose.data.responses import Measured, Response
+from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.settings import AMPLITUDE_DEPENDENCE
 from vlab.errors import VlabError
-from vlab.modal.poles import estimate_poles
+from vlab.modal.poles import PoleEstimate, estimate_poles
 from vlab.signals import Array, FrequencyResponse
 
 ONE_LEVEL = (
@@ -81,6 +81,11 @@ def level_notes(measured: Sequence[Measured]) -> list[str]:
     for data in responses:
         groups.setdefault((data.input, data.outputs, data.order), []).append(data)
     several = [group for group in groups.values() if len(group) > 1]
+    tables = sorted(
+        (d for d in measured if isinstance(d, Modes) and d.amplitude is not None), key=lambda d: float(np.max(d.amplitude))
+    )
+    if not responses and len(tables) > 1:
+        return [words for trend in trends_of_tables(tables) if (words := trend.words())]
     if not responses:
         return ["a table of modes is of one level: nonlinear effects cannot be told from linear ones by it"]
     if not several:
@@ -88,6 +93,31 @@ def level_notes(measured: Sequence[Measured]) -> list[str]:
     out = []
     for group in several:
         out += _compared(group)
+    return out
+
+
+def level_scale_notes(measured: Sequence[Measured]) -> list[str]:
+    """Return notes on the meaning of the stated levels.
+
+    Parameters
+    ----------
+    measured : sequence of Response or Modes
+        Data of known level.
+
+    Returns
+    -------
+    list of str
+        Notes for the report.
+    """
+    out = []
+    if any(isinstance(d, Response) for d in measured):
+        kinds = {"noise" if d.is_random else "a stepped sine" for d in measured if isinstance(d, Response)}
+        out.append(
+            f"levels are taken as the rms of {' and of '.join(sorted(kinds))} in the unit of the input; if that unit is a "
+            "relative one, amplitudes and parameters of nonlinear effects have its scale"
+        )
+    if any(isinstance(d, Modes) for d in measured):
+        out.append("amplitudes of modal tables are taken in m or rad; on another scale, nonlinear effects have that scale")
     return out
 
 
@@ -151,16 +181,58 @@ def trends_of(group: Sequence[Response]) -> list[Trend]:
             poles = estimate_poles(whole)
         except VlabError:  # too few lines, or no identifiable mode
             return []
-        found.append((float(data.level), poles.freq, poles.zeta))
+        clear = _clear(poles)
+        found.append((float(data.level), poles.freq[clear], poles.zeta[clear]))
+    taken: list[set[int]] = [set() for _ in found]
     out = []
     for k, freq in enumerate(found[0][1]):
         rows = [(found[0][0], freq, found[0][2][k])]
-        for level, others, ratios in found[1:]:
-            near = int(np.argmin(np.abs(np.log(others / rows[-1][1])))) if len(others) else -1
-            if near < 0 or abs(np.log(others[near] / rows[-1][1])) > AMPLITUDE_DEPENDENCE.same_mode:
+        for used, (level, others, ratios) in zip(taken[1:], found[1:], strict=True):
+            far = np.abs(np.log(others / rows[-1][1]))
+            far[list(used)] = np.inf
+            near = int(np.argmin(far)) if len(far) else -1
+            if near < 0 or far[near] > AMPLITUDE_DEPENDENCE.same_mode:
                 break
+            used.add(near)
             rows.append((level, others[near], ratios[near]))
         if len(rows) == len(found):
             table = np.array(rows, dtype=float)
             out.append(Trend(levels=table[:, 0], freq=table[:, 1], zeta=np.maximum(table[:, 2], 1e-6)))
+    return sorted(out, key=lambda trend: float(trend.freq[0]))
+
+
+def _clear(poles: PoleEstimate) -> Array:
+    """Return the indices of modes, highest peak first, without those in the half-power band of a higher one.
+
+    A resonance that bends with the amplitude is fitted by two poles, of which the weaker is no mode.
+    """
+    height = np.abs(poles.participation).max(axis=0) / np.maximum(poles.zeta * poles.freq, 1e-300)
+    kept: list[int] = []
+    for k in np.argsort(-height):
+        width = poles.zeta * poles.freq
+        if all(abs(poles.freq[k] - poles.freq[i]) > width[k] + width[i] for i in kept):
+            kept.append(int(k))
+    return np.array(kept, dtype=int)
+
+
+def trends_of_tables(tables: Sequence[Modes]) -> list[Trend]:
+    """Return the trend of every mode over modal tables with amplitudes.
+
+    Parameters
+    ----------
+    tables : sequence of Modes
+        Tables with amplitudes, in ascending order; tables of another number of modes than the first are left out.
+
+    Returns
+    -------
+    list of Trend
+        Trends of modes with known damping at all amplitudes.
+    """
+    same = [d for d in tables if d.n == tables[0].n]
+    out = []
+    for k in range(tables[0].n if len(same) > 1 else 0):
+        zeta = np.array([d.zeta[k] for d in same])
+        if np.isfinite(zeta).all():
+            levels = np.array([d.amplitude[k] for d in same if d.amplitude is not None])
+            out.append(Trend(levels=levels, freq=np.array([d.freq[k] for d in same]), zeta=np.maximum(zeta, 1e-6)))
     return out

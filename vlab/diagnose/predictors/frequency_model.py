@@ -16,6 +16,7 @@ from vlab.diagnose.settings import FREQUENCY_MODEL
 from vlab.errors import BadCase
 from vlab.physics.describing_function import has_describing_function
 from vlab.physics.effect import LinearPortEffect
+from vlab.physics.native_laws import native_laws
 from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
 from vlab.physics.small_signal import is_linear
 from vlab.plants.base import Plant
@@ -292,6 +293,10 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
             fixed.append(Term(effect=one.effect, place=place, values=one.values))
         elif isinstance(one, AtSensor):
             fixed += _at_sensor(plant, one, wires)
+    for law in native_laws(plant):
+        if has_describing_function(law.effect):
+            place = Place(name=law.place, kind="port", rows=plant.port_rows([law.place]) @ basis)
+            fixed.append(Term(effect=law.effect, place=place, values=law.values))
     return tuple(fixed), tuple(left_out)
 
 
