@@ -343,7 +343,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
             f"{best.label} is {odds:.2g} times as likely as parameters so far off, which is too little to report it as found: "
             "state in [model.uncertain] what is known of them"
         )
-    out += level_notes(problem.measured)
+    out += level_notes(problem.measured, found.trends)
     if has_levels(problem):
         out += level_scale_notes(problem.measured)
     elif any(isinstance(d, Response) and d.level is None for d in (*problem.measured, *problem.held_out)):

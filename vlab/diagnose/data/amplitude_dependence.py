@@ -39,18 +39,20 @@ class Trend:
         """Describe the change with the level, and the physics with that signature."""
         shift = float(np.log(self.freq[-1] / self.freq[0]))
         growth = float(np.log(self.zeta[-1] / self.zeta[0]))
+        least = AMPLITUDE_DEPENDENCE.least_shift * float(self.zeta.min())
         said = []
-        if abs(shift) > AMPLITUDE_DEPENDENCE.least_shift:
+        if abs(shift) > least:
             said.append(f"its frequency {'rises' if shift > 0 else 'falls'} by {100 * abs(shift):.2g} %")
         if abs(growth) > AMPLITUDE_DEPENDENCE.least_damping:
             said.append(f"its damping ratio goes from {100 * self.zeta[0]:.3g} to {100 * self.zeta[-1]:.3g} %")
         if not said:
             return ""
-        return f"mode at {self.freq[0]:.4g} Hz: {' and '.join(said)} with the level, as by {_cause(shift, growth)}"
+        return f"mode at {self.freq[0]:.4g} Hz: {' and '.join(said)} with the level, as by {_cause(shift / least, growth)}"
 
 
 def _cause(shift: float, growth: float) -> str:
-    hardens, softens = shift > AMPLITUDE_DEPENDENCE.least_shift, shift < -AMPLITUDE_DEPENDENCE.least_shift
+    """Return the physics behind a shift, in units of the least one, and a growth of damping."""
+    hardens, softens = shift > 1.0, shift < -1.0
     damps, frees = growth > AMPLITUDE_DEPENDENCE.least_damping, growth < -AMPLITUDE_DEPENDENCE.least_damping
     if softens and damps:
         return "micro-slip in joints or hysteresis"
@@ -63,13 +65,15 @@ def _cause(shift: float, growth: float) -> str:
     return "a softening stiffness, or a clearance"
 
 
-def level_notes(measured: Sequence[Measured]) -> list[str]:
+def level_notes(measured: Sequence[Measured], trends: Sequence[Trend] = ()) -> list[str]:
     """Return notes on the amplitude dependence of responses.
 
     Parameters
     ----------
     measured : sequence of Response or Modes
         Measured data; responses of one input and output set form a group.
+    trends : sequence of Trend
+        Modes over the levels from a model; poles fitted to the responses by default.
 
     Returns
     -------
@@ -92,8 +96,8 @@ def level_notes(measured: Sequence[Measured]) -> list[str]:
         return [ONE_LEVEL]
     out = []
     for group in several:
-        out += _compared(group)
-    return out
+        out += _compared(group, own=not trends)
+    return out + [words for trend in trends if (words := trend.words()) and out]
 
 
 def level_scale_notes(measured: Sequence[Measured]) -> list[str]:
@@ -121,7 +125,8 @@ def level_scale_notes(measured: Sequence[Measured]) -> list[str]:
     return out
 
 
-def _compared(group: list[Response]) -> list[str]:
+def _compared(group: list[Response], *, own: bool) -> list[str]:
+    """Return notes on one group, with trends of its own poles if asked."""
     known = all(d.level is not None for d in group)
     group = sorted(group, key=lambda d: d.level or 0.0)
     first, last = group[0], group[-1]
@@ -138,7 +143,7 @@ def _compared(group: list[Response]) -> list[str]:
             f"the responses {pair} were measured {len(group)} times and differ by {apart:.2g} times their noise: "
             "something depends on the level or on time; state level in each [[frf]]"
         ]
-    trends = [words for trend in trends_of(group) if (words := trend.words())]
+    trends = [words for trend in trends_of(group) if (words := trend.words())] if own else []
     start = f"the responses {pair} differ over their {len(group)} levels by {apart:.2g} times their noise: no linear model explains all"
     return [start, *trends]
 
@@ -156,7 +161,9 @@ def _apart(a: Response, b: Response) -> float:
 
     other = np.abs(at(b.H)) if a.is_magnitude or b.is_magnitude else at(b.H.real) + 1j * at(b.H.imag)
     own = np.abs(a.H[keep]) if a.is_magnitude or b.is_magnitude else a.H[keep]
-    return float(np.sqrt(np.mean(np.abs(own - other) ** 2 / (a.spread[keep] ** 2 + at(b.spread) ** 2))))
+    is_same = np.array_equal(a.freq, b.freq)  # without interpolation, the noise is the whole error
+    size = a.noise[keep] ** 2 + b.noise[keep] ** 2 if is_same else a.spread[keep] ** 2 + at(b.spread) ** 2
+    return float(np.sqrt(np.mean(np.abs(own - other) ** 2 / size)))
 
 
 def trends_of(group: Sequence[Response]) -> list[Trend]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vlab.diagnose.data.amplitude_dependence import Trend
 from vlab.diagnose.data.responses import Response
 from vlab.diagnose.inference.evidence import Found, Hypothesis, scored
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
@@ -33,11 +34,14 @@ class FrequencyFound(Found):
         Fits to the data.
     tried : int
         Number of tried effects at locations.
+    trends : tuple of Trend
+        Modes over the levels; empty without several known levels.
     """
 
     problem: FrequencyProblem
     fitter: Fitter
     tried: int = 0
+    trends: tuple[Trend, ...] = ()
 
 
 def search_frequency(
@@ -111,6 +115,7 @@ def search_frequency(
         hypotheses=tuple(hypotheses),
         places=places,
         tried=len(pairs),
+        trends=() if levels is None else levels.trends,
     )
 
 

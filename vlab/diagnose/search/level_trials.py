@@ -10,6 +10,7 @@ from itertools import product
 
 import numpy as np
 
+from vlab.diagnose.data.amplitude_dependence import Trend
 from vlab.diagnose.data.responses import Measured, Response
 from vlab.diagnose.inference.frequency_least_squares import Fitter
 from vlab.diagnose.parameters.locations import Place
@@ -107,10 +108,13 @@ class Levels:
         Motion in every data set, in the order of the data.
     theta : tuple of (n_parameters,) array
         Log factors of the calibrations at the lowest and the highest level, within the prior range.
+    trends : tuple of Trend
+        Natural frequency and damping of the modes in the band, over the levels.
     """
 
     motions: tuple[LevelMotion, ...]
     theta: tuple[Array, ...]
+    trends: tuple[Trend, ...]
 
 
 def calibrate_levels(fitter: Fitter, start: Array) -> Levels:
@@ -139,7 +143,25 @@ def calibrate_levels(fitter: Fitter, start: Array) -> Levels:
     motions = tuple(_motion(problem, problem.state(found[level_of(d)]), d) for d in fitter.measured)
     bound = FREQUENCY_FIT.prior_bound * fitter.sd
     ends = [found[levels[0]], found[levels[-1]]]
-    return Levels(motions=motions, theta=tuple(np.clip(theta, -bound, bound) for theta in ends))
+    trends = _trends(problem, [(level, problem.state(found[level])) for level in levels])
+    return Levels(motions=motions, theta=tuple(np.clip(theta, -bound, bound) for theta in ends), trends=trends)
+
+
+def _trends(problem: FrequencyProblem, states: Sequence[tuple[float, State]]) -> tuple[Trend, ...]:
+    """Return the modes of the calibrations in the measured band, paired in order."""
+    low, high = problem.measured_hz
+    rows = []
+    for _, state in states:
+        modes = model_modes(state_matrix(state, problem.view.fixed, 4 * np.pi * high), problem.view.m)
+        rows.append((modes.freq, modes.zeta))
+    count = min(len(freq) for freq, _ in rows)
+    levels = np.array([level for level, _ in states])
+    out = []
+    for k in range(count):
+        freq, zeta = np.array([f[k] for f, _ in rows]), np.array([z[k] for _, z in rows])
+        if np.all((freq >= low) & (freq <= high)):
+            out.append(Trend(levels=levels, freq=freq, zeta=np.maximum(zeta, 1e-6)))
+    return tuple(out)
 
 
 def _left(fitter: Fitter, theta: Array) -> float:
