@@ -26,7 +26,7 @@ TWO = """<mujoco model="two masses">
 """
 ROWS = {"joint:mass1": (1.0, 0.0), "joint:mass2": (0.0, 1.0), "tendon:spring": (-1.0, 1.0)}
 LINES = np.concatenate([np.linspace(3.0, 6.5, 30), np.linspace(8.6, 11.5, 24)])
-PER_CYCLE, CYCLES, LAST = 240, 130, 4
+PER_CYCLE, CYCLES, LAST = 200, 100, 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +48,8 @@ LAWS = {
 }
 
 
-def steady_response(law: Law, lines: np.ndarray, amplitude: float, matrices) -> np.ndarray:
-    """Return the first harmonic of both masses per unit force, (n, 2)."""
+def steady_response(law: Law, lines: np.ndarray, amplitude, matrices) -> np.ndarray:
+    """Return the first harmonic of both masses per unit force, (n, 2); the amplitude may differ from line to line."""
     M, C, K = matrices
     h = 1.0 / lines / PER_CYCLE
     n, row = len(lines), np.array(ROWS[law.place])
@@ -57,7 +57,7 @@ def steady_response(law: Law, lines: np.ndarray, amplitude: float, matrices) -> 
     left = np.linalg.inv(M[None] + 0.5 * h[:, None, None] * C[None])
     right = M[None] - 0.5 * h[:, None, None] * C[None]
     mobility = left @ row  # velocity per unit impulse
-    out = np.zeros((n, 2), dtype=complex)
+    out, amplitude = np.zeros((n, 2), dtype=complex), np.broadcast_to(amplitude, n)
     for k in range(PER_CYCLE * CYCLES):
         phase = 2 * np.pi * k / PER_CYCLE
         load = np.zeros((n, 2)) - x @ K
@@ -78,12 +78,12 @@ def steady_response(law: Law, lines: np.ndarray, amplitude: float, matrices) -> 
         x = x + h[:, None] * v
         if k >= PER_CYCLE * (CYCLES - LAST):
             out += x * np.exp(-1j * (phase + 2 * np.pi / PER_CYCLE))
-    return 2 * out / (PER_CYCLE * LAST) / amplitude
+    return 2 * out / (PER_CYCLE * LAST) / amplitude[:, None]
 
 
 def two_matrices(rng: np.random.Generator, benign: float):
     """Return M, C and K of the two masses with nominal numbers a little off."""
-    one, two = 2000.0 * np.exp(0.01 * benign * rng.standard_normal()), 1500.0 * np.exp(0.01 * benign * rng.standard_normal())
+    one, two = np.array([2000.0, 1500.0]) * np.exp(0.01 * benign * rng.standard_normal(2))
     c = np.exp(0.1 * benign * rng.standard_normal(2))
     relative = np.array([[1.0, 0.0], [-1.0, 1.0]])
     return np.eye(2), relative.T @ np.diag(c) @ relative, relative.T @ np.diag([one, two]) @ relative
@@ -97,9 +97,10 @@ def write_levels(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "rig.xml").write_text(TWO, encoding="utf-8")
     matrices = two_matrices(rng, 1.0)
-    text = ['title = "Two masses"', '[model]\nmjcf = "rig.xml"', "[model.uncertain]\nstiffness = 0.03\nmass = 0.02\ndamping = 0.3"]
-    for k, level in enumerate(levels):
-        H = steady_response(law, LINES, np.sqrt(2) * level, matrices)
+    known = "[model.uncertain]\nstiffness = 0.03\nmass = 0.02\ndamping = 0.3"
+    text = ['title = "Two masses"', '[model]\nmjcf = "rig.xml"', known]
+    every = steady_response(law, np.tile(LINES, len(levels)), np.sqrt(2) * np.repeat(levels, len(LINES)), matrices)
+    for k, (level, H) in enumerate(zip(levels, np.split(every, len(levels)), strict=True)):
         size = noise * np.median(np.abs(H), axis=0)
         H = H * (1 + noise * _complex(rng, H.shape)) + size * _complex(rng, H.shape)
         write_frf(folder / f"level{k}.csv", LINES, H)
