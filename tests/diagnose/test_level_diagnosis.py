@@ -53,14 +53,14 @@ def test_without_levels_nonlinear_effects_are_not_tried_and_the_report_says_so(t
 
 
 def write_tables(folder, k3: float) -> None:
-    """Write modal tables of the two masses at five amplitudes, with a cubic spring on the second mass."""
+    """Write modal tables of the two masses at four amplitudes, with a cubic spring on the second mass."""
     folder.mkdir(exist_ok=True)
     (folder / "rig.xml").write_text(TWO)
     rng = np.random.default_rng(5)
     relative = np.array([[1.0, 0.0], [-1.0, 1.0]])
     K, C = relative.T @ np.diag([2000.0, 1500.0]) @ relative, relative.T @ relative
     text = ['[model]\nmjcf = "rig.xml"\n[model.uncertain]\nstiffness = 0.02\nmass = 0.02\ndamping = 0.3']
-    for i, a in enumerate((0.002, 0.01, 0.02, 0.03, 0.04)):
+    for i, a in enumerate((0.002, 0.015, 0.03, 0.04)):
         freq, zeta, shapes = [], [], []
         for mode in range(2):
             shape = np.linalg.eigh(K)[1][:, mode]
@@ -71,11 +71,11 @@ def write_tables(folder, k3: float) -> None:
             freq.append(np.sqrt(squared[mode]) / (2 * np.pi) * (1 + 0.0005 * rng.standard_normal()))
             zeta.append(shape @ C @ shape / (2 * np.sqrt(squared[mode])) * (1 + 0.05 * rng.standard_normal()))
             shapes.append((shape / np.abs(shape).max() + 0.005 * rng.standard_normal(2)).tolist())
-        role = "holdout" if i == 3 else "fit"
+        role = "holdout" if i == 2 else "fit"
         text.append(
             f'[[modal]]\nrole = "{role}"\nfrequency_hz = {np.array(freq).tolist()}\nzeta = {np.array(zeta).tolist()}\n'
             f'at = ["sensor1", "sensor2"]\nshape = {shapes}\nfrequency_sd_hz = {(0.0005 * np.array(freq)).tolist()}\n'
-            f'zeta_sd = {(0.05 * np.array(zeta)).tolist()}\nshape_sd = [0.005, 0.005]\n'
+            f"zeta_sd = {(0.05 * np.array(zeta)).tolist()}\nshape_sd = [0.005, 0.005]\n"
             f'amplitude = [{a}, {a}]\namplitude_at = "sensor2"'
         )
     (folder / "case.toml").write_text("\n".join(text) + "\n")
@@ -83,7 +83,7 @@ def write_tables(folder, k3: float) -> None:
 
 def test_modal_tables_at_several_amplitudes_tell_a_cubic_spring(tmp_path):
     write_tables(tmp_path, 4e5)
-    diagnosis = diagnose(load_case(tmp_path), effects=FEW).diagnosis
+    diagnosis = diagnose(load_case(tmp_path), effects=FEW[1:]).diagnosis
     assert diagnosis.verdict == "missing-physics"
     (finding,) = diagnosis.findings
     assert (finding.effect, finding.place) == ("cubic-stiffness", "joint:mass2")

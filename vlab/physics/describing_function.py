@@ -231,7 +231,7 @@ def _has_describing_function(law: type[Effect]) -> bool:
 
 
 def _is_calm(effect: Effect, values: Values) -> bool:
-    """Return whether a law does nothing at rest, early and late, and the same at all times."""
+    """Return whether a law does nothing at rest, and the same at all times."""
     if isinstance(effect, PortEffect):
         late = 50.0
         still, _ = effect.force(0.0, 0.0, values, Step(0.01, late, INSTANT), effect.memory(()))

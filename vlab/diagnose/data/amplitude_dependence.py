@@ -47,15 +47,20 @@ class Trend:
             said.append(f"its damping ratio goes from {100 * self.zeta[0]:.3g} to {100 * self.zeta[-1]:.3g} %")
         if not said:
             return ""
-        return f"mode at {self.freq[0]:.4g} Hz: {' and '.join(said)} with the level, as by {_cause(shift / least, growth)}"
+        return (
+            f"mode at {self.freq[0]:.4g} Hz: {' and '.join(said)} with the level, as by {_cause(shift / least, growth)}"
+        )
 
 
 def _cause(shift: float, growth: float) -> str:
-    """Return the physics behind a shift, in units of the least one, and a growth of damping."""
+    """Return the physics behind a growth of damping and a shift.
+
+    The shift is in units of the least one.
+    """
     hardens, softens = shift > 1.0, shift < -1.0
     damps, frees = growth > AMPLITUDE_DEPENDENCE.least_damping, growth < -AMPLITUDE_DEPENDENCE.least_damping
     if softens and damps:
-        return "micro-slip in joints or hysteresis"
+        return "micro-slip in joints, hysteresis, or a softening stiffness that bends the peak"
     if frees:
         return "dry friction" + (" that also holds the structure at small amplitudes" if softens else "")
     if damps and not hardens:
@@ -86,7 +91,8 @@ def level_notes(measured: Sequence[Measured], trends: Sequence[Trend] = ()) -> l
         groups.setdefault((data.input, data.outputs, data.order), []).append(data)
     several = [group for group in groups.values() if len(group) > 1]
     tables = sorted(
-        (d for d in measured if isinstance(d, Modes) and d.amplitude is not None), key=lambda d: float(np.max(d.amplitude))
+        (d for d in measured if isinstance(d, Modes) and d.amplitude is not None),
+        key=lambda d: 0.0 if d.amplitude is None else float(d.amplitude.max()),
     )
     if not responses and len(tables) > 1:
         return [words for trend in trends_of_tables(tables) if (words := trend.words())]
@@ -121,7 +127,9 @@ def level_scale_notes(measured: Sequence[Measured]) -> list[str]:
             "relative one, amplitudes and parameters of nonlinear effects have its scale"
         )
     if any(isinstance(d, Modes) for d in measured):
-        out.append("amplitudes of modal tables are taken in m or rad; on another scale, nonlinear effects have that scale")
+        out.append(
+            "amplitudes of modal tables are taken in m or rad; on another scale, nonlinear effects have that scale"
+        )
     return out
 
 
@@ -209,9 +217,9 @@ def trends_of(group: Sequence[Response]) -> list[Trend]:
 
 
 def _clear(poles: PoleEstimate) -> Array:
-    """Return the indices of modes, highest peak first, without those in the half-power band of a higher one.
+    """Return the indices of clear modes, highest peak first.
 
-    A resonance that bends with the amplitude is fitted by two poles, of which the weaker is no mode.
+    Modes in the half-power band of a higher one are left out. A resonance that bends with the amplitude is fitted by two poles, of which the weaker is no mode.
     """
     height = np.abs(poles.participation).max(axis=0) / np.maximum(poles.zeta * poles.freq, 1e-300)
     kept: list[int] = []

@@ -1,8 +1,8 @@
 """Tables of describing functions over the amplitude, for fast and smooth evaluation.
 
 A law is linear in its amplitude parameters, so its describing function is a sum of unit functions. Each unit function is
-tabulated over the log of amplitude, and interpolated by cubic splines through neighbouring values (Catmull and Rom, in
-Computer Aided Geometric Design, 1974, 317-326).
+tabulated over the log of amplitude. Cubic splines through neighbouring values interpolate (Catmull and Rom, in Computer
+Aided Geometric Design, 1974, 317-326).
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ With unit loads at the nonlinear ports, a low-rank update (Sherman, Morrison and
 the one with equivalent stiffnesses. A change of a parameter acts directly, and through the amplitude on the stiffnesses.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -226,7 +226,18 @@ class OperatingPoint:
         return np.asarray(self.slope * np.linalg.solve(held, rate[..., None])[..., 0])
 
     def pushed(self, push: ComplexArray) -> ComplexArray:
-        """Return the change of recorded responses under a modal force (n, m) that resists a unit input."""
+        """Return the change of recorded responses under a resisting modal force.
+
+        Parameters
+        ----------
+        push : (n, m) complex array
+            Modal force per unit input.
+
+        Returns
+        -------
+        (n, n_all) complex array
+            Change of the recorded responses.
+        """
         direct = -self._chained((push[:, None, :] @ self.solved.reading)[:, 0])
         scale = (self.chain.source * self.excitation.amplitude)[:, None]
         moved = -scale * (push[:, None, :] @ self.solved.loaded)[:, 0]
@@ -348,7 +359,7 @@ def _distances(
     outputs: ComplexArray,
     compliance: ComplexArray,
     start: ComplexArray,
-):  # type: ignore[no-untyped-def]
+) -> Callable[[ComplexArray], Distance]:
     """Return the distance of responses from the data, for trial stiffnesses."""
     own = [wires.names.index(o) for o in response.outputs]
 
@@ -360,9 +371,7 @@ def _distances(
             held = np.eye(count) + every[:, :, None] * compliance[lines]
             force = np.linalg.solve(held, (every * start[lines])[..., None])
             moved = H[lines] - (outputs[lines] @ force)[..., 0]
-            part = Chain(
-                mix=chain.mix[lines], beside=chain.beside[lines], source=chain.source[lines], gain=chain.gain
-            )
+            part = Chain(mix=chain.mix[lines], beside=chain.beside[lines], source=chain.source[lines], gain=chain.gain)
             found, data = part.recorded(moved)[:, own], response.H[lines]
             apart = np.abs(found) - np.abs(data) if response.is_magnitude else found - data
             return np.asarray(np.sum(np.abs(apart) ** 2, axis=1))

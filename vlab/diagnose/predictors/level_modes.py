@@ -1,4 +1,4 @@
-"""Modes of a model in the order of a modal table, at the amplitudes of the table.
+"""Modes of a model at the amplitudes of a modal table.
 
 A mode at an amplitude has the equivalent stiffness and damping of every nonlinear law in the mode's own motion. Shape,
 frequency and equivalents of a mode are iterated together.
@@ -63,7 +63,8 @@ def modes_at_amplitude(
         s, shape = linear.s[j], linear.shapes[:, j]
         if np.isfinite(data.amplitude[k]):
             for _ in range(LEVEL_MODES.passes):
-                softer = _equivalent(state, elements, s, shape, float(data.amplitude[k]) / max(abs(at @ shape), 1e-300))
+                scale = float(data.amplitude[k] / np.maximum(np.abs(at @ shape), 1e-300))
+                softer = _equivalent(state, elements, s, shape, scale)
                 modes = model_modes(state_matrix(softer, every, fastest), view.m)
                 if not len(modes.s):
                     break

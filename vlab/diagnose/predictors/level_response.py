@@ -1,7 +1,7 @@
 """Frequency response at a known level of excitation, with nonlinear laws as describing functions.
 
-A nonlinear law at a port is a complex stiffness Z(a) that depends on the amplitude a of the port. With the compliance g
-of the port and its motion x0 without the law, each line of a stepped sine solves a |1 + g Z(a)| = |x0|. A scan over
+A nonlinear law at a port is a complex stiffness Z(a) that depends on the amplitude a of the port. The port has the
+compliance g, and without the law the motion x0. Each line of a stepped sine solves a |1 + g Z(a)| = |x0|. A scan over
 amplitudes finds every solution of that equation; where a response folds, the solution nearest to the data counts. Under
 noise, a is the standard deviation of the port over all lines. Several ports are solved in turns. Derivatives follow from
 the implicit function theorem.
@@ -54,9 +54,7 @@ class Element:
         Equivalent
             Stiffness and slope.
         """
-        parts = [
-            equivalent(t.effect, t.values, amplitude, motion_omega, is_gaussian=is_gaussian) for t in self.terms
-        ]
+        parts = [equivalent(t.effect, t.values, amplitude, motion_omega, is_gaussian=is_gaussian) for t in self.terms]
         value, slope = sum(p.value for p in parts), sum(p.slope for p in parts)
         if is_gaussian:  # the loss of a noisy motion is a damping
             ratio = omega / motion_omega
@@ -107,13 +105,27 @@ class Excitation:
     is_random: bool
 
     def size(self, motion: ComplexArray) -> Array:
-        """Return the amplitude (n, ...) of a motion (n, ...); under noise the standard deviation, equal in all lines."""
+        """Return the amplitude of a motion (n, ...).
+
+        Under noise the amplitude is the standard deviation, equal in all lines.
+        """
         if not self.is_random:
             return np.abs(motion)
         return np.broadcast_to(np.sqrt(np.sum(np.abs(motion) ** 2, axis=0)), motion.shape)
 
     def change(self, motion: ComplexArray, by: ComplexArray) -> Array:
-        """Return the change of the log amplitude under a change of the motion."""
+        """Return the change of the log amplitude under a change of the motion.
+
+        Parameters
+        ----------
+        motion, by : (n, ...) complex array
+            Motion and its change.
+
+        Returns
+        -------
+        (n, ...) array
+            Change of the log amplitude.
+        """
         product = np.real(np.conj(motion) * by)
         if not self.is_random:
             return np.asarray(product / np.maximum(np.abs(motion) ** 2, 1e-300))
@@ -121,7 +133,10 @@ class Excitation:
         return np.broadcast_to(np.sum(product, axis=0) / power, product.shape)
 
     def frequency(self, motion: ComplexArray) -> Array:
-        """Return the circular frequency (n,) of a motion (n,); under noise the mean frequency of its crossings."""
+        """Return the circular frequency (n,) of a motion (n,).
+
+        Under noise the frequency is the mean one of its zero crossings.
+        """
         if not self.is_random:
             return self.omega
         power = np.abs(motion) ** 2
@@ -267,10 +282,8 @@ def _roots(function: Callable[[Array, Array], Array], linear: Array) -> tuple[Ar
     return np.concatenate([root, ends]), np.concatenate([line, none])
 
 
-def _chosen(
-    element: Element, index: int, log_a: Array, lines: Array, omega: Array, distance: Distance | None
-) -> Array:
-    """Return one solution (n,) per line: the only one, the nearest to the data, or the largest."""
+def _chosen(element: Element, index: int, log_a: Array, lines: Array, omega: Array, distance: Distance | None) -> Array:
+    """Return one solution (n,) per line: the nearest to the data, or the largest."""
     order = np.lexsort((log_a, lines))
     log_a, lines = log_a[order], lines[order]
     out = np.zeros(len(omega))

@@ -118,7 +118,9 @@ class _Lines:
         chain = chain_of(self.view, self.state, self.data, wires, [*self.terms, term])
         return self._recorded(replace(chain, source=chain.source * self.chain.source / linear.source), self.H)
 
-    def with_law(self, term: Term, motion: LevelMotion, seen: tuple[ComplexArray, ComplexArray, ComplexArray] | None) -> Answer:
+    def with_law(
+        self, term: Term, motion: LevelMotion, seen: tuple[ComplexArray, ComplexArray, ComplexArray] | None
+    ) -> Answer:
         """Return the response with a nonlinear effect in a known motion."""
         excitation = motion.excitation
         assert excitation is not None
@@ -222,8 +224,11 @@ class ScoreTest:
         seen = [None if lines is None or not len(place.rows) else lines.at(place) for lines in self.lines]
         problem = self.fitter.problem
         is_nonlinear = not is_linear(effect)
-        assert self.levels is not None or not is_nonlinear
-        listed = level_trials(problem, self.levels, effect, place) if is_nonlinear else trials(problem, effect, place)
+        if is_nonlinear:
+            assert self.levels is not None
+            listed = level_trials(problem, self.levels, effect, place)
+        else:
+            listed = trials(problem, effect, place)
         for term in listed:
             with np.errstate(all="ignore"):
                 log_likelihood_gain = self.start - self._left(self._with(term, seen))

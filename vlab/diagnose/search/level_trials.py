@@ -36,7 +36,7 @@ def knows_levels(measured: Sequence[Measured]) -> bool:
 
 
 def levels_of(measured: Sequence[Measured]) -> list[float]:
-    """Return the distinct levels of data in ascending order; of tables the mean log amplitude counts.
+    """Return the distinct levels of data in ascending order.
 
     Parameters
     ----------
@@ -52,7 +52,18 @@ def levels_of(measured: Sequence[Measured]) -> list[float]:
 
 
 def level_of(data: Measured) -> float:
-    """Return the level of a response, or the geometric mean of a table's amplitudes."""
+    """Return the level of data.
+
+    Parameters
+    ----------
+    data : Response or Modes
+        Data of known level.
+
+    Returns
+    -------
+    float
+        Level of a response, or geometric mean of a table's amplitudes.
+    """
     if isinstance(data, Response):
         assert data.level is not None
         return data.level
@@ -225,7 +236,10 @@ def level_trials(problem: FrequencyProblem, levels: Levels, effect: Effect, plac
         if not isinstance(effect, PortEffect) or not effect.amplitudes:
             out.append(Term(effect=effect, place=place, values=own))
             continue
-        out += [Term(effect=effect, place=place, values=values) for values in _amplitudes(problem, effect, place, own, size, omega)]
+        out += [
+            Term(effect=effect, place=place, values=values)
+            for values in _amplitudes(problem, effect, place, own, size, omega)
+        ]
     return out
 
 
