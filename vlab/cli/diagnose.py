@@ -20,6 +20,8 @@ OF_THE_FIT_ALONE = (
 )
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
+    "partly-explained": "Physics is missing in the model: what was found explains a part of the mismatch, and more is missing.",
+    "unknown-law": "Physics is missing in the model: its place is found, and a tabulated force stands for its law.",
     "nothing-missing": "Nothing is missing: the calibrated model explains the recordings within the noise.",
     "none-of-these": "The model does not explain the recordings, and no effect of the catalogue does.",
     "bad-recording": "The recordings are damaged or contradict the case; the model was not judged.",
@@ -80,10 +82,15 @@ def run(arguments: argparse.Namespace) -> Outcome:
 def _text(diagnosis: Diagnosis) -> str:
     is_of_the_fit_alone = diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone
     verdict = OF_THE_FIT_ALONE if is_of_the_fit_alone else VERDICTS[diagnosis.verdict]
-    lines = [in_line(diagnosis.title), "", verdict, ""]
+    lines = [in_line(diagnosis.title), "", verdict]
+    if diagnosis.explained is not None:
+        lines.append(
+            f"Explained: {100 * diagnosis.explained:.0f} % of the mean-square mismatch on {_data_of(diagnosis)}."
+        )
+    lines.append("")
     for finding in diagnosis.findings:
         lines.append(
-            f"{finding.name} at {in_line(finding.place)} (probability {finding.probability:.2f}): {finding.words}"
+            f"{finding.name} at {in_line(finding.site)} (probability {finding.probability:.2f}): {finding.words}"
         )
         lines += _values(finding)
         if len(finding.alike) > 1:
@@ -110,11 +117,18 @@ def _text(diagnosis: Diagnosis) -> str:
     return "\n".join(lines)
 
 
+def _data_of(diagnosis: Diagnosis) -> str:
+    return "hold-out recordings" if diagnosis.is_held_out else "the fit recordings"
+
+
 def _values(finding: Finding) -> list[str]:
     """Return law and parameters of a finding."""
     lines = [f"  law: {finding.law}"]
-    for name, p in finding.parameters.items():
-        lines.append(f"  {name} = {p['value']:.4g} {p['unit']}   (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})")
+    for place, parameters in finding.places:
+        where = f" at {in_line(place)}" if finding.elsewhere else ""
+        for name, p in parameters.items():
+            interval = f"90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"
+            lines.append(f"  {name}{where} = {p['value']:.4g} {p['unit']}   ({interval})")
     return lines
 
 
@@ -131,7 +145,7 @@ def _attempt(attempt: Attempt) -> list[str]:
     """Return the description of the best attempt, one line per item."""
     lines = [attempt_sentence(attempt)]
     for finding in attempt.findings:
-        lines += [f"  {finding.name} at {in_line(finding.place)}", *_values(finding)]
+        lines += [f"  {finding.name} at {in_line(finding.site)}", *_values(finding)]
     return [*lines, ""]
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vlab.diagnose.diagnosis import Attempt
+from vlab.diagnose.diagnosis import NAMING, Attempt
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.parameters.mjcf import Uncertain
+from vlab.diagnose.parameters.mjcf import Uncertain, relative_changes
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
 from vlab.physics.catalogue import EFFECTS
@@ -123,7 +123,7 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
         Possibilities.
     """
     out: list[str] = []
-    if verdict == "missing-physics" and choice.best.terms:
+    if verdict in NAMING and choice.best.terms:
         others = [h.label for h in choice.alike if h is not choice.best]
         out += [f"{label} has as small a residual" for label in others[:5]]
         best = choice.best.terms[0].place.name
@@ -132,7 +132,7 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
             for p, share in choice.places.items()
             if share > 0.05 and p != best
         ]
-    elif verdict in ("nothing-missing", "missing-physics"):
+    elif verdict == "nothing-missing" or verdict in NAMING:
         out.append("effects smaller than the noise and the uncertainty of the model")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
@@ -158,11 +158,12 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
     tuple of str
         One note per implausible parameter.
     """
+    deviations = relative_changes(theta, np.array([p.may_vanish for p in parameters], dtype=bool))
     return tuple(
-        f"{p.name} was calibrated by {_change(p, float(v))}, {abs(v) / p.sd:.1f} of its standard deviations: check the value, "
+        f"{p.name} was calibrated by {_change(p, float(v))}, {abs(d) / p.sd:.1f} of its standard deviations: check the value, "
         "state a wider [model.uncertain], or look for missing physics there"
-        for p, v in zip(parameters, theta, strict=True)
-        if abs(v) > ADVICE.far_off * p.sd
+        for p, v, d in zip(parameters, theta, deviations, strict=True)
+        if abs(d) > ADVICE.far_off * p.sd
     )
 
 
@@ -193,7 +194,7 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), at
         return f"another held-out recording, as loud as the fit recordings, so that {attempt.name} acts in it"
     if verdict == "bad-recording":
         return "the same recordings again, with the damage that is listed under their quality repaired"
-    if verdict == "missing-physics" and not choice.best.terms:
+    if verdict in NAMING and not choice.best.terms:
         return next((EFFECTS[name].confirmed_by for name in shown if EFFECTS[name].confirmed_by), _AGAIN)
     if verdict == "nothing-missing":
         return "a recording at a level several times higher, which brings out what grows with amplitude"

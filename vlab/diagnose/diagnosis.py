@@ -10,14 +10,18 @@ from vlab.cases.case import Case
 from vlab.cases.checks import FileCheck
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import GAP
-from vlab.diagnose.validation.gap import Distance, total, verifying, whole_gap
+from vlab.diagnose.validation.gap import Distance, explained_share, total, verifying, whole_gap
 
 ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
 """Attribute of `Distance` by error key of the JSON document."""
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 """Next measurement after a rejected case."""
-Verdict = Literal["missing-physics", "nothing-missing", "none-of-these", "bad-recording"]
+Verdict = Literal[
+    "missing-physics", "partly-explained", "unknown-law", "nothing-missing", "none-of-these", "bad-recording"
+]
 """Verdicts of a diagnosis."""
+NAMING: frozenset[Verdict] = frozenset({"missing-physics", "partly-explained", "unknown-law"})
+"""Verdicts with findings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +52,10 @@ class Finding:
         Description.
     verified_by : tuple of str
         Hold-out recordings with a detectable effect; no other recording can verify the finding.
+    explained : float
+        Share of the mismatch that returns without the finding [1]; NaN where unknown.
+    elsewhere : tuple of (str, dict)
+        Further places of the same law, with their parameters.
     """
 
     effect: str
@@ -61,6 +69,18 @@ class Finding:
     law: str
     words: str
     verified_by: tuple[str, ...] = ()
+    explained: float = float("nan")
+    elsewhere: tuple[tuple[str, dict[str, dict[str, Any]]], ...] = ()
+
+    @property
+    def places(self) -> tuple[tuple[str, dict[str, dict[str, Any]]], ...]:
+        """All places of the law with their parameters, the main place first."""
+        return ((self.place, self.parameters), *self.elsewhere)
+
+    @property
+    def site(self) -> str:
+        """All places in one string."""
+        return ", ".join(place for place, _ in self.places)
 
     @property
     def name(self) -> str:
@@ -74,6 +94,7 @@ class Finding:
             "form": self.form,
             "family": self.family,
             "place": self.place,
+            "places": [{"place": place, "parameters": values} for place, values in self.places],
             "places_90": list(self.places_90),
             "probability": self.probability,
             "class": list(dict.fromkeys([self.effect, self.form, *self.alike])),
@@ -81,6 +102,7 @@ class Finding:
             "law": self.law,
             "words": self.words,
             "verified_by": list(self.verified_by),
+            "explained": _finite(self.explained),
         }
 
 
@@ -105,7 +127,7 @@ class Attempt:
     @property
     def name(self) -> str:
         """Effects and locations."""
-        return " + ".join(f"{f.name} at {f.place}" for f in self.findings)
+        return " + ".join(f"{f.name} at {f.site}" for f in self.findings)
 
     @property
     def holds(self) -> bool:
@@ -122,7 +144,7 @@ class Attempt:
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document, further effects under ``also``."""
         first, *more = (
-            {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90")}
+            {key: value for key, value in f.to_json().items() if key not in ("probability", "places_90", "explained")}
             for f in self.findings
         )
         return {**first, "also": more, **errors_to_json(self.checked)}
@@ -159,6 +181,8 @@ class Diagnosis:
         Log factors of the uncertain parameters by name; of positions the distance [m].
     seconds : float
         Duration [s].
+    residual_is_small : bool
+        Whether the residual of the reported model is within noise and stated model error.
     """
 
     title: str
@@ -174,6 +198,22 @@ class Diagnosis:
     attempt: Attempt | None = None
     calibration: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    residual_is_small: bool = True
+
+    @property
+    def is_naming(self) -> bool:
+        """Whether the diagnosis reports findings."""
+        return self.verdict in NAMING
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the mismatch that the findings explain; None without findings or without any mismatch."""
+        return explained_share(self.checked) if self.is_naming else None
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the residual of the reported model is within noise and stated model error."""
+        return self.verdict in ("missing-physics", "nothing-missing") and self.residual_is_small
 
     @property
     def tried(self) -> tuple[Any, ...]:
@@ -200,6 +240,9 @@ class Diagnosis:
         return {
             "title": self.title,
             "verdict": self.verdict,
+            "explained": _finite(self.explained),
+            "remaining": None if self.explained is None else _finite(1.0 - self.explained),
+            "complete": self.is_complete,
             "findings": [f.to_json() for f in self.findings],
             "alternatives": list(self.alternatives),
             "attempt": None if self.attempt is None else self.attempt.to_json(),

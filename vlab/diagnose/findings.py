@@ -10,9 +10,10 @@ from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
-from vlab.diagnose.diagnosis import Finding, Verdict
+from vlab.diagnose.diagnosis import NAMING, Finding, Verdict
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.parameter_vector import is_logarithm
 from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.parameters.locations import reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
@@ -20,7 +21,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import EVIDENCE, FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.effect import Effect, PickUp
+from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.units import ANGULAR
 
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
@@ -88,12 +89,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
         parameters: dict[str, dict[str, Any]] = {}
         for parameter in term.effect.parameters:
             value, sd = term.values[parameter.name], fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
-            spread = 1.645 * sd
-            low, high = (
-                (value - spread, value + spread)
-                if parameter.signed
-                else (value * np.exp(-spread), value * np.exp(min(spread, 50.0)))
-            )
+            low, high = _interval(parameter, float(value), 1.645 * sd)
             unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         places = choice.places if i == 0 else {term.place.name: 1.0}
@@ -115,11 +111,54 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
     return out
 
 
+def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:
+    """Return the 90 % interval of a value, from the spread of its entry in `Fit.sd`."""
+    if parameter.signed:
+        return value - spread, value + spread
+    if is_logarithm(parameter):
+        return value * float(np.exp(-spread)), value * float(np.exp(min(spread, 50.0)))
+    return max(value * (1.0 - spread), 0.0), value * (1.0 + spread)
+
+
 def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
     """Return an unchosen hypothesis as findings without probability."""
     places = {t.place.name: 1.0 for t in fit.terms[:1]}
     alone = Choice(best=hypothesis, alike=(), probability=float("nan"), ranking=(), places=places)
     return findings_of_terms(alone, fit, problem)
+
+
+def graded(findings: Sequence[Finding], choice: Choice, explained: float) -> tuple[Finding, ...]:
+    """Return the findings of a partial explanation.
+
+    The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Effects of
+    the same family that are as probable join the indistinguishable ones.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Effects of the attempt.
+    choice : Choice
+        Choice with its ranking.
+    explained : float
+        Explained share of the mismatch [1].
+
+    Returns
+    -------
+    tuple of Finding
+        Findings with probabilities.
+    """
+    known = sum(p for h, p in choice.tried if h.terms)
+    shares: dict[str, float] = {}
+    for h, p in choice.tried:
+        for name in {t.effect.physics for t in h.terms}:
+            shares[name] = shares.get(name, 0.0) + p / max(known, 1e-300)
+    out = []
+    for finding in findings:
+        own = shares.get(finding.effect, 0.0)
+        related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
+        alike = [e.physics for e in related if shares[e.physics] >= own]
+        out.append(replace(finding, probability=explained * own, alike=tuple(dict.fromkeys([*finding.alike, *alike]))))
+    return tuple(out)
 
 
 def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance]) -> tuple[Finding, ...]:
@@ -142,8 +181,39 @@ def by_what_they_explain(findings: Sequence[Finding], checked: Sequence[Distance
         parts = [(run, run.parts[i]) for run in checked if len(run.parts) == len(findings)]
         names = tuple(run.name for run, part in parts if run.role == "holdout" and not part.is_idle)
         gained = sum(part.left**2 - run.after**2 for run, part in parts if np.isfinite(run.after))
-        out.append((gained, replace(finding, verified_by=names)))
+        mismatch = sum(run.before**2 for run, _ in parts)
+        share = min(gained / mismatch, 1.0) if mismatch > 0.0 and np.isfinite(gained) else float("nan")
+        out.append((gained, replace(finding, verified_by=names, explained=share)))
     return tuple(finding for _, finding in sorted(out, key=lambda item: -item[0]))
+
+
+def one_per_law(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings with the places of every law together.
+
+    Friction in all joints of a machine is one finding with a value for each joint.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Findings in order of what they explain.
+
+    Returns
+    -------
+    tuple of Finding
+        Findings; a law at several places stands where its first place stood.
+    """
+    laws: dict[str, list[Finding]] = {}
+    for finding in findings:
+        laws.setdefault(finding.form, []).append(finding)
+    return tuple(
+        replace(
+            first,
+            elsewhere=tuple((f.place, f.parameters) for f in others),
+            explained=first.explained + sum(f.explained for f in others),
+            verified_by=tuple(dict.fromkeys(name for f in (first, *others) for name in f.verified_by)),
+        )
+        for first, *others in laws.values()
+    )
 
 
 def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
@@ -167,7 +237,7 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
     tuple of dict
         Effect, location, probability and residual.
     """
-    tried = choice.ranking if verdict == "missing-physics" else choice.tried
+    tried = choice.ranking if verdict in NAMING and choice.best.terms else choice.tried
     is_told = verdict in TOLD
     return tuple(
         {

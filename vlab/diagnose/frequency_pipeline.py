@@ -13,8 +13,15 @@ from vlab.cases.case import Case
 from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
 from vlab.diagnose.data.amplitude_dependence import level_notes, level_scale_notes
 from vlab.diagnose.data.responses import Measured, Modes, Response
-from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
-from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_attempt, findings_of_terms
+from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
+from vlab.diagnose.findings import (
+    alternatives,
+    by_what_they_explain,
+    findings_of_attempt,
+    findings_of_terms,
+    graded,
+    one_per_law,
+)
 from vlab.diagnose.inference.model_choice import Choice, choose_model
 from vlab.diagnose.parameters.mjcf import unused
 from vlab.diagnose.parameters.terms import Fit
@@ -33,9 +40,10 @@ from vlab.diagnose.validation.frequency import (
     modal_errors,
     nominal_model,
 )
-from vlab.diagnose.validation.gap import gap_closed, total, verifying
+from vlab.diagnose.validation.gap import explained_share, gap_closed, total, verifying
 from vlab.diagnose.validation.response_checks import check_responses
 from vlab.diagnose.validation.simulation import Ablations
+from vlab.diagnose.verdict import is_partial_explanation
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
@@ -135,6 +143,9 @@ def diagnose_frequency(
         attempt = best_attempt(
             tried, (trials(h.fit, findings_of_attempt(h, h.fit, cast(Any, problem))) for h in others)
         )
+        if attempt is not None and is_partial_explanation(attempt, choice):
+            verdict, tried, attempt = "partly-explained", attempt, None
+            fit, after = tried.fit, extended_by(problem, tried.fit)
     if verdict == "none-of-these" and file.of("warning"):
         verdict = "bad-recording"
     said = _report(problem, found, choice, verdict, tried, attempt, left_out)
@@ -261,14 +272,17 @@ def _report(
     attempt: Attempt | None,
     left_out: LeftOut | None,
 ) -> Diagnosis:
-    fit = choice.best.fit
-    is_found = verdict == "missing-physics"
+    fit = tried.fit if verdict in NAMING else choice.best.fit
+    is_found = verdict in NAMING
     shown = tried if is_found else attempt
     checked = tried.checked if is_found else tuple(c.without_findings() for c in tried.checked)
+    findings = by_what_they_explain(tried.findings, checked) if is_found else ()
+    if verdict == "partly-explained":
+        findings = graded(findings, choice, explained_share(checked) or 0.0)
     return Diagnosis(
         title=problem.case.table.title,
         verdict=verdict,
-        findings=by_what_they_explain(tried.findings, checked) if is_found else (),
+        findings=one_per_law(findings),
         alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.normalised_residual),
         checked=checked,
         mismatch=_mismatch(checked),
@@ -281,6 +295,7 @@ def _report(
             *_notes(problem, found, choice, left_out),
         ),
         attempt=attempt,
+        residual_is_small=total(checked, "after") <= _allowed(FREQUENCY_VERDICT.above_noise, checked),
         calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
     )
 

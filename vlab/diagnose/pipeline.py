@@ -15,8 +15,8 @@ from vlab.diagnose.advice import idle_note, implausible_parameters, next_measure
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.data_findings import DataFindings, look_at_data
-from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
-from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms
+from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
+from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded, one_per_law
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
@@ -31,8 +31,17 @@ from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.validation.gap import explained_share
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
-from vlab.diagnose.verdict import closes_gap, coloured_noise_note, decide_verdict, is_needed, residual_note
+from vlab.diagnose.verdict import (
+    closes_gap,
+    coloured_noise_note,
+    decide_verdict,
+    is_needed,
+    is_partial_explanation,
+    is_within_noise,
+    residual_note,
+)
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
@@ -188,18 +197,23 @@ def _diagnosed(
                 finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
                 told = f"{coarse}; all of the search is with the shorter ones"
                 return _diagnosed(finer_case, effects, report, began, told, file)
-    attempt, checked = None, list(tried.checked)
+    attempt = None
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
         attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
-    if verdict != "missing-physics":
+        if attempt is not None and is_partial_explanation(attempt, choice):
+            verdict, tried, fit_after, attempt = "partly-explained", attempt, attempt.fit, None
+            after = seen.on(extended(problem, fit_after))
+            after = after if trials.change is None else trials.change(after)
+    checked = list(tried.checked)
+    if verdict not in NAMING:
         after, fit_after = before, fit_before  # the extended model holds reported findings only
         checked = [c.without_findings() for c in checked]
     notes = (
         *residual_note(verdict, checked, is_structure=is_structure),
         *coloured_noise_note(verdict, checked, is_structure=is_structure),
         *spoilt_note(checked),
-        *idle_note(tried.checked if verdict == "missing-physics" else attempt.checked if attempt else ()),
+        *idle_note(tried.checked if verdict in NAMING else attempt.checked if attempt else ()),
         *([coarse] if coarse else []),
         *([told] if told else []),
         *(s.line for s in static_offsets),
@@ -208,10 +222,13 @@ def _diagnosed(
         *confirmed.rejected,
         *model_class.notes,
     )
-    findings = by_what_they_explain(tried.findings, checked) if verdict == "missing-physics" else ()
+    findings = by_what_they_explain(tried.findings, checked) if verdict in NAMING else ()
+    if verdict == "partly-explained":
+        findings = graded(findings, choice, explained_share(checked) or 0.0)
     diagnosis = replace(
-        _report(verdict, problem, choice, fit_after, checked, seen, findings, notes, attempt),
+        _report(verdict, problem, choice, fit_after, checked, seen, one_per_law(findings), notes, attempt),
         alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
+        residual_is_small=is_within_noise(checked, is_structure=is_structure),
         seconds=time.monotonic() - began,
     )
     report(1.0, "done")

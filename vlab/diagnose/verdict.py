@@ -1,14 +1,14 @@
 """Verdict of a diagnosis from errors on hold-out recordings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
 from vlab.diagnose.data_findings import DataFindings
-from vlab.diagnose.diagnosis import Verdict
+from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
-from vlab.diagnose.validation.gap import gap_closed, total, verifying
+from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
 from vlab.diagnose.validation.simulation import Checked
 
 
@@ -91,6 +91,11 @@ def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
     return errors[which] > max(VERDICT.above_noise * errors["noise"], VERDICT.least_misfit)
 
 
+def is_within_noise(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+    """Return whether the residual of the extended model is within noise and stated model error."""
+    return not _shows("after", errors_of(checked), is_structure=is_structure)
+
+
 def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
     """Return a note where the residual exceeds the noise.
 
@@ -111,7 +116,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
         One note, or none.
     """
     errors = errors_of(checked)
-    if verdict != "missing-physics" or not _shows("after", errors, is_structure=is_structure):
+    if verdict not in NAMING or not _shows("after", errors, is_structure=is_structure):
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
@@ -173,6 +178,72 @@ def is_of_the_fit_alone(
         Whether hold-out recordings cannot verify the findings.
     """
     return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), is_structure=is_structure)
+
+
+def explains_part(checked: Sequence[Distance]) -> bool:
+    """Return whether findings explain more of the mismatch than they leave.
+
+    The mismatch is the mean-square error of the best model without findings. The findings must explain the larger part
+    of it, increase the error of no recording, and predict significantly better.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors on hold-out data.
+
+    Returns
+    -------
+    bool
+        Whether the findings generalise.
+    """
+    tests = verifying(checked)
+    if not tests or any(c.is_idle for c in tests) or any(c.after > GAP.no_worse * c.start for c in tests):
+        return False
+    start, after = total(tests, "start"), total(tests, "after")
+    if not after < GAP.lost:
+        return False
+    return 2.0 * after**2 <= start**2 and predicts_better(tests, VERDICT.false_alarm_rate)
+
+
+def family_share(choice: Choice, families: Collection[str]) -> float:
+    """Return the posterior share of some families among all fitted effects.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice with its ranking.
+    families : collection of str
+        Families of one hypothesis.
+
+    Returns
+    -------
+    float
+        Share of the hypotheses with an effect of one of the families [1].
+    """
+    shares = [(p, any(t.effect.family in families for t in h.terms)) for h, p in choice.tried if h.terms]
+    return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
+
+
+def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
+    """Return whether an attempt is a partial explanation.
+
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        Attempt with errors on hold-out data.
+    choice : Choice
+        Choice with its ranking.
+
+    Returns
+    -------
+    bool
+        Whether the attempt may be reported.
+    """
+    families = {finding.family for finding in attempt.findings}
+    is_held_out = all(c.role == "holdout" for c in attempt.checked)
+    return is_held_out and explains_part(attempt.checked) and family_share(choice, families) > 0.5
 
 
 def decide_verdict(

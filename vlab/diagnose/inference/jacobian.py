@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.parameter_vector import ParameterVector
+from vlab.diagnose.inference.parameter_vector import ParameterVector, is_logarithm
 from vlab.diagnose.settings import JACOBIAN
 from vlab.signals import Array
 
@@ -140,7 +140,7 @@ def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -
     exact = np.zeros(len(slopes))
     for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
         if vector.terms[i].effect.kind == "port" and parameter.unit.startswith(("N", "kg")):
-            exact -= slopes[:, k] * (x[k] if parameter.signed else 1.0) / size
+            exact -= slopes[:, k] * (1.0 if is_logarithm(parameter) else x[k]) / size
     exact[: vector.priors] = direction[: vector.priors]
     return np.asarray(slopes + np.outer(exact - slopes @ direction, direction))
 

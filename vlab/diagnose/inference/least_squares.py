@@ -27,7 +27,7 @@ from vlab.diagnose.inference.jacobian import (
     update_broyden,
     with_scale,
 )
-from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
+from vlab.diagnose.inference.parameter_vector import ParameterVector, bounded_step, is_logarithm, limits_of
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, of_element
 from vlab.diagnose.predictors.modal import channels, mix
@@ -350,7 +350,7 @@ class LeastSquares:
         """
         terms = [replace(term, values=dict(own)) for own in values]
         vector = self.vector(terms[:1])
-        costs = self._costs(vector, np.array([self._initial(vector, [own], start.theta, start) for own in values]))
+        costs = self._costs(vector, np.array([self.initial(vector, [own], start.theta, start) for own in values]))
         best = int(np.argmin(costs))
         return float(costs[best]), terms[best]
 
@@ -380,7 +380,8 @@ class LeastSquares:
                 normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
             scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
             lams = damping * np.array([1.0, 1e2, 1e5])
-            steps = [np.linalg.solve(normal + np.diag(lam * scale), gradient) for lam in (FIT.undamped, *lams)]
+            room = vector.room(x)
+            steps = [-bounded_step(normal + np.diag(lam * scale), gradient, room) for lam in (FIT.undamped, *lams)]
             trials = x - np.array([*(part * steps[0] for part in FIT.parts), *steps[1:]])
             if is_nonsmooth(vector):
                 trials = np.vstack([trials, self._rescaled(vector, x)])
@@ -427,14 +428,14 @@ class LeastSquares:
 
     def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
         """Return a vector with the motion scale of largest prior density."""
-        direction, ours = vector.project_prior(motion_scale(self.problem)), slice(0, vector.r)
+        direction, ours = vector.project(motion_scale(self.problem)), slice(0, vector.r)
         grown = -float(direction @ x[ours]) / max(float(direction @ direction), 1e-12)
         out = x.copy()
         out[ours] += grown * direction
         out[vector.priors : vector.first_effect] *= np.exp(grown)
         for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
             power = grown * exponent(vector.terms[i].effect, parameter)
-            out[k] = out[k] * np.exp(power) if parameter.signed else out[k] + power
+            out[k] = out[k] + power if is_logarithm(parameter) else out[k] * np.exp(power)
         return out
 
     def _normal(self, vector: ParameterVector, slopes: Array, weight: Array) -> Array:
@@ -486,13 +487,13 @@ class LeastSquares:
         theta = self.screen.theta if start is None else start.theta
         if all(t.label in known for t in terms):
             own = [known[t.label].values for t in terms]
-            return self._ordered(vector, [self._initial(vector, own, x, start) for x in (theta, *thetas)])
+            return self._ordered(vector, [self.initial(vector, own, x, start) for x in (theta, *thetas)])
         candidates = [
             Candidate(effect=t.effect, place=t.place, values=dict(t.values), log_likelihood_gain=0.0) for t in terms
         ]
         given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
         out = [
-            self._initial(vector, values, joint, start)
+            self.initial(vector, values, joint, start)
             for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
         ]
         options = []
@@ -502,10 +503,10 @@ class LeastSquares:
                 known[t.label].values if t.label in known else {**t.values, **less}
                 for t, less in zip(terms, small, strict=True)
             ]
-            options.append(self._initial(vector, own, theta, start))
+            options.append(self.initial(vector, own, theta, start))
         natural = [known.get(term.label, of_element(term)) for term in terms]
         if any(there is not here for there, here in zip(natural, terms, strict=True)):
-            options.append(self._initial(vector, [t.values for t in natural], theta, start))
+            options.append(self.initial(vector, [t.values for t in natural], theta, start))
         X = np.array([*out, *options])
         costs = self._costs(vector, X)
         together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
@@ -514,7 +515,7 @@ class LeastSquares:
             return first
         # far from its priors the other fit has absorbed the missing physics
         own = [known.get(term.label, term).values for term in terms]
-        return [*first, self._initial(vector, own, np.zeros_like(theta), start)]
+        return [*first, self.initial(vector, own, np.zeros_like(theta), start)]
 
     def _ordered(self, vector: ParameterVector, starts: list[Array]) -> list[Array]:
         """Return starts in order of cost; with a law the best alone."""
@@ -554,6 +555,7 @@ class LeastSquares:
             omega=self.reduced_model.omega,
             active=self.active,
             firsts=np.array(firsts).reshape(len(firsts), 2 * self.reduced_model.m),
+            may_vanish=self.problem.may_vanish,
         )
 
     @property
@@ -561,7 +563,7 @@ class LeastSquares:
         """Runs with an estimated initial state."""
         return [i for i, run in enumerate(self.runs) if run.start is None and not run.at_rest]
 
-    def _initial(
+    def initial(
         self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
         """Return the vector of given values, with a fit's offsets and initial states."""
@@ -649,10 +651,12 @@ class LeastSquares:
         size = np.where(size > 0, size, 1.0)
         scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
         covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
-        sd = {
-            f"{terms[i].label}:{p.name}": p.grain or float(np.sqrt(max(covariance[k, k], 0.0)))
-            for k, (i, p) in enumerate(vector.parameters, start=vector.first_effect)
-        }
+        sd = {}
+        for k, (i, p) in enumerate(vector.parameters, start=vector.first_effect):
+            spread = float(np.sqrt(max(covariance[k, k], 0.0)))
+            relative = spread / max(abs(float(x[k])), 1e-300)
+            is_relative = not (p.signed or is_logarithm(p))
+            sd[f"{terms[i].label}:{p.name}"] = p.grain or (relative if is_relative else spread)
         return Fit(
             terms=fitted,
             theta=theta[0],

@@ -70,8 +70,19 @@ def _excess(hypothesis: Hypothesis) -> float:
     return max(hypothesis.normalised_residual**2 - 1.0, 0.0)
 
 
-def _beyond(more: Hypothesis, less: Hypothesis) -> float:
-    """Return the gain of further effects beyond the threshold [nat]."""
+def gain_beyond(more: Hypothesis, less: Hypothesis) -> float:
+    """Return the gain of further effects beyond the threshold.
+
+    Parameters
+    ----------
+    more, less : Hypothesis
+        Hypotheses with and without the further effects.
+
+    Returns
+    -------
+    float
+        Log posterior gain beyond the threshold [nat].
+    """
     if any(
         _is_mains_frequency(t.values["frequency"])
         for t in more.terms
@@ -116,7 +127,7 @@ def choose_model(found: Found) -> Choice:
         explains = before.normalised_residual > MODEL_CHOICE.above_noise and _excess(before) - _excess(
             one
         ) >= MODEL_CHOICE.explained * _excess(before)
-        if explains or _beyond(one, before) > 0:
+        if explains or gain_beyond(one, before) > 0:
             best = one
     if best is not before and doubles:
         two = doubles[0]
@@ -125,13 +136,14 @@ def choose_model(found: Found) -> Choice:
         explains = gained >= MODEL_CHOICE.explained * _excess(one) and gained >= MODEL_CHOICE.second_share * _excess(
             before
         )
-        if (explains and not first_is_enough) or _beyond(two, one) > 0:
+        if (explains and not first_is_enough) or gain_beyond(two, one) > 0:
             best = two
+        best = _with_more_effects(found, best)
     elif (
         doubles and before.normalised_residual > MODEL_CHOICE.above_noise
     ):  # one of two effects alone may explain nothing
         two = doubles[0]
-        if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and _beyond(two, before) > 0:
+        if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and gain_beyond(two, before) > 0:
             best = two
     if best is before:
         return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
@@ -146,9 +158,18 @@ def choose_model(found: Found) -> Choice:
         ranking=ranking,
         places=_places(found, best),
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
-        gained=_beyond(best, before),
+        gained=gain_beyond(best, before),
         is_prior_driven=is_prior_driven(best, before),
     )
+
+
+def _with_more_effects(found: Found, best: Hypothesis) -> Hypothesis:
+    """Return the largest hypothesis whose every further effect pays."""
+    while True:
+        larger = [h for h in found.hypotheses if len(h.terms) == len(best.terms) + 1 and len(h.terms) > 2]
+        if not larger or gain_beyond(larger[0], best) <= 0.0:
+            return best
+        best = larger[0]
 
 
 def _shares(hypotheses: Sequence[Hypothesis]) -> list[float]:

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import optimize
 
+from vlab.diagnose.parameters.mjcf import log_factors, relative_changes
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.effect import Parameter
@@ -36,6 +38,8 @@ class ParameterVector:
         Modes with an estimated initial state.
     firsts : (n_free, 2m) array
         Prior initial states of the runs with an estimated one.
+    may_vanish : (n_changes,) array of bool
+        Uncertain parameters whose relative change has the prior; others have one of the log factor.
     """
 
     terms: Sequence[Term]
@@ -46,6 +50,7 @@ class ParameterVector:
     omega: Array
     active: Array
     firsts: Array
+    may_vanish: Array | bool = False
 
     @property
     def r(self) -> int:
@@ -92,7 +97,11 @@ class ParameterVector:
 
     def project_prior(self, theta: Array) -> Array:
         """Return log factors along the directions, in prior standard deviations."""
-        return np.asarray((self.directions / self.prior[:, None] ** 2).T @ theta)
+        return self.project(relative_changes(theta, np.asarray(self.may_vanish)))
+
+    def project(self, direction: Array) -> Array:
+        """Return small changes (n_changes,) along the directions, in prior standard deviations."""
+        return np.asarray((self.directions / self.prior[:, None] ** 2).T @ direction)
 
     def packed(
         self, theta: Array, offsets: Array, states: Sequence[Array], values: Sequence[Mapping[str, float]]
@@ -141,7 +150,7 @@ class ParameterVector:
             Parameter values (n_sets,) of every term.
         """
         m, half = len(self.omega), len(self.active)
-        theta = X[:, : self.r] @ self.directions.T
+        theta = log_factors(X[:, : self.r] @ self.directions.T, np.asarray(self.may_vanish))
         offsets = X[:, self.r : self.priors] * self.offset_sd
         states = np.repeat(self.firsts[None], len(X), axis=0)
         fitted = X[:, self.priors : self.first_effect].reshape(len(X), len(self.firsts), 2 * half) * self.start_scale
@@ -166,13 +175,33 @@ class ParameterVector:
         """
         out = np.full(x.size, PARAMETER_VECTOR.step)
         out[self.priors : self.first_effect] = PARAMETER_VECTOR.start_step
-        for k, (_, parameter) in enumerate(self.parameters, start=self.first_effect):
-            out[k] = (
-                PARAMETER_VECTOR.step
-                if not parameter.signed
-                else max(PARAMETER_VECTOR.step * abs(x[k]), PARAMETER_VECTOR.least_step)
-            )
+        for k, (i, parameter) in enumerate(self.parameters, start=self.first_effect):
+            size = 1.0
+            if not is_logarithm(parameter):
+                size = abs(x[k])
+                if not parameter.signed:  # zero has no size of its own
+                    size = max(size, self.terms[i].values[parameter.name])
+            out[k] = max(PARAMETER_VECTOR.step * size, PARAMETER_VECTOR.least_step)
         return out
+
+    def room(self, x: Array) -> tuple[Array, Array]:
+        """Return the largest moves down and up within the bounds.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Vector.
+
+        Returns
+        -------
+        down, up : (n,) array
+            Moves, at most and at least zero.
+        """
+        low, high = np.full(x.size, -np.inf), np.full(x.size, np.inf)
+        low[: self.r], high[: self.r] = -PARAMETER_VECTOR.prior_bound, PARAMETER_VECTOR.prior_bound
+        for k, (least, most) in enumerate(self.limits, start=self.first_effect):
+            low[k], high[k] = least, most
+        return np.minimum(low - x, 0.0), np.maximum(high - x, 0.0)
 
     def bounded(self, X: Array) -> Array:
         """Return vectors clipped to their bounds.
@@ -217,6 +246,8 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
     if parameter.signed:
         most = np.inf if parameter.reference else parameter.high
         return -most, most
+    if parameter.role == "amplitude":
+        return 0.0, value * float(np.exp(PARAMETER_VECTOR.furthest)) if parameter.reference else parameter.high
     centre = to_unbounded(parameter, value)
     low, high = centre - PARAMETER_VECTOR.furthest, centre + PARAMETER_VECTOR.furthest
     if parameter.reference in ("displacement", "velocity"):
@@ -224,17 +255,59 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
         low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))
     elif parameter.role == "shape" and not parameter.reference:
         low, high = max(low, np.log(parameter.low)), min(high, np.log(parameter.high))
-    elif parameter.role == "amplitude" and not parameter.reference:
-        most = float(np.log(parameter.high))
-        return min(low, most), min(max(high, centre), most)
     return min(low, centre), max(high, centre)
 
 
+def bounded_step(normal: Array, gradient: Array, room: tuple[Array, Array]) -> Array:
+    """Return the minimum of a quadratic cost within bounds.
+
+    Bounded variables need the joint minimum: a gradient that points across a bound may turn with the other variables.
+
+    Parameters
+    ----------
+    normal : (n, n) array
+        Positive definite normal matrix.
+    gradient : (n,) array
+        Half the gradient of the cost.
+    room : tuple of (n,) arrays
+        Largest moves down and up.
+
+    Returns
+    -------
+    (n,) array
+        Step.
+    """
+    step = -np.linalg.solve(normal, gradient)
+    down, up = room
+    if np.all(step >= down) and np.all(step <= up):
+        return np.asarray(step)
+    size = np.sqrt(np.diag(normal))
+    try:
+        factor = np.linalg.cholesky(normal / np.outer(size, size))
+    except np.linalg.LinAlgError:  # a direction without information
+        return np.asarray(np.clip(step, down, up))
+    wanted = np.linalg.solve(factor, -gradient / size)
+    slack = 1e-12 * (1.0 + np.abs(size * step))  # the solver wants an interval
+    bounds = (np.minimum(size * down, 0.0) - slack, np.maximum(size * up, 0.0) + slack)
+    found = optimize.lsq_linear(factor.T, wanted, bounds=bounds, method="bvls")
+    return np.asarray(np.clip(found.x / size, down, up))
+
+
+def is_logarithm(parameter: Parameter) -> bool:
+    """Return whether the entry of a parameter is its logarithm.
+
+    Shapes are positive and enter by their ratio. A law is linear in its amplitudes, which may vanish.
+    """
+    return parameter.role == "shape" and not parameter.signed
+
+
 def to_unbounded(parameter: Parameter, value: float) -> float:
-    """Return the entry of a value: its log, or itself where signed."""
-    return float(value) if parameter.signed else float(np.log(max(value, 1e-300)))
+    """Return the entry of a value: itself, or its logarithm."""
+    return float(np.log(max(value, 1e-300))) if is_logarithm(parameter) else float(value)
 
 
 def from_unbounded(parameter: Parameter, x: Array) -> Array:
     """Return the values of entries."""
-    return x if parameter.signed else np.exp(np.clip(x, -80, 80))
+    if is_logarithm(parameter):
+        return np.exp(np.clip(x, -80, 80))
+    return x if parameter.signed else np.maximum(x, 0.0)

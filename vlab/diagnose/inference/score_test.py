@@ -603,13 +603,14 @@ class ScoreTest:
         b = (columns / size).T @ self.base
         x = np.linalg.solve(gram, b)
         negative = [i for i, p in enumerate(effect.amplitudes) if not p.signed and x[i] < 0]
-        if negative:  # a negative friction or mass is dropped from the law
+        if negative:  # a negative friction or mass counts as its standard deviation
             others = [i for i in range(width) if i not in negative]
-            x = np.zeros(width)
+            x = np.full(width, np.sqrt(self.variance))
             if others:
                 x[others] = np.linalg.solve(gram[np.ix_(others, others)], b[others])
-            if any(x[i] < 0 for i, p in enumerate(effect.amplitudes) if not p.signed):
-                return 0.0, np.zeros(width)
+            if not others or any(x[i] < 0 for i, p in enumerate(effect.amplitudes) if not p.signed):
+                return 0.0, np.sqrt(self.variance) / size
+            return 0.5 * float(b[others] @ x[others]) / self.variance, x / size
         if not effect.amplitudes and x[0] < 0.2 * size[0]:
             return 0.0, np.zeros(width)
         return 0.5 * float(b @ x) / self.variance, x / size

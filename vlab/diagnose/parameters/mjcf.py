@@ -26,6 +26,39 @@ Number = tuple[str, int | tuple[int, int]]
 """Value of a model: name of its array, and index in the array."""
 
 
+VANISHING = frozenset({"damping", "friction"})
+"""Kinds of uncertain parameters that may be zero."""
+LEAST_FACTOR = 1e-3
+"""LEAST_FACTOR [1]: factor that stands for zero where a log factor is stored."""
+
+
+def relative_changes(theta: Array, may_vanish: Array | bool) -> Array:
+    """Return log factors as deviations with a normal prior.
+
+    The deviation is the log factor, or the relative change of a value that may vanish: damping known to 50 % may as well
+    be absent, which is no multiple.
+
+    Parameters
+    ----------
+    theta : (..., n_parameters) array
+        Log factors.
+    may_vanish : (n_parameters,) array of bool
+        Whether a value may be zero.
+
+    Returns
+    -------
+    (..., n_parameters) array
+        Deviations.
+    """
+    return np.asarray(np.where(may_vanish, np.expm1(np.minimum(theta, 50.0)), theta))
+
+
+def log_factors(deviations: Array, may_vanish: Array) -> Array:
+    """Return the log factors of deviations; the inverse of `relative_changes`."""
+    vanishing = np.log(np.maximum(1.0 + deviations, LEAST_FACTOR))
+    return np.asarray(np.where(may_vanish, vanishing, deviations))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Uncertain:
     """Uncertain parameter: a log factor on values of the model.
@@ -37,7 +70,7 @@ class Uncertain:
     kind : str
         Kind of the parameter.
     sd : float
-        Prior standard deviation of the log factor.
+        Prior standard deviation of the log factor, or of the relative change of a value that may vanish.
     fields : tuple
         Multiplied values of the model.
     actuator, sensor : int or None
@@ -50,6 +83,11 @@ class Uncertain:
     fields: tuple[Number, ...] = ()
     actuator: int | None = None
     sensor: int | None = None
+
+    @property
+    def may_vanish(self) -> bool:
+        """Whether the value may be zero, so that its relative change has a normal prior instead of its log factor."""
+        return self.kind in VANISHING
 
 
 def uncertain_parameters(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data_findings import DataFindings
@@ -14,6 +14,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT
 from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
+from vlab.diagnose.verdict import explains_part
 from vlab.physics.effect import Effect
 
 
@@ -90,7 +91,7 @@ class Trials:
 
 
 def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
-    """Return the best attempt without divergence, or None.
+    """Return the best attempt that explains a part, else the best without divergence, else None.
 
     Parameters
     ----------
@@ -104,9 +105,13 @@ def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
     Attempt or None
         Best attempt.
     """
-    if first.findings and first.holds:
-        return first
-    return next((attempt for attempt in islice(others, ATTEMPT.most_attempts) if attempt.holds), None)
+    best = first if first.findings and first.holds else None
+    for attempt in chain([first] if first.findings else [], islice(others, ATTEMPT.most_attempts)):
+        if explains_part(attempt.checked):
+            return attempt
+        if best is None and attempt.holds:
+            best = attempt
+    return best
 
 
 def _same(model: ExtendedModel) -> ExtendedModel:

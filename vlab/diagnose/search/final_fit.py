@@ -16,7 +16,7 @@ from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.quality import is_informative
 from vlab.diagnose.inference.jacobian import update_broyden
 from vlab.diagnose.inference.least_squares import LeastSquares
-from vlab.diagnose.inference.parameter_vector import from_unbounded, to_unbounded
+from vlab.diagnose.inference.parameter_vector import from_unbounded, is_logarithm, to_unbounded
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
@@ -122,7 +122,7 @@ class _Moves:
             values = {}
             for parameter in term.effect.parameters:
                 centre = to_unbounded(parameter, term.values[parameter.name])
-                size = max(abs(centre), 1e-12) if parameter.signed else 1.0
+                size = 1.0 if is_logarithm(parameter) else max(abs(centre), 1e-12)
                 values[parameter.name] = float(from_unbounded(parameter, np.asarray(centre + size * next(vector))))
             terms.append(replace(term, values=values))
         return replace(self.fit, theta=self.fit.theta + self.directions @ x[: self.r], terms=tuple(terms))

@@ -16,6 +16,7 @@ from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.predictors.innovations import Group
@@ -27,7 +28,7 @@ from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp
 from vlab.signals import Array
 
 
-def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bool:
+def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array, may_vanish: Array | bool = False) -> bool:
     """Return whether the best single effects need implausible parameters.
 
     Parameters
@@ -38,6 +39,8 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bo
         Number of identifiable directions, the expected squared prior distance.
     prior : (n_changes,) array
         Prior standard deviations of the uncertain parameters.
+    may_vanish : (n_changes,) array of bool
+        Parameters whose relative change has the prior.
 
     Returns
     -------
@@ -46,7 +49,7 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array) -> bo
     """
     return any(
         h.prior_departure > SECOND_EFFECT.prior_violation + 0.5 * usual
-        or bool(np.any(np.abs(h.long_fit.theta) > SECOND_EFFECT.outlying * prior))
+        or bool(np.any(np.abs(relative_changes(h.long_fit.theta, may_vanish)) > SECOND_EFFECT.outlying * prior))
         for h in _of_interest(fitted)
     )
 

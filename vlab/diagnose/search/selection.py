@@ -23,6 +23,7 @@ from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
     ablate_pairs,
@@ -111,7 +112,9 @@ def search(
     enough = SELECTION.explains * floor_of(whole)
     if problem.case.structure is not None:
         enough = float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
-    is_odd = bool(singles) and violate_priors(singles, whole.directions.shape[1], whole.reduced_model.prior)
+    is_odd = bool(singles) and violate_priors(
+        singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
+    )
     if singles and (is_odd or demands_another_effect(before, singles, enough)):
         among, is_clear = (
             best_places(candidates, SECOND_EFFECT.second_places),
@@ -128,6 +131,10 @@ def search(
             on_whole_runs(whole, narrow, alone, len(alone), plain),
             doubles,
         )
+    report(0.9, "adding effects")
+    least = max(enough, HYPOTHESIS_FITS.enough)
+    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates, enough=least)
+    hypotheses = selection.extend(hypotheses)
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
     hypotheses = by_score(hypotheses)

@@ -16,6 +16,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
@@ -71,6 +72,9 @@ def search_moving(
     (before,) = on_whole_runs(whole, narrow, [before])
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
+    report(0.9, "adding effects")
+    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates)
+    hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,

@@ -107,6 +107,9 @@ class VerdictSettings:
     least_near_noise: float = 0.7
     """least_near_noise [1]: share of the gap to close where the residual is near the noise, 0 to 1; default untested.
     Raising it rejects effects on small gaps."""
+    false_alarm_rate: float = 0.01
+    """false_alarm_rate [1]: probability that equal models pass a test between predictions, 0 to 0.5; default a usual
+    level of significance. Raising it reports more effects as partial explanations."""
     better: float = 0.998
     """better [1]: largest residual of a better model over that of the other, 0 to 1; default untested. Interference has
     a new phase in every recording and cannot improve hold-out data; raising it accepts smaller improvements."""

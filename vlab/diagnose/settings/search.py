@@ -86,6 +86,20 @@ class FinalFitSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ForwardSelectionSettings:
+    """Settings of `vlab.diagnose.search.forward_selection`."""
+
+    most_effects: int = 6
+    """most_effects [1]: effects of the largest hypothesis, at least 2; default untested. Raising it lets the selection
+    run longer on models that lack much."""
+    most_candidates: int = 150
+    """most_candidates [1]: candidates of a profile screening, at least 1; default untested. Raising it costs time."""
+    fitted: int = 6
+    """fitted [1]: best candidates that are fitted beside a hypothesis, at least 1; default untested. Raising it costs
+    time."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrequencyScreeningSettings:
     """Settings of `vlab.diagnose.search.frequency_screening`."""
 
@@ -166,6 +180,32 @@ class PermanentChangeSettings:
     most: int = 3
     """most [1]: located laws of permanent change that are fitted, at least 1; default untested. Raising it costs time.
     """
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileScreeningSettings:
+    """Settings of `vlab.diagnose.search.profile_screening`."""
+
+    rank: float = 1e-9
+    """rank [1]: singular value of the Jacobian over the largest below which a direction counts as noise, above 0;
+    default far above the rounding of differences. Raising it profiles fewer directions."""
+    shape_factors: tuple[float, ...] = (1.0, 0.4, 2.5)
+    """shape_factors [1]: multiples of a shape of the first screening that are simulated, above 0; default untested.
+    More factors cost time."""
+    most_shapes: int = 6
+    """most_shapes [1]: shapes of one candidate, at least 1; default untested. Raising it costs time."""
+    amplitude_factors: tuple[float, ...] = (1.0, 0.3, 3.0)
+    """amplitude_factors [1]: multiples of the linear optimum of an amplitude that are simulated, above 0; default
+    untested. More factors cost time."""
+    least_share: float = 1e-6
+    """least_share [1]: first amplitude over the upper end of its range, above 0; default untested. The amplitude is
+    rescaled, so the value matters little."""
+    moved: tuple[float, float] = (1e-6, 0.3)
+    """moved [1]: least and largest change of the residual over its norm by a finite difference; default untested. A
+    wider range accepts more rounding or more nonlinearity."""
+    rescalings: int = 8
+    """rescalings [1]: most changes of the amplitude of a finite difference, at least 1; default untested. Raising it
+    costs time for laws without effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,11 +390,13 @@ ATTEMPT = AttemptSettings()
 CONFIRMATION = ConfirmationSettings()
 CROSS_VALIDATION = CrossValidationSettings()
 FINAL_FIT = FinalFitSettings()
+FORWARD_SELECTION = ForwardSelectionSettings()
 FREQUENCY_SCREENING = FrequencyScreeningSettings()
 FREQUENCY_SELECTION = FrequencySelectionSettings()
 LEVEL_TRIALS = LevelTrialsSettings()
 MODEL_CLASS = ModelClassSettings()
 PERMANENT_CHANGE = PermanentChangeSettings()
+PROFILE_SCREENING = ProfileScreeningSettings()
 SAMPLING_CONVENTION = SamplingConventionSettings()
 SECOND_EFFECT = SecondEffectSettings()
 SELECTION = SelectionSettings()

@@ -49,6 +49,12 @@ class ValidationSettings:
     coarse: float = 0.2
     """coarse [1]: change by shorter steps over the unexplained residual from which a note is written, above 0; default
     untested. Raising it writes fewer notes."""
+    least_part: int = 100
+    """least_part [samples]: shortest part of a recording that is predicted from a state of its own, at least 20;
+    default five times the shortest window of an initial state. Raising it keeps parts longer."""
+    blocks: int = 8
+    """blocks [1]: parts of a recording whose errors count as independent in a test between models, at least 2; default
+    untested. Raising it overstates the evidence of correlated errors."""
 
 
 FREQUENCY_VALIDATION = FrequencyValidationSettings()

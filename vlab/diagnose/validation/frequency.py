@@ -19,8 +19,8 @@ from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.frequency_residual import shape_rows, tracked
 from vlab.diagnose.predictors.level_answer import answer_at_level
 from vlab.diagnose.predictors.level_modes import acts_in_table, modes_at_amplitude
-from vlab.diagnose.settings import FREQUENCY_VALIDATION, RESPONSES
-from vlab.diagnose.validation.gap import Distance, part_of, total
+from vlab.diagnose.settings import FREQUENCY_VALIDATION, RESPONSES, VALIDATION
+from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of, total
 from vlab.diagnose.validation.simulation import Ablations
 from vlab.modal.mac import mac
 from vlab.physics.attach import Attached, attach
@@ -153,7 +153,7 @@ class CheckedFrequency(Distance):
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
         answers = (*self.answers[:2], self.standing)
-        return replace(self, after=self.before, channels=channels, answers=answers)
+        return replace(self, after=self.before, channels=channels, answers=answers, log_ratios=np.zeros(0))
 
 
 def check_frequency(
@@ -300,9 +300,26 @@ def _checked_response(data: Response, answers: list[ComplexArray], findings: Seq
         square = np.abs(difference) ** 2 / np.maximum(size, 1e-300)
         return dict(zip(names, np.sqrt(np.nanmean(square, axis=0)), strict=True))
 
-    return _checked(
+    own = _checked(
         data, total, errors, (noise, _rms(noise)), answers, findings, [moved(H) for H in answers[3:]], len(data.freq)
     )
+    return _with_log_ratios(own, [np.sqrt(np.nan_to_num(apart(data, H))) for H in answers], VALIDATION.blocks)
+
+
+def _with_log_ratios(checked: CheckedFrequency, errors: Sequence[Array], blocks: int) -> CheckedFrequency:
+    """Return checked data with the log ratios of both models' errors by block.
+
+    Parameters
+    ----------
+    checked : CheckedFrequency
+        Errors on the data.
+    errors : sequence of (n, n_channels) array
+        Errors of every model; the last is that without findings.
+    blocks : int
+        Number of blocks.
+    """
+    without = errors[-1] if checked.bare < checked.before else errors[0 if checked.is_spoilt else 1]
+    return replace(checked, log_ratios=block_log_ratios(without, errors[2], blocks))
 
 
 def _checked(
@@ -435,4 +452,6 @@ def _checked_modes(data: Modes, answers: list[ModalAnswer], findings: Sequence[s
     unit = floor["frequency"]
     total = [unit * float(np.sqrt(np.mean([(e[n] / floor[n]) ** 2 for n in e]))) for e in errors]
     moved = [{n: float(np.sqrt(np.mean((e[n] - each[2][n]) ** 2))) for n in each[0]} for e in each[3:]]
-    return _checked(data, total, errors, (floor, unit), answers, findings, moved, data.n)
+    own = _checked(data, total, errors, (floor, unit), answers, findings, moved, data.n)
+    values = [np.concatenate([e[n] / floor[n] for n in e])[:, None] for e in each]
+    return _with_log_ratios(own, values, len(values[0]))

@@ -5,10 +5,11 @@ removal.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
+from scipy import stats
 
 from vlab.diagnose.settings import MODEL_CHOICE
 from vlab.signals import Array
@@ -61,6 +62,10 @@ class Distance:
         Relative error of the extended model without any finding, that is its calibration alone.
     parts : tuple of Part
         Contributions of the findings.
+    horizon_s : float
+        Length of the parts that are predicted one by one [s]; infinite for data predicted as a whole.
+    log_ratios : (n_blocks,) array
+        Log ratio of the mean-square errors of the model of `start` and the extended model, by block of the data.
     """
 
     name: str
@@ -74,6 +79,8 @@ class Distance:
     calibrated: float = float("nan")
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()
+    horizon_s: float = float("inf")
+    log_ratios: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def is_spoilt(self) -> bool:
@@ -106,6 +113,59 @@ class Distance:
     def gap_closed(self) -> float | None:
         """Closed share of the gap; None within the noise."""
         return None if self.is_idle else gap_closed(self.before, self.after, self.noise)
+
+
+def block_log_ratios(without: Array, extended: Array, blocks: int) -> Array:
+    """Return log ratios of mean-square errors by block.
+
+    Parameters
+    ----------
+    without, extended : (n, n_channels) array
+        Errors of both models over the channels' rms.
+    blocks : int
+        Number of blocks of equal length.
+
+    Returns
+    -------
+    (n_blocks,) array
+        Log ratios, positive where the extended model is better. Blocks without error are absent.
+    """
+    pairs = [
+        (float(np.mean(a**2)), float(np.mean(b**2)))
+        for a, b in zip(np.array_split(without, blocks), np.array_split(extended, blocks), strict=True)
+        if a.size
+    ]
+    return np.array([np.log(a / b) for a, b in pairs if a > 0.0 and b > 0.0])
+
+
+def predicts_better(checked: Sequence[Distance], false_alarm_rate: float) -> bool:
+    """Return whether the extended model predicts significantly better.
+
+    The test is a one-sided t test on the log ratios of all blocks [1]_. The scale of every block's error is unknown, as
+    in a predictive log score with estimated variance.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+    false_alarm_rate : float
+        Probability of a positive answer for equal models [1].
+
+    Returns
+    -------
+    bool
+        True if the mean log ratio is significantly positive.
+
+    References
+    ----------
+    .. [1] F. X. Diebold, R. S. Mariano, Comparing predictive accuracy, J. Bus. Econ. Stat. 13 (1995) 253-263.
+    """
+    ratios = np.concatenate([c.log_ratios for c in verifying(checked)] or [np.zeros(0)])
+    if len(ratios) < 2:
+        return False
+    if np.ptp(ratios) == 0.0:
+        return bool(ratios[0] > 0.0)
+    return bool(stats.ttest_1samp(ratios, 0.0, alternative="greater").pvalue < false_alarm_rate)
 
 
 def gap_closed(before: float, after: float, noise: float) -> float | None:
@@ -161,6 +221,30 @@ def whole_gap(checked: Sequence[Distance]) -> float | None:
     """Return the closed share over all verifying data."""
     chosen = [c for c in checked if not c.is_idle]
     return gap_closed(*(total(chosen, key) for key in ("before", "after", "noise"))) if chosen else None
+
+
+def explained_share(checked: Sequence[Distance]) -> float | None:
+    """Return the share of the mismatch that the extended model explains.
+
+    The mismatch is the mean square of `Distance.before`. Noise counts as unexplained.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    float or None
+        Share, negative for a worse extended model; None without any mismatch.
+    """
+    tests = verifying(checked)
+    before, after = total(tests, "before"), total(tests, "after")
+    if not before > 0.0:
+        return None
+    if not np.isfinite(before):
+        return 1.0 if np.isfinite(after) else 0.0
+    return 1.0 - (after / before) ** 2 if np.isfinite(after) else -np.inf
 
 
 def total(checked: Sequence[Distance], which: str) -> float:

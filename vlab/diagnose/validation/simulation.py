@@ -19,7 +19,8 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
-from vlab.diagnose.validation.gap import Distance, part_of
+from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of
+from vlab.diagnose.validation.horizon import can_be_halved, horizon_s, is_predicted, parts_of
 from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -202,7 +203,8 @@ class Checked(Distance):
             name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
         }
         nominal, calibrated, _ = self.simulated
-        return replace(self, after=self.before, channels=channels, simulated=(nominal, calibrated, self.standing))
+        simulated = (nominal, calibrated, self.standing)
+        return replace(self, after=self.before, channels=channels, simulated=simulated, log_ratios=np.zeros(0))
 
 
 def check(
@@ -238,14 +240,56 @@ def check(
     """
     ablations = ablations or Ablations()
     models = [nominal, before, after, *ablations.models]
-    work = [(model, run) for run in runs for model in models]
-    data = side_by_side(lambda item: _try(*item), work)
-    simulated = [
-        None if part is None else replace(run.measured, data=part, meta={"simulated": run.name})
-        for (_, run), part in zip(work, data, strict=True)
-    ]
-    each = [simulated[len(models) * i : len(models) * (i + 1)] for i in range(len(runs))]
-    return [_checked(run, models, own, interferences, ablations.names) for run, own in zip(runs, each, strict=True)]
+    counts = [1] * len(runs)
+    pending = list(range(len(runs)))
+    found: dict[int, Checked] = {}
+    while pending:
+        simulated = _simulated(models, [parts_of(runs[i], counts[i]) for i in pending])
+        for i, own in zip(pending, simulated, strict=True):
+            horizon = horizon_s(runs[i], counts[i])
+            found[i] = _checked(runs[i], models, own, interferences, ablations.names, horizon)
+        pending = [i for i in pending if can_be_halved(runs[i], counts[i]) and not _is_predicted(found[i])]
+        for i in pending:
+            counts[i] *= 2
+    return [found[i] for i in range(len(runs))]
+
+
+def _is_predicted(checked: Checked) -> bool:
+    return is_predicted([checked.nominal, checked.calibrated, checked.after], checked.noise)
+
+
+def _simulated(models: Sequence[ExtendedModel | None], runs: Sequence[Sequence[Run]]) -> list[list[Recording | None]]:
+    """Simulate runs, in parts, with all models.
+
+    Parameters
+    ----------
+    models : sequence of ExtendedModel or None
+        Models.
+    runs : sequence of sequence of Run
+        Parts of every run.
+
+    Returns
+    -------
+    list of list of Recording or None
+        Simulation by run and model; None without a model, or where a part diverges.
+    """
+    work = [(model, part) for parts in runs for model in models for part in parts]
+    data = iter(side_by_side(lambda item: _try(*item), work))
+    out: list[list[Recording | None]] = []
+    for parts in runs:
+        whole = parts[0].measured
+        if len(parts) > 1:
+            time = np.concatenate([part.measured.time for part in parts])
+            whole = replace(whole, time=time, data=np.concatenate([part.measured.data for part in parts]))
+        own: list[Recording | None] = []
+        for _ in models:
+            found = [next(data) for _ in parts]
+            pieces = [d for d in found if d is not None]
+            is_whole = len(pieces) == len(parts)
+            meta = {"simulated": parts[0].name}
+            own.append(replace(whole, data=np.concatenate(pieces), meta=meta) if is_whole else None)
+        out.append(own)
+    return out
 
 
 def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
@@ -295,6 +339,7 @@ def _checked(
     simulated: Sequence[Recording | None],
     interferences: Sequence[MainsInterference],
     findings: Sequence[str],
+    horizon: float,
 ) -> Checked:
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
@@ -323,6 +368,8 @@ def _checked(
     standing = recordings[0] if left[1] > left[0] else recordings[1]
     if models[2] is None:
         errors[2], recordings[2] = stands, standing
+    bare = recordings[2] if not findings else simulated[-1]
+    start = bare if findings and left[-1] < _rms(stands) else standing
     parts = []
     for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
         moved = np.full(len(names), np.inf)
@@ -341,9 +388,23 @@ def _checked(
         calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
+        horizon_s=horizon,
+        log_ratios=_log_ratios(run, names, start, recordings[2], scale),
         measured=run.measured,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
+
+
+def _log_ratios(
+    run: Run, names: Sequence[str], without: Recording | None, extended: Recording | None, scale: Array
+) -> Array:
+    """Return the log ratios of both models' errors by block."""
+    if without is None or extended is None or without is extended:
+        return np.zeros(0)
+    kept = ~held_samples(run.measured)
+    columns = [run.measured.index(name) for name in names]
+    errors = [((model.data - run.measured.data)[kept][:, columns]) / scale for model in (without, extended)]
+    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
 
 
 def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:

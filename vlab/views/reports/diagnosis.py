@@ -163,15 +163,25 @@ def _found(done: Done) -> Section:
         [
             f.name,
             f.family,
-            f.place,
+            f.site,
             ", ".join(f.places_90),
             format_probability(f.probability),
+            None if not math.isfinite(f.explained) else 100.0 * f.explained,
             ", ".join(f.alike[1:]) or None,
             ", ".join(f.verified_by) or "none",
         ]
         for f in diagnosis.findings
     ]
-    heads = ("effect", "family", "place", "90 % credible set", "probability", "indistinguishable from", "verified by")
+    heads = (
+        "effect",
+        "family",
+        "place",
+        "90 % credible set",
+        "probability",
+        "explains %",
+        "indistinguishable from",
+        "verified by",
+    )
     return Section(
         title="What was found",
         text=tuple(f"{f.name}: {f.law}" for f in diagnosis.findings),
@@ -182,9 +192,10 @@ def _found(done: Done) -> Section:
 def _values(findings: Sequence[Finding]) -> list[list[Any]]:
     """Return the parameters of findings, one row each."""
     return [
-        [f.name, f.place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
+        [f.name, place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
         for f in findings
-        for name, p in f.parameters.items()
+        for place, parameters in f.places
+        for name, p in parameters.items()
     ]
 
 
@@ -336,7 +347,7 @@ def _alternatives(done: Done) -> Section:
     key = "probability" if is_told else "remaining_share"
     options = [(_option(a["effect"], a["place"]), float(a[key]), float(a["remaining"])) for a in diagnosis.alternatives]
     best = choice.best
-    is_listed = bool(best.terms) and diagnosis.verdict != "missing-physics"
+    is_listed = bool(best.terms) and not diagnosis.is_naming
     own = choice.probability if best.terms else max(0.0, 1.0 - sum(p for _, p, _ in options))
     if not is_listed:
         share = own if is_told else best.normalised_residual / max(before, 1e-300)

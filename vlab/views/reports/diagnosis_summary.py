@@ -23,8 +23,13 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     where = (
         "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
     )
-    if diagnosis.verdict == "missing-physics":
-        names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.place}" for f in diagnosis.findings)
+    if diagnosis.is_naming:
+        names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.site}" for f in diagnosis.findings)
+        if diagnosis.verdict != "missing-physics":
+            return (
+                f"The model leaves out {names}, and more: the extended model explains {100 * (diagnosis.explained or 0.0):.0f} % of the "
+                f"mean-square mismatch on {where}."
+            )
         gap = errors["gap_closed"]
         own = "the nominal or calibrated model" if spoilt_note else "the calibrated model"
         if gap is None:

@@ -1,0 +1,250 @@
+"""Partial explanations: significance between predictions, horizons, shares, and several effects at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from test_honest_gap import distance, finding, fit_of
+
+from vlab.cases import load_case
+from vlab.diagnose.diagnosis import Attempt
+from vlab.diagnose.findings import graded, one_per_law
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.terms import Candidate, Term
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.forward_selection import further_effects
+from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
+from vlab.diagnose.validation.horizon import is_predicted, parts_of
+from vlab.diagnose.validation.simulation import ExtendedModel, check
+from vlab.diagnose.verdict import explains_part, is_partial_explanation
+from vlab.physics.catalogue import EFFECTS
+
+BETTER = np.array([0.9, 1.1, 1.0, 0.8, 1.2, 1.05])
+
+
+# ---- significance ----------------------------------------------------------------------------------------------------
+
+
+def test_the_log_ratio_of_a_block_is_that_of_its_mean_squares():
+    without, extended = np.full((12, 2), 0.2), np.full((12, 2), 0.1)
+    extended[:6] = 0.4
+    assert np.allclose(block_log_ratios(without, extended, 2), [np.log(0.25), np.log(4.0)])
+    assert block_log_ratios(np.zeros((4, 1)), extended[:4, :1], 2).size == 0
+
+
+def test_equal_models_seldom_pass_the_test_between_predictions():
+    rng = np.random.default_rng(3)
+    passed = 0
+    for _ in range(1000):
+        ratios = block_log_ratios(rng.standard_normal((400, 1)), rng.standard_normal((400, 1)), 8)
+        passed += predicts_better([distance(log_ratios=ratios)], 0.01)
+    assert passed <= 22  # 10 are expected; 22 or more have a probability of 0.0006
+
+
+def test_a_model_with_half_the_error_passes_the_test():
+    rng = np.random.default_rng(4)
+    ratios = block_log_ratios(rng.standard_normal((400, 1)), 0.5 * rng.standard_normal((400, 1)), 8)
+    assert predicts_better([distance(log_ratios=ratios)], 0.01)
+    assert not predicts_better([distance(log_ratios=-ratios)], 0.01)
+    assert not predicts_better([distance()], 0.01)
+
+
+# ---- the partial explanation -----------------------------------------------------------------------------------------
+
+
+def test_what_explains_the_larger_part_everywhere_is_a_partial_explanation():
+    half = {"nominal": 0.5, "calibrated": 0.4, "after": 0.2, "log_ratios": BETTER}
+    assert explains_part([distance(**half), distance(**half)])
+    assert not explains_part([distance(**half), distance(**{**half, "after": 0.42})])  # one recording gets worse
+    assert not explains_part([distance(**{**half, "after": 0.35})])  # 23 % of the mean square
+    assert not explains_part([distance(**{**half, "log_ratios": BETTER - 1.0})])  # one block carries the difference
+    assert not explains_part([distance(**half, bare=0.2)])  # its calibration alone does as much
+    assert not explains_part([])
+
+
+def test_the_explained_share_is_of_the_mean_square():
+    assert explained_share([distance(nominal=0.5, calibrated=0.4, after=0.2)]) == pytest.approx(0.75)
+    assert explained_share([distance(nominal=0.0, calibrated=0.0, after=0.0)]) is None
+    assert explained_share([distance(nominal=np.inf, calibrated=np.inf, after=0.1)]) == 1.0
+
+
+PLACE = Place(name="joint:a", kind="port", rows=np.ones((1, 1)))
+
+
+def hypothesis(effect: str) -> Hypothesis:
+    fit = fit_of(Term(effect=EFFECTS[effect], place=PLACE, values={}))
+    return Hypothesis(fit=fit, normalised_residual=2.0, log_rms_residual=0.7, negative_log_prior=0.0)
+
+
+def choice(**shares: float) -> Choice:
+    (best, probability), *others = [(hypothesis(name.replace("_", "-")), p) for name, p in shares.items()]
+    return Choice(best=best, alike=(), probability=probability, ranking=tuple(others), places={})
+
+
+def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_family():
+    checked = (distance(nominal=0.5, calibrated=0.4, after=0.2, log_ratios=BETTER),)
+    attempt = Attempt(findings=(finding("coulomb-friction"),), checked=checked, fit=fit_of())
+    attempt = Attempt(
+        findings=tuple(graded(attempt.findings, choice(coulomb_friction=0.5), 0.75)), checked=checked, fit=fit_of()
+    )
+    family = EFFECTS["coulomb-friction"].family
+    attempt = replace(attempt, findings=(replace(attempt.findings[0], family=family),))
+    assert is_partial_explanation(attempt, choice(coulomb_friction=0.5, added_mass=0.3))
+    assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
+
+
+def test_the_unexplained_share_bounds_the_probability():
+    (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
+    assert one.probability == pytest.approx(0.54)
+
+
+# ---- several effects -------------------------------------------------------------------------------------------------
+
+
+def candidate(effect: str, place: str, gain: float) -> Candidate:
+    where = Place(name=place, kind="port", rows=np.ones((1, 1)))
+    return Candidate(effect=EFFECTS[effect], place=where, values={}, log_likelihood_gain=gain)
+
+
+def test_the_same_law_may_join_at_another_place_and_one_friction_has_one_law():
+    best = hypothesis("coulomb-friction")
+    table = [
+        candidate("coulomb-friction", "joint:a", 90.0),
+        candidate("jenkins-slip", "joint:a", 80.0),
+        candidate("coulomb-friction", "joint:b", 70.0),
+        candidate("quadratic-drag", "joint:a", 60.0),
+    ]
+    labels = [c.label for c in further_effects(best, table)]
+    assert labels == ["coulomb-friction@joint:b", "quadratic-drag@joint:a"]
+
+
+# ---- the horizon -----------------------------------------------------------------------------------------------------
+
+
+def test_a_recording_is_predicted_where_a_model_explains_half_beyond_the_noise():
+    assert is_predicted([1.5, 0.7, 1.0], 0.0)
+    assert not is_predicted([1.5, 0.75, np.nan], 0.0)
+    assert is_predicted([0.95, 0.9], 0.9)  # little can be predicted under so much noise, and most of that is
+    assert is_predicted([1.4, 1.4], 1.0)
+
+
+DOUBLE = """
+<mujoco>
+  <option timestep="0.001" integrator="RK4"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="upper"><joint name="shoulder" type="hinge" axis="0 1 0" damping="{damping}"/>
+      <geom name="rod1" type="capsule" fromto="0 0 0 0 0 -0.3" size="0.01" mass="0.2"/>
+      <body name="lower" pos="0 0 -0.3"><joint name="elbow" type="hinge" axis="0 1 0" damping="{damping}"/>
+        <geom name="rod2" type="capsule" fromto="0 0 0 0 0 -0.25" size="0.01" mass="0.15"/>
+      </body></body>
+  </worldbody>
+  <sensor><jointpos name="q1" joint="shoulder"/><jointpos name="q2" joint="elbow"/></sensor>
+</mujoco>
+"""
+CHAOTIC = """
+title = "Two arms, let go from high up"
+[model]
+mjcf = "rig.xml"
+[[recording]]
+file = "{name}.csv"
+role = "{role}"
+rate_hz = 200.0
+[[recording.channel]]
+column = "q1"
+at = "q1"
+kind = "angle"
+unit = "rad"
+[[recording.channel]]
+column = "q2"
+at = "q2"
+kind = "angle"
+unit = "rad"
+"""
+
+
+def swing(start, seconds: float, damping: float) -> np.ndarray:
+    """Two capsules on hinges by their Lagrangian, at 200 Hz: an integrator of its own."""
+    masses, lengths, radius, gravity = (0.2, 0.15), (0.3, 0.25), 0.01, 9.81
+
+    def inertia(mass: float, length: float) -> float:
+        """Transverse moment of a capsule about its centre: cylinder and two hemispheres of one density."""
+        cylinder, ball = np.pi * radius**2 * length, 4 / 3 * np.pi * radius**3
+        rho = mass / (cylinder + ball)
+        of_cylinder = rho * cylinder * (radius**2 / 4 + length**2 / 12)
+        return of_cylinder + rho * ball * (0.4 * radius**2 + length**2 / 4 + 3 / 8 * length * radius)
+
+    i1, i2 = (inertia(m, a) for m, a in zip(masses, lengths, strict=True))
+    (m1, m2), (a1, a2) = masses, lengths
+
+    def rate(_, x):
+        q1, q2, w1, w2 = x
+        both = q1 + q2
+        m11 = i1 + m1 * a1**2 / 4 + i2 + m2 * (a1**2 + a2**2 / 4 + a1 * a2 * np.cos(q2))
+        m12 = i2 + m2 * (a2**2 / 4 + 0.5 * a1 * a2 * np.cos(q2))
+        m22 = i2 + m2 * a2**2 / 4
+        h = 0.5 * m2 * a1 * a2 * np.sin(q2)
+        f1 = h * (2 * w1 * w2 + w2**2) - gravity * ((0.5 * m1 + m2) * a1 * np.sin(q1) + 0.5 * m2 * a2 * np.sin(both))
+        f2 = -h * w1**2 - 0.5 * gravity * m2 * a2 * np.sin(both)
+        w = np.linalg.solve([[m11, m12], [m12, m22]], [f1 - damping * w1, f2 - damping * w2])
+        return [w1, w2, *w]
+
+    times = np.arange(0.0, seconds, 0.005)
+    found = solve_ivp(rate, (0.0, seconds), start, t_eval=times, rtol=1e-10, atol=1e-12, method="DOP853")
+    return found.y[:2].T
+
+
+@pytest.fixture(scope="module")
+def chaotic(tmp_path_factory):
+    """A chaotic case whose model is exact, with 0.1 % of noise."""
+    folder = tmp_path_factory.mktemp("chaotic")
+    (folder / "rig.xml").write_text(DOUBLE.format(damping=1e-4))
+    rng = np.random.default_rng(8)
+    parts = CHAOTIC.split("[[recording]]")
+    text = parts[0]
+    for name, role, start in (("a", "fit", [2.9, 1.2, 0, 0]), ("b", "holdout", [2.7, -1.4, 0, 0])):
+        data = swing(start, 14.0, 1e-4)
+        data = data + 1e-3 * data.std(axis=0) * rng.standard_normal(data.shape)
+        np.savetxt(folder / f"{name}.csv", data, delimiter=",", header="q1,q2", comments="", fmt="%.9g")
+        text += "[[recording]]" + parts[1].format(name=name, role=role)
+    (folder / "case.toml").write_text(text)
+    return folder
+
+
+def test_a_chaotic_recording_is_predicted_over_its_horizon(chaotic):
+    case = load_case(chaotic)
+    model = ExtendedModel(plant=case.plant)
+    (run,) = case.runs(("holdout",))
+    (found,) = check([run], model, None, nominal=model)
+    assert found.horizon_s < 10.0  # the whole is beyond any model
+    assert found.before < 0.7
+    assert len(found.simulated[1].data) == len(run.measured)
+
+
+def test_the_parts_of_a_recording_are_the_recording(chaotic):
+    (run,) = load_case(chaotic).runs(("fit",))
+    parts = parts_of(run, 4)
+    assert np.array_equal(np.concatenate([p.measured.data for p in parts]), run.measured.data)
+    assert [p.initial for p in parts] == ["auto", "estimated", "estimated", "estimated"]
+    assert parts_of(run, 1) == [run]
+    assert len(parts[2].before) == len(parts[0].measured) + len(parts[1].measured)
+
+
+@pytest.mark.slow
+def test_an_exact_chaotic_model_lacks_nothing(chaotic):
+    assert diagnose(load_case(chaotic)).diagnosis.verdict == "nothing-missing"
+
+
+def test_one_law_at_several_places_is_one_finding_with_a_value_each():
+    shoulder, elbow = (
+        finding("coulomb-friction", "joint:a", force=0.4),
+        finding("coulomb-friction", "joint:b", force=0.1),
+    )
+    shoulder, elbow = replace(shoulder, explained=0.5), replace(elbow, explained=0.2)
+    first, second = one_per_law([shoulder, finding("quadratic-drag"), elbow])
+    assert first.site == "joint:a, joint:b"
+    assert first.explained == pytest.approx(0.7)
+    assert [p["parameters"]["force"]["value"] for p in first.to_json()["places"]] == [0.4, 0.1]
+    assert second.effect == "quadratic-drag"

@@ -1,0 +1,188 @@
+"""Forward selection of any number of effects on whole recordings.
+
+A machine has friction in every joint, and Coulomb friction, drag and viscous damping in one. Effects are added one by one,
+each from a profile screening beside the effects that are there, and all are fitted together. The selection ends when the
+approximate log evidence no longer grows.
+
+References
+----------
+A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, section 3.2.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of
+from vlab.diagnose.inference.least_squares import LeastSquares
+from vlab.diagnose.inference.model_choice import gain_beyond
+from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.terms import Candidate, Fit, Term
+from vlab.diagnose.search.profile_screening import profile
+from vlab.diagnose.search.shortlist import plain_form
+from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, SHORTLIST
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForwardSelection:
+    """Fits and candidates of a forward selection.
+
+    Parameters
+    ----------
+    before : Hypothesis
+        Calibrated model, fitted to whole runs.
+    windows, whole : LeastSquares
+        Fits in windows and to whole runs.
+    candidates : sequence of Candidate
+        First screening, by gain.
+    enough : float
+        Normalised residual of whole runs that needs no further effect.
+    """
+
+    before: Hypothesis
+    windows: LeastSquares
+    whole: LeastSquares
+    candidates: Sequence[Candidate]
+    enough: float = HYPOTHESIS_FITS.enough
+
+    def extend(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return hypotheses with all that the selection fits, by score.
+
+        Parameters
+        ----------
+        hypotheses : sequence of Hypothesis
+            Hypotheses of an earlier search, fitted to whole runs.
+
+        Returns
+        -------
+        list of Hypothesis
+            All hypotheses; of each set of effects the one of best score.
+        """
+        out = list(hypotheses)
+        level = [self.before]
+        while self._leaves_too_much([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
+            further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
+            count = len(level[0].terms) + 1
+            known = [h for h in out if len(h.terms) == count]
+            larger = best_of_labels([*further, *known])
+            if not larger:
+                break
+            is_better = gain_beyond(larger[0], level[0]) > 0.0
+            out += further
+            if not is_better and count > 1:  # one of two effects alone may explain nothing
+                break
+            level = larger
+        return best_of_labels(out)
+
+    def _leaves_too_much(self, hypotheses: Sequence[Hypothesis]) -> bool:
+        """Return whether the best hypothesis leaves too much of whole runs."""
+        best = by_score(hypotheses)[0]
+        return scored_by(self.whole, best.long_fit).normalised_residual > self.enough
+
+    def _seeds(self, level: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return the hypotheses that further effects join: the best, and its plainest relative.
+
+        A law of many parameters stands in for two simple laws, and then hides the second.
+        """
+        best = level[0]
+        if not best.terms:
+            return [best]
+        sites = {(t.effect.family, t.place.name) for t in best.terms}
+        related = [h for h in level if {(t.effect.family, t.place.name) for t in h.terms} == sites]
+        plainest = min(related, key=lambda h: (sum(len(t.effect.parameters) for t in h.terms), -h.score))
+        return [best] if plainest is best else [best, plainest]
+
+    def _beside(self, seed: Hypothesis) -> list[Hypothesis]:
+        """Return fits of further effects beside a hypothesis."""
+        table = profile(self.whole, seed.long_fit, self._pool())
+        chosen = further_effects(seed, table)
+        return side_by_side(lambda c: self._fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)
+
+    def _fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:
+        """Return a hypothesis fitted to whole runs and in windows, scored on both."""
+        fit = self.whole.fit(terms, start, FIT.iterations)
+        return scored_on_both(self.whole, self.windows, fit)
+
+    def _pool(self) -> list[Candidate]:
+        """Return the candidates of the profile screening: the best places of every effect, in turn."""
+        ranks: dict[str, int] = {}
+        order = []
+        for candidate in self.candidates:
+            rank = ranks[candidate.effect.name] = ranks.get(candidate.effect.name, 0) + 1
+            order.append((rank, candidate))
+        order.sort(key=lambda item: item[0])
+        return [candidate for _, candidate in order[: FORWARD_SELECTION.most_candidates]]
+
+
+def scored_on_both(whole: LeastSquares, windows: LeastSquares, fit: Fit) -> Hypothesis:
+    """Return a fit to whole runs as a hypothesis, scored on windows and whole runs, half each.
+
+    Parameters
+    ----------
+    whole, windows : LeastSquares
+        Whole runs and windows.
+    fit : Fit
+        Fit to whole runs.
+
+    Returns
+    -------
+    Hypothesis
+        Hypothesis.
+    """
+    own = scored_by(whole, fit)
+    if windows.runs == whole.runs:
+        return replace(own, whole=fit)
+    short = fitted(windows, fit.terms, replace(fit, starts={}), HYPOTHESIS_FITS.quick)
+    return replace(
+        short,
+        whole=fit,
+        log_rms_residual=0.5 * (own.log_rms_residual + short.log_rms_residual),
+        negative_log_prior=own.negative_log_prior,
+        normalised_residual=float(np.sqrt(0.5 * (own.normalised_residual**2 + short.normalised_residual**2))),
+    )
+
+
+def best_of_labels(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the best hypothesis of each set of effects, by score."""
+    best: dict[frozenset[str], Hypothesis] = {}
+    for h in by_score(hypotheses):
+        best.setdefault(frozenset(t.label for t in h.terms), h)
+    return list(best.values())
+
+
+def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates that join a hypothesis.
+
+    They are the best of every family, and the hypothesis' own effects at their best other location. Two slip laws at one
+    location are one friction.
+
+    Parameters
+    ----------
+    best : Hypothesis
+        Hypothesis.
+    table : sequence of Candidate
+        Screening beside the hypothesis, by gain.
+
+    Returns
+    -------
+    list of Candidate
+        Candidates by gain.
+    """
+    places = {term.place.name for term in best.terms if term.effect.traits.is_slip}
+    taken = {(term.effect.physics, term.place.name) for term in best.terms}
+    chosen: dict[str, Candidate] = {}
+    own = {term.effect.physics for term in best.terms}
+    for candidate in table:
+        is_known = (candidate.effect.physics, candidate.place.name) in taken
+        is_same_slip = candidate.effect.traits.is_slip and candidate.place.name in places
+        if is_known or is_same_slip or candidate.log_likelihood_gain <= SHORTLIST.least_gain:
+            continue
+        key = candidate.effect.physics if candidate.effect.physics in own else f"family:{candidate.effect.family}"
+        chosen.setdefault(key, candidate)
+        plain = plain_form(candidate, table)
+        if plain is not candidate:
+            chosen.setdefault(f"plain:{plain.label}", plain)
+    order = sorted(chosen.values(), key=lambda c: -c.log_likelihood_gain)
+    return order[: FORWARD_SELECTION.fitted]
