@@ -154,7 +154,10 @@ def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar:
 
 
 def _pairs(
-    fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[Effect, Place]], levels: Levels | None
+    fitter: Fitter,
+    singles: Sequence[Hypothesis],
+    pairs: Sequence[tuple[Effect, Place]],
+    levels: Levels | None = None,
 ) -> list[Fit]:
     """Fit a second effect with the best single ones."""
     seeds = list(singles[:1])
