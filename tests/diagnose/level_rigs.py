@@ -111,3 +111,42 @@ def write_levels(
 
 def _complex(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def write_noise(folder: Path, friction: float, *, levels=(1.0, 2.0, 4.0, 8.0), held=(2.0,), seed: int = 0) -> None:
+    """Write responses to noise of several levels [N rms], with dry friction on the second mass.
+
+    The noise is periodic. The second period is recorded, and averages over realisations give H1.
+    """
+    rng = np.random.default_rng([seed, 29])
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "rig.xml").write_text(TWO, encoding="utf-8")
+    M, C, K = two_matrices(rng, 1.0)
+    h, n, each = 1 / 400, 8000, 24
+    lines = np.fft.rfftfreq(n, h)
+    band = (lines >= 2.0) & (lines <= 14.0)
+    spectrum = np.where(band, 1.0, 0.0) * _complex(rng, (len(levels) * each, len(lines)))
+    force = np.fft.irfft(spectrum, n, axis=1)
+    force *= (np.repeat(levels, each) / force.std(axis=1))[:, None]
+    left = np.linalg.inv(M + 0.5 * h * C)
+    step, mobility = left @ (M - 0.5 * h * C), left[1, 1]
+    x, v = np.zeros((len(force), 2)), np.zeros((len(force), 2))
+    motion = np.zeros((len(force), n, 2))
+    for k in range(2 * n):
+        load = -x @ K
+        load[:, 0] += force[:, k % n]
+        v = v @ step.T + h * load @ left.T
+        v = v - np.clip(v[:, 1] / mobility, -h * friction, h * friction)[:, None] * left[:, 1]
+        x = x + h * v
+        motion[:, k % n] = x
+    F = np.split(np.fft.rfft(force, axis=1)[:, band], len(levels))
+    X = np.split(np.fft.rfft(motion, axis=1)[:, band], len(levels))
+    text = ['[model]\nmjcf = "rig.xml"\n[model.uncertain]\nstiffness = 0.03\nmass = 0.02\ndamping = 0.3']
+    for i, level in enumerate(levels):
+        H = np.einsum("rfo,rf->fo", X[i], F[i].conj()) / np.sum(np.abs(F[i]) ** 2, axis=0)[:, None]
+        H = H * np.exp(-2j * np.pi * lines[band] * h)[:, None]  # the motion belongs to the end of a step
+        write_frf(folder / f"level{i}.csv", lines[band], H)
+        role = "holdout" if level in held else "fit"
+        extra = f'level = {level}\nexcitation = "random"'
+        text.append(frf_text(f"level{i}.csv", role, "motor", ["sensor1", "sensor2"], extra=extra))
+    (folder / "case.toml").write_text("\n".join(text) + "\n", encoding="utf-8")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from level_rigs import LAWS, TWO, write_levels
+from level_rigs import LAWS, TWO, write_levels, write_noise
 
 from vlab.cases import load_case
 from vlab.diagnose.data.amplitude_dependence import level_notes
@@ -92,6 +92,17 @@ def test_modal_tables_at_several_amplitudes_tell_a_cubic_spring(tmp_path):
 
 
 # ---- minutes --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_dry_friction_is_found_in_responses_to_noise(tmp_path):
+    write_noise(tmp_path, 0.25)
+    diagnosis = diagnose(load_case(tmp_path), effects=FEW).diagnosis
+    assert diagnosis.verdict == "missing-physics"
+    (finding,) = diagnosis.findings
+    assert (finding.effect, finding.place) == ("coulomb-friction", "joint:mass2")
+    assert finding.parameters["force"]["value"] == pytest.approx(0.25, rel=0.1)
+    assert any("rms of noise" in note for note in diagnosis.notes)
 
 
 @pytest.mark.slow
