@@ -184,7 +184,7 @@ def explains_part(checked: Sequence[Distance]) -> bool:
     """Return whether findings explain more of the mismatch than they leave.
 
     The mismatch is the mean-square error of the best model without findings. The findings must explain the larger part
-    of it, increase the error of no recording, and predict significantly better.
+    of it, predict significantly better over all recordings, and significantly worse on none.
 
     Parameters
     ----------
@@ -196,13 +196,13 @@ def explains_part(checked: Sequence[Distance]) -> bool:
     bool
         Whether the findings generalise.
     """
-    tests = verifying(checked)
-    if not tests or any(c.is_idle for c in tests) or any(c.after > GAP.no_worse * c.start for c in tests):
+    tests, rate = verifying(checked), VERDICT.false_alarm_rate
+    if not tests or any(c.is_idle for c in tests) or any(predicts_better(-c.log_ratios, rate) for c in tests):
         return False
     start, after = total(tests, "start"), total(tests, "after")
     if not after < GAP.lost:
         return False
-    return 2.0 * after**2 <= start**2 and predicts_better(tests, VERDICT.false_alarm_rate)
+    return 2.0 * after**2 <= start**2 and predicts_better(np.concatenate([c.log_ratios for c in tests]), rate)
 
 
 def family_share(choice: Choice, families: Collection[str]) -> float:

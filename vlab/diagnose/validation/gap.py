@@ -138,16 +138,16 @@ def block_log_ratios(without: Array, extended: Array, blocks: int) -> Array:
     return np.array([np.log(a / b) for a, b in pairs if a > 0.0 and b > 0.0])
 
 
-def predicts_better(checked: Sequence[Distance], false_alarm_rate: float) -> bool:
-    """Return whether the extended model predicts significantly better.
+def predicts_better(log_ratios: Array, false_alarm_rate: float) -> bool:
+    """Return whether one model predicts significantly better.
 
     The test is a one-sided t test on the log ratios of all blocks [1]_. The scale of every block's error is unknown, as
     in a predictive log score with estimated variance.
 
     Parameters
     ----------
-    checked : sequence of Distance
-        Errors.
+    log_ratios : (n_blocks,) array
+        Log ratios of the mean-square errors, positive where the model is better.
     false_alarm_rate : float
         Probability of a positive answer for equal models [1].
 
@@ -160,12 +160,11 @@ def predicts_better(checked: Sequence[Distance], false_alarm_rate: float) -> boo
     ----------
     .. [1] F. X. Diebold, R. S. Mariano, Comparing predictive accuracy, J. Bus. Econ. Stat. 13 (1995) 253-263.
     """
-    ratios = np.concatenate([c.log_ratios for c in verifying(checked)] or [np.zeros(0)])
-    if len(ratios) < 2:
+    if len(log_ratios) < 2:
         return False
-    if np.ptp(ratios) == 0.0:
-        return bool(ratios[0] > 0.0)
-    return bool(stats.ttest_1samp(ratios, 0.0, alternative="greater").pvalue < false_alarm_rate)
+    if np.ptp(log_ratios) == 0.0:
+        return bool(log_ratios[0] > 0.0)
+    return bool(stats.ttest_1samp(log_ratios, 0.0, alternative="greater").pvalue < false_alarm_rate)
 
 
 def gap_closed(before: float, after: float, noise: float) -> float | None:
