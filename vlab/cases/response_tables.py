@@ -76,6 +76,8 @@ class FrfTable:
         Unit of the response; the SI unit of the form by default.
     level : float
         Excitation level (rms of the input, in a unit common to all responses of the case), if known.
+    excitation : {"sine", "random"}
+        Whether the level is that of each line of a stepped sine, or of noise over the band of the lines.
     averages : float
         Number of averages of the coherence.
     scale : float
@@ -98,6 +100,7 @@ class FrfTable:
     frequency_unit: str = "Hz"
     unit: str = ""
     level: float | None = None
+    excitation: Literal["sine", "random"] = "sine"
     averages: float = 10.0
     scale: float = 1.0
     conjugate: bool = False
@@ -142,6 +145,10 @@ class ModalTable:
         One row a mode, one entry a place.
     frequency_sd_hz, zeta_sd, shape_sd : tuple of float
         Standard deviations, one a mode.
+    amplitude : tuple of float
+        Amplitude of the displacement at `amplitude_at` in each mode [m or rad], or on a scale common to all tables.
+    amplitude_at : str
+        Place of the amplitudes; the first place of the shapes by default.
     """
 
     role: Role
@@ -152,6 +159,8 @@ class ModalTable:
     frequency_sd_hz: tuple[float, ...] = ()
     zeta_sd: tuple[float, ...] = ()
     shape_sd: tuple[float, ...] = ()
+    amplitude: tuple[float, ...] = ()
+    amplitude_at: str = ""
 
     def __post_init__(self) -> None:
         n = len(self.frequency_hz)
@@ -159,7 +168,11 @@ class ModalTable:
             raise BadCase("frequency_hz must hold at least one positive frequency")
         if not all(0 <= z < 1 for z in self.zeta):
             raise BadCase("zeta is a ratio from 0 to below 1, not a percentage")
-        for name in ("zeta", "shape", "frequency_sd_hz", "zeta_sd", "shape_sd"):
+        if not all(a > 0 for a in self.amplitude):
+            raise BadCase("amplitude must hold positive displacements, one a mode")
+        if self.amplitude and not (self.amplitude_at or self.at):
+            raise BadCase("amplitude needs amplitude_at, the place where it was measured")
+        for name in ("zeta", "shape", "frequency_sd_hz", "zeta_sd", "shape_sd", "amplitude"):
             if getattr(self, name):
                 same_length(name, getattr(self, name), n, "frequency_hz")
         for row in self.shape:

@@ -113,6 +113,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
             for e in tables
         ]
         _tell_limit(done, raw)
+        _tell_force_gains(done, raw)
         _copy_recordings(case.folder, raw, folder)
         (folder / CASE).write_text(toml_text(raw), encoding="utf-8")
     except OSError as error:
@@ -230,6 +231,24 @@ def _tell_limit(done: Done, raw: dict[str, Any]) -> None:
     for table in raw.get("recording", ()):
         if "controller" in table:
             table["controller"]["limit"] = float(done.after.limit.limit)
+
+
+def _tell_force_gains(done: Done, raw: dict[str, Any]) -> None:
+    """Write the gains of forces measured at ports to the responses.
+
+    A larger force gives a larger response per stated force, and a higher level.
+    """
+    if not isinstance(done, FrequencyDiagnosed):
+        return
+    problem = done.problem
+    model = done.after if done.diagnosis.findings else done.before
+    for given, table in zip(raw.get("frf", ()), done.problem.case.table.frf, strict=True):
+        if table.input not in problem.wires.inputs:
+            continue
+        gain = float(model.input_gain[problem.view.columns[problem.wires.inputs.index(table.input)]])
+        if abs(gain - 1.0) > EXPORT.least:
+            given["scale"] = table.scale / gain
+            given.update({} if table.level is None else {"level": table.level * gain})
 
 
 def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
-from vlab.diagnose.data.amplitude_dependence import level_notes
+from vlab.diagnose.data.amplitude_dependence import level_notes, level_scale_notes
 from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
 from vlab.diagnose.findings import (
@@ -29,6 +29,7 @@ from vlab.diagnose.predictors.frequency_problem import FrequencyProblem, prepare
 from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.cross_validation import LeftOut, cross_validate
 from vlab.diagnose.search.frequency_selection import FrequencyFound, search_frequency
+from vlab.diagnose.search.level_trials import has_levels
 from vlab.diagnose.settings import FREQUENCY_VERDICT
 from vlab.diagnose.validation.frequency import (
     CheckedFrequency,
@@ -100,7 +101,7 @@ def diagnose_frequency(
     case : Case
         Case.
     effects : sequence of Effect
-        Candidate effects; the catalogue by default. Nonlinear effects are unidentifiable from linear responses.
+        Candidate effects; the catalogue by default. Nonlinear effects need data at several known levels.
     progress : callable or None
         Receives the completed share and the current step.
 
@@ -357,7 +358,11 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
             f"{best.label} is {odds:.2g} times as likely as parameters so far off, which is too little to report it as found: "
             "state in [model.uncertain] what is known of them"
         )
-    out += level_notes(problem.measured)
+    out += level_notes(problem.measured, found.trends)
+    if has_levels(problem):
+        out += level_scale_notes(problem.measured)
+    elif any(isinstance(d, Response) and d.level is None for d in (*problem.measured, *problem.held_out)):
+        out.append("nonlinear effects were not tried: state level in each [[frf]], for at least two levels to fit")
     return out
 
 

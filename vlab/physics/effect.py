@@ -74,7 +74,7 @@ class Step(NamedTuple):
 
     Parameters
     ----------
-    h : float
+    h : float or array
         Length of the step [s].
     t : float or array
         Time at the middle of the step [s].
@@ -88,7 +88,7 @@ class Step(NamedTuple):
         Velocity at the beginning of the step [m/s]; None if unknown.
     """
 
-    h: float
+    h: Any
     t: Any = 0.0
     mobility: Any = 0.0
     free_velocity: Any = None

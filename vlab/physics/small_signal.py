@@ -181,11 +181,12 @@ def is_linear(effect: Effect) -> bool:
     """
     if isinstance(effect, (LinearPortEffect, PickUp)):
         return True
-    return _tried(effect)
+    return _tried(type(effect))
 
 
 @cache
-def _tried(effect: Effect) -> bool:
+def _tried(law: type[Effect]) -> bool:
+    effect = law()
     values = {p.name: p.grid[0] if p.grid else 1.0 for p in effect.parameters}
     signal = np.random.default_rng(0).standard_normal(TRIED)
     with np.errstate(all="ignore"):

@@ -52,7 +52,9 @@ class Response:
     is_magnitude : bool
         Whether the phase is unknown.
     level : float or None
-        Level of the excitation.
+        Level of the excitation: rms of the input in its unit, or on a scale common to all responses.
+    is_random : bool
+        Whether the excitation is Gaussian noise over the band of the lines, instead of a stepped sine.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Response:
     spread: Array
     is_magnitude: bool
     level: float | None = None
+    is_random: bool = False
 
     @property
     def omega(self) -> Array:
@@ -129,6 +132,10 @@ class Modes:
         Shapes of unit maximum; without columns where unknown.
     freq_sd, zeta_sd, shape_sd : (n,) array
         Standard deviations with model error: relative, relative, and of shapes of unit maximum.
+    amplitude : (n,) array or None
+        Amplitude of every mode at `amplitude_at` [m or rad], or on a scale common to all tables; None where unknown.
+    amplitude_at : str
+        Location of the amplitudes.
     """
 
     name: str
@@ -140,6 +147,8 @@ class Modes:
     freq_sd: Array
     zeta_sd: Array
     shape_sd: Array
+    amplitude: Array | None = None
+    amplitude_at: str = ""
 
     @property
     def n(self) -> int:
@@ -271,6 +280,7 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
         spread=np.hypot(noise, RESPONSES.slope * change),
         is_magnitude=read.is_magnitude,
         level=table.level,
+        is_random=table.excitation == "random",
     )
 
 
@@ -351,4 +361,6 @@ def _modes(table: ModalTable, name: str) -> Modes:
         freq_sd=np.hypot(freq_sd, RESPONSES.frequency_error)[order],
         zeta_sd=np.hypot(zeta_sd, RESPONSES.zeta_error)[order],
         shape_sd=np.hypot(shape_sd, RESPONSES.shape_error)[order],
+        amplitude=np.array(table.amplitude)[order] if table.amplitude else None,
+        amplitude_at=(table.amplitude_at or table.at[0]) if table.amplitude else "",
     )

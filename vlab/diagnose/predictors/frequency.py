@@ -14,7 +14,7 @@ from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency_model import View, Wires
 from vlab.diagnose.settings import FREQUENCY
 from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect, Values
-from vlab.physics.small_signal import SmallSignal, channel_response, small_signal
+from vlab.physics.small_signal import SmallSignal, channel_response, is_linear, small_signal
 from vlab.signals import Array, ComplexArray
 
 
@@ -53,6 +53,11 @@ def is_port(term: Term) -> bool:
     return term.effect.kind == "port"
 
 
+def is_level_dependent(term: Term) -> bool:
+    """Return whether a term is nonlinear, so that its response depends on the level."""
+    return not is_linear(term.effect)
+
+
 # ---- responses ------------------------------------------------------------------------------------------------------
 
 
@@ -87,11 +92,17 @@ class Solved:
         Modal motion per unit load on every output; by reciprocity the output per modal force.
     H : (n, n_all) complex array
         Response of every output, before gains and chains.
+    loaded : (n, m, n_loads) complex array
+        Modal motion per unit of further loads, where requested.
+    rows : (n, n_all, m) complex array
+        Outputs per modal motion.
     """
 
     motion: ComplexArray
     reading: ComplexArray
     H: ComplexArray
+    loaded: ComplexArray
+    rows: ComplexArray
 
 
 def output_rows(rows: ChannelRows, orders: Sequence[int], order: int, omega: Array) -> ComplexArray:
@@ -120,7 +131,7 @@ def output_rows(rows: ChannelRows, orders: Sequence[int], order: int, omega: Arr
 
 
 def dynamic(state: State, omega: Array, terms: Sequence[Term]) -> ComplexArray:
-    """Return the dynamic stiffness with port effects.
+    """Return the dynamic stiffness with linear port effects.
 
     Parameters
     ----------
@@ -139,20 +150,28 @@ def dynamic(state: State, omega: Array, terms: Sequence[Term]) -> ComplexArray:
     w = omega[:, None, None]
     out = state.K - w**2 * state.M + 1j * w * state.C
     for term in terms:
-        if is_port(term):
+        if is_port(term) and not is_level_dependent(term):
             z = at_port(term, term.values, float(omega[-1])).impedance(1j * omega)
             out = out + z[:, None, None] * (term.place.rows.T @ term.place.rows)
     return np.asarray(out)
 
 
-Shared = dict[tuple[int, int], tuple[ComplexArray, ComplexArray, ComplexArray]]
+Shared = dict[tuple[int, int], tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]]
 """Solutions of one state by lines and order, for several inputs on equal lines."""
 
 
 def solve(
-    view: View, state: State, response: Response, column: int, terms: Sequence[Term], shared: Shared | None = None
+    view: View,
+    state: State,
+    response: Response,
+    column: int,
+    terms: Sequence[Term],
+    shared: Shared | None = None,
+    loads: Array | None = None,
 ) -> Solved:
     """Solve the structural part of a response.
+
+    Nonlinear terms are omitted.
 
     Parameters
     ----------
@@ -167,31 +186,37 @@ def solve(
     terms : sequence of Term
         Effects.
     shared : dict or None
-        Cache for responses on equal lines.
+        Cache for responses on equal lines and equal loads.
+    loads : (n_loads, m) array or None
+        Rows of further unit loads.
 
     Returns
     -------
     Solved
         Motion and response.
     """
+    loads = np.zeros((0, view.m)) if loads is None else loads
     key = (id(response.freq), response.order)
     if shared is None or key not in shared:
         omega = response.omega
         rows = output_rows(view.rows, view.orders, response.order, omega)
         n, n_all, m = rows.shape
         used = list(view.columns)
-        right = np.empty((n, m, len(used) + n_all), dtype=complex)
-        right[:, :, : len(used)] = view.forces[:, used]
-        right[:, :, len(used) :] = rows.transpose(0, 2, 1)
-        both = np.linalg.solve(dynamic(state, omega, terms), right)
-        found = rows, both[:, :, : len(used)], both[:, :, len(used) :]
+        k = len(used)
+        right = np.empty((n, m, k + n_all + len(loads)), dtype=complex)
+        right[:, :, :k] = view.forces[:, used]
+        right[:, :, k : k + n_all] = rows.transpose(0, 2, 1)
+        right[:, :, k + n_all :] = loads.T
+        every = np.linalg.solve(dynamic(state, omega, terms), right)
+        found = rows, every[:, :, :k], every[:, :, k : k + n_all], every[:, :, k + n_all :]
         if shared is not None:
             shared[key] = found
     else:
         found = shared[key]
-    rows, motions, reading = found
+    rows, motions, reading, loaded = found
     motion = motions[:, :, view.columns.index(column)]
-    return Solved(motion=motion, reading=reading, H=(rows @ motion[:, :, None])[:, :, 0])
+    H = (rows @ motion[:, :, None])[:, :, 0]
+    return Solved(motion=motion, reading=reading, H=H, loaded=loaded, rows=rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,7 +251,7 @@ class Chain:
 
 
 def chain_of(view: View, state: State, response: Response, wires: Wires, terms: Sequence[Term]) -> Chain:
-    """Return the measurement chain of a response.
+    """Return the measurement chain of a response, without nonlinear terms.
 
     Parameters
     ----------
@@ -253,6 +278,8 @@ def chain_of(view: View, state: State, response: Response, wires: Wires, terms: 
     source = np.full(n, complex(state.input_gain[view.columns[j]]))
     for term in terms:
         effect, k = term.effect, term.place.index
+        if is_level_dependent(term):
+            continue
         if isinstance(effect, ActuatorEffect):
             if wires.actuators[j] in term.place.indices:
                 source = source * channel_response(effect, term.values, response.freq)
@@ -282,7 +309,9 @@ def answer(
     with_derivatives: bool = False,
     shared: Shared | None = None,
 ) -> Answer:
-    """Return the model's frequency response on measured lines.
+    """Return the linear frequency response of the model on measured lines.
+
+    Nonlinear terms are omitted.
 
     Parameters
     ----------
@@ -328,7 +357,7 @@ def answer(
             part[:, gain_output] = H[:, gain_output]
             by_theta[i] = part[:, own]
         else:
-            push = _force(M, C, K, solved.motion, response.omega)
+            push = modal_force(M, C, K, solved.motion, response.omega)
             if push is not None:
                 pushes.append((i, push))
     if pushes:
@@ -345,10 +374,25 @@ def answer(
     return Answer(H=H[:, own], by_theta=by_theta, by_term=np.array(by_term) if by_term else np.zeros(shape, complex))
 
 
-def _force(
+def modal_force(
     M: Array | None, C: Array | None, K: Array | None, motion: ComplexArray, omega: Array
 ) -> ComplexArray | None:
-    """Return the modal force (n, m) of changed matrices."""
+    """Return the modal force of changed matrices.
+
+    Parameters
+    ----------
+    M, C, K : (m, m) array or None
+        Changes of the matrices; None where zero.
+    motion : (n, m) complex array
+        Modal motion.
+    omega : (n,) array
+        Circular frequencies [rad/s].
+
+    Returns
+    -------
+    (n, m) complex array or None
+        Modal force; None without changes.
+    """
     out: ComplexArray | None = None
     for part, power in ((K, 0), (C, 1), (M, 2)):
         if part is not None:
@@ -401,7 +445,9 @@ def _by_term(
     out = []
     for parameter in term.effect.parameters:
         moved, by = stepped(term, parameter.name, FREQUENCY.step)
-        if is_port(term):
+        if is_level_dependent(term):
+            out.append(np.zeros((len(response.freq), len(own)), dtype=complex))
+        elif is_port(term):
             omega = response.omega
             z = [at_port(t, t.values, float(omega[-1])).impedance(1j * omega) for t in (term, moved)]
             there = solved.motion @ term.place.rows.T  # (n, k)

@@ -14,7 +14,9 @@ from vlab.diagnose.parameters.reduced_model import observable
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import FREQUENCY_MODEL
 from vlab.errors import BadCase
+from vlab.physics.describing_function import has_describing_function
 from vlab.physics.effect import LinearPortEffect
+from vlab.physics.native_laws import native_laws
 from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
 from vlab.physics.small_signal import is_linear
 from vlab.plants.base import Plant
@@ -85,7 +87,9 @@ def wires_of(case: Case, measured: Sequence[Measured]) -> Wires:
         compared, order = _output(case, plant, name)
         outputs.append(compared)
         orders.append(order)
-    at = tuple(dict.fromkeys(place for d in measured if isinstance(d, Modes) for place in d.at))
+    tables = [d for d in measured if isinstance(d, Modes)]
+    amplitudes = [d.amplitude_at for d in tables if d.amplitude_at]
+    at = tuple(dict.fromkeys([*(place for d in tables for place in d.at), *amplitudes]))
     return Wires(outputs=tuple(outputs), orders=tuple(orders), inputs=tuple(inputs), actuators=tuple(actuators), at=at)
 
 
@@ -128,9 +132,9 @@ class View:
     at : mapping of str to (m,) array
         Rows of the mode shapes' locations.
     fixed : tuple of Term
-        Linear effects of the plant outside its linearisation.
+        Effects of the plant outside its linearisation; nonlinear ones act in data of known level alone.
     left_out : tuple of str
-        Notes on nonlinear effects of the plant, which are omitted.
+        Notes on nonlinear effects of the plant.
     """
 
     omega: Array
@@ -275,9 +279,11 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
     for one in plant.physics:
         if isinstance(one, AtPort) and isinstance(one.effect, LinearPortEffect):
             continue  # part of the linearisation
-        if not is_linear(one.effect):
+        if not is_linear(one.effect) and not has_describing_function(one.effect):
             left_out.append(f"{one.effect.name} of the model is not linear: its small motion is taken without it")
             continue
+        if not is_linear(one.effect):
+            left_out.append(f"{one.effect.name} of the model is not linear: it acts in data of known level alone")
         if isinstance(one, AtPort):
             rows = np.array([port.row(data) for port in (one.port, *one.port.more)]) @ basis
             place = Place(name=one.port.name, kind="port", rows=rows, stiffness=one.stiffness)
@@ -287,6 +293,10 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
             fixed.append(Term(effect=one.effect, place=place, values=one.values))
         elif isinstance(one, AtSensor):
             fixed += _at_sensor(plant, one, wires)
+    for law in native_laws(plant):
+        if has_describing_function(law.effect):
+            place = Place(name=law.place, kind="port", rows=plant.port_rows([law.place]) @ basis)
+            fixed.append(Term(effect=law.effect, place=place, values=law.values))
     return tuple(fixed), tuple(left_out)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.frequency import State, at_port, is_port
+from vlab.diagnose.predictors.frequency import State, at_port, is_level_dependent, is_port
 from vlab.diagnose.settings import FREQUENCY_MODES
 from vlab.physics.small_signal import SmallSignal
 from vlab.signals import Array, ComplexArray
@@ -77,7 +77,7 @@ def state_matrix(state: State, terms: Sequence[Term], fastest: float) -> Array:
     M, C, K = state.M, state.C, state.K
     own: list[tuple[Array, SmallSignal]] = []
     for term in terms:
-        if not is_port(term):
+        if not is_port(term) or is_level_dependent(term):
             continue
         law = at_port(term, term.values, fastest)
         outer = term.place.rows.T @ term.place.rows
@@ -145,7 +145,7 @@ def matrix_changes(state: State, A: Array, terms: Sequence[Term]) -> list[Array 
     m = len(state.M)
     M = state.M
     for term in terms:
-        if is_port(term):
+        if is_port(term) and not is_level_dependent(term):
             M = M + at_port(term, term.values, 1.0).mass * (term.place.rows.T @ term.place.rows)
     out: list[Array | None] = []
     for dM, dC, dK in state.changes:

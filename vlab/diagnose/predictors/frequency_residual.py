@@ -7,7 +7,7 @@ paired by shape, or in order without shapes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,9 +15,11 @@ from scipy.optimize import linear_sum_assignment
 
 from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.frequency import Answer, Shared, State, answer, at_port, is_port, stepped
+from vlab.diagnose.predictors.frequency import Answer, Shared, State, at_port, is_port, stepped
 from vlab.diagnose.predictors.frequency_model import View, Wires
 from vlab.diagnose.predictors.frequency_modes import ModelModes, by_parameter, matrix_changes, model_modes, state_matrix
+from vlab.diagnose.predictors.level_answer import answer_at_level
+from vlab.diagnose.predictors.level_modes import acts_in_table, modes_at_amplitude
 from vlab.diagnose.settings import FREQUENCY, FREQUENCY_RESIDUAL, RESPONSES
 from vlab.signals import Array, ComplexArray
 
@@ -87,7 +89,9 @@ def residual(
     """
     if isinstance(data, Modes):
         return modal_residual(view, state, data, terms, with_derivatives=with_derivatives)
-    found = answer(view, state, data, wires, terms, gains=gains, with_derivatives=with_derivatives, shared=shared)
+    found = answer_at_level(
+        view, state, data, wires, terms, gains=gains, with_derivatives=with_derivatives, shared=shared
+    )
     return response_residual(data, found, bands)
 
 
@@ -206,6 +210,8 @@ def modal_residual(
     Residual
         Residual with derivatives.
     """
+    if with_derivatives and acts_in_table(view, data, terms):
+        return _modal_by_differences(view, state, data, terms)
     every = [*view.fixed, *terms]
     fastest = 2 * np.pi * 2 * float(data.freq[-1])
     A = state_matrix(state, every, fastest)
@@ -213,6 +219,8 @@ def modal_residual(
     rows = shape_rows(view, data)
     pairs = tracked(modes, data, rows)
     odd = _odd(modes, pairs)
+    if acts_in_table(view, data, terms):
+        modes, pairs = modes_at_amplitude(view, state, data, terms, modes, pairs)
     e = np.append(_modal_difference(modes, data, rows, pairs), np.sqrt(odd))
     effective_samples = float(data.entries)
     if not with_derivatives:
@@ -231,6 +239,27 @@ def modal_residual(
             by_term.append(np.append(_modal_rate(modes, data, rows, pairs, change), 0.0))
     columns = np.array(by_term).T if by_term else np.zeros((len(e), 0))
     return Residual(e=e, by_theta=by_theta, by_term=columns, effective_samples=effective_samples, penalty=odd)
+
+
+def _modal_by_differences(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Residual:
+    """Return the residual of a table with amplitudes, with derivatives by finite differences."""
+
+    def of(state: State, terms: Sequence[Term]) -> Residual:
+        return modal_residual(view, state, data, terms)
+
+    own, h = of(state, terms), FREQUENCY.step
+    by_theta = np.zeros((len(own.e), len(state.changes)))
+    for i, change in enumerate(state.changes):
+        if any(part is not None for part in change):
+            given = (state.M, state.C, state.K)
+            M, C, K = (a if part is None else a + h * part for a, part in zip(given, change, strict=True))
+            by_theta[:, i] = (of(replace(state, M=M, C=C, K=K), terms).e - own.e) / h
+    by_term = []
+    for k, term in enumerate(terms):
+        for parameter in term.effect.parameters:
+            moved, by = stepped(term, parameter.name, h)
+            by_term.append((of(state, [*terms[:k], moved, *terms[k + 1 :]]).e - own.e) / by)
+    return replace(own, by_theta=by_theta, by_term=np.array(by_term).T if by_term else own.by_term)
 
 
 def quick_modal_residual(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Array:

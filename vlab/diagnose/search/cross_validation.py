@@ -7,8 +7,8 @@ import numpy as np
 from vlab.diagnose.data.responses import Measured, Response
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.predictors.level_answer import answer_at_level
 from vlab.diagnose.settings import CROSS_VALIDATION
 from vlab.diagnose.validation.frequency import apart, modal_answer, modal_errors, noise_apart
 from vlab.diagnose.validation.gap import gap_closed
@@ -85,7 +85,7 @@ def _predicted(fitter: Fitter, fit: Fit, data: Measured, k: int) -> float:
     point = Point(theta=fit.theta, terms=fit.terms)
     state = problem.state(point.theta)
     if isinstance(data, Response):
-        H = answer(problem.view, state, data, problem.wires, point.terms).H
+        H = answer_at_level(problem.view, state, data, problem.wires, point.terms).H
         return float(np.nanmean(apart(data, H)[:, k]))
     view = replace(problem.view, fixed=(*problem.view.fixed, *point.terms))
     errors = modal_errors(data, modal_answer(view, state, data))

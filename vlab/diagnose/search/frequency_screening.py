@@ -21,14 +21,20 @@ from vlab.diagnose.predictors.frequency import (
     at_port,
     chain_of,
     dynamic,
+    is_level_dependent,
     is_port,
     output_rows,
 )
 from vlab.diagnose.predictors.frequency_model import View
 from vlab.diagnose.predictors.frequency_residual import modal_residual, quick_modal_residual, response_residual
+from vlab.diagnose.predictors.level_answer import operating_point, sensor_gains
+from vlab.diagnose.predictors.level_modes import acts_in_table
+from vlab.diagnose.predictors.level_response import Element, source_gain
+from vlab.diagnose.search.level_trials import LevelMotion, Levels, level_trials
 from vlab.diagnose.search.trial_values import trials
 from vlab.diagnose.settings import FREQUENCY_SCREENING
 from vlab.physics.effect import Effect, PortEffect
+from vlab.physics.small_signal import is_linear
 from vlab.signals import Array, ComplexArray
 
 
@@ -44,11 +50,14 @@ class Trial:
         Decrease of the cost with a first-order refit.
     others : tuple of Term
         Next best distant trials, as further starts.
+    theta : (n_parameters,) array or None
+        Log factors about which the trial was made.
     """
 
     term: Term
     log_likelihood_gain: float
     others: tuple[Term, ...] = ()
+    theta: Array | None = None
 
     @property
     def label(self) -> str:
@@ -64,13 +73,20 @@ class _Lines:
         self.terms = [*view.fixed, *point.terms]
         problem = fitter.problem
         omega = data.omega
-        self.inverse = np.linalg.inv(dynamic(state, omega, self.terms))
+        whole = dynamic(state, omega, self.terms)
+        self.chain: Chain = chain_of(view, state, data, problem.wires, self.terms)
+        self.sensing: ComplexArray | float = 1.0
+        if data.level is not None and any(is_level_dependent(t) for t in self.terms):
+            at = operating_point(view, state, data, problem.wires, self.terms)
+            for e, element in enumerate(at.elements):
+                whole = whole + at.stiffness[:, e, None, None] * np.outer(element.row, element.row)
+            self.chain, self.sensing = at.chain, at.sensor_gain()[0]
+        self.inverse = np.linalg.inv(whole)
         rows = output_rows(view.rows, view.orders, data.order, omega)
         j = problem.wires.inputs.index(data.input)
         self.motion = self.inverse @ view.forces[:, view.columns[j]]  # (n, m)
         self.reading = np.einsum("nom,nmk->nok", rows, self.inverse)  # (n, n_outputs, m)
         self.H = np.einsum("nom,nm->no", rows, self.motion)
-        self.chain: Chain = chain_of(view, state, data, problem.wires, self.terms)
         self.own = [problem.names.index(o) for o in data.outputs]
 
     def at(self, place: Place) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
@@ -90,12 +106,37 @@ class _Lines:
         else:
             held = np.linalg.solve(np.eye(k) + z[:, None, None] * own, (z[:, None] * there)[..., None])[..., 0]
         H = self.H - np.einsum("nok,nk->no", reading, held)
-        return Answer(H=self.chain.recorded(H)[:, self.own])
+        return self._recorded(self.chain, H)
+
+    def _recorded(self, chain: Chain, H: ComplexArray) -> Answer:
+        return Answer(H=(chain.recorded(H) * self.sensing)[:, self.own])
 
     def with_channel(self, term: Term) -> Answer:
         """Return the response with an actuator or sensor effect."""
-        chain = chain_of(self.view, self.state, self.data, self.fitter.problem.wires, [*self.terms, term])
-        return Answer(H=chain.recorded(self.H)[:, self.own])
+        wires = self.fitter.problem.wires
+        linear = chain_of(self.view, self.state, self.data, wires, self.terms)
+        chain = chain_of(self.view, self.state, self.data, wires, [*self.terms, term])
+        return self._recorded(replace(chain, source=chain.source * self.chain.source / linear.source), self.H)
+
+    def with_law(
+        self, term: Term, motion: LevelMotion, seen: tuple[ComplexArray, ComplexArray, ComplexArray] | None
+    ) -> Answer:
+        """Return the response with a nonlinear effect in a known motion."""
+        excitation = motion.excitation
+        assert excitation is not None
+        if seen is not None:
+            row = term.place.rows[0]
+            element = Element(row=row, terms=(term,))
+            size, omega = motion.amplitude(row), motion.omega(row)
+            return self.with_port(element.stiffness(size, omega, excitation.omega, excitation.is_random).value, seen)
+        j = self.fitter.problem.wires.inputs.index(self.data.input)
+        if term.effect.kind == "actuator":
+            gain = source_gain([term], self.fitter.problem.wires.actuators[j], excitation).value
+            return self._recorded(replace(self.chain, source=self.chain.source * gain), self.H)
+        orders = self.fitter.problem.wires.orders
+        gain = sensor_gains([term], motion.outputs, orders, self.data.order, excitation)[0]
+        found = self.chain.recorded(self.H) * self.sensing * gain
+        return Answer(H=found[:, self.own])
 
 
 class ScoreTest:
@@ -109,10 +150,22 @@ class ScoreTest:
         Parameters of the hypothesis.
     bands : float
         Relative bandwidth of the coarse residual; 0 for single lines.
+    levels : Levels or None
+        Motion at several levels, for nonlinear effects.
+    start : float or None
+        Cost from which gains count; that of the hypothesis by default.
     """
 
-    def __init__(self, fitter: Fitter, point: Point, bands: float = 0.0) -> None:
-        self.fitter, self.point, self.bands = fitter, point, bands
+    def __init__(
+        self,
+        fitter: Fitter,
+        point: Point,
+        bands: float = 0.0,
+        *,
+        levels: Levels | None = None,
+        start: float | None = None,
+    ) -> None:
+        self.fitter, self.point, self.bands, self.levels = fitter, point, bands, levels
         problem = fitter.problem
         self.state = problem.state(point.theta)
         self.lines = [
@@ -126,6 +179,7 @@ class ScoreTest:
         self.prior = prior
         self.q = np.linalg.qr(jacobian)[0]
         self.cost = self._left(self.e)
+        self.start = self.cost if start is None else start
         high = max(d.freq[-1] for d in fitter.measured)
         self.fastest = 2 * np.pi * float(high)
         self.small = self._reduced()
@@ -168,9 +222,16 @@ class ScoreTest:
         """
         found = []
         seen = [None if lines is None or not len(place.rows) else lines.at(place) for lines in self.lines]
-        for term in trials(self.fitter.problem, effect, place):
+        problem = self.fitter.problem
+        is_nonlinear = not is_linear(effect)
+        if is_nonlinear:
+            assert self.levels is not None
+            listed = level_trials(problem, self.levels, effect, place)
+        else:
+            listed = trials(problem, effect, place)
+        for term in listed:
             with np.errstate(all="ignore"):
-                log_likelihood_gain = self.cost - self._left(self._with(term, seen))
+                log_likelihood_gain = self.start - self._left(self._with(term, seen))
             if np.isfinite(log_likelihood_gain):
                 found.append((log_likelihood_gain, term))
         if not found:
@@ -178,16 +239,18 @@ class ScoreTest:
         found.sort(key=lambda pair: -pair[0])
         first = found[0][1]
         others = [term for _, term in found[1:] if _apart(term, first)]
-        return Trial(term=first, log_likelihood_gain=found[0][0], others=tuple(others[:1]))
+        theta = self.point.theta if is_nonlinear else None
+        return Trial(term=first, log_likelihood_gain=found[0][0], others=tuple(others[:1]), theta=theta)
 
     def _with(self, term: Term, seen: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray] | None]) -> Array:
         parts = []
-        for data, lines, there in zip(self.fitter.measured, self.lines, seen, strict=True):
+        motions = [None] * len(self.lines) if self.levels is None else self.levels.motions
+        for data, lines, there, motion in zip(self.fitter.measured, self.lines, seen, motions, strict=True):
             if isinstance(data, Modes):
                 assert self.small is not None
                 view, state = self.small
                 own = [_cut_term(t, view.m) for t in (*self.point.terms, term)]
-                if any(
+                if acts_in_table(view, data, own) or any(
                     is_port(t) and isinstance(t.effect, PortEffect) for t in (*view.fixed, *own)
                 ):  # forces with memory
                     parts.append(modal_residual(view, state, data, own).e)
@@ -195,7 +258,10 @@ class ScoreTest:
                     parts.append(quick_modal_residual(view, state, data, own))
                 continue
             assert lines is not None
-            if is_port(term):
+            if is_level_dependent(term):
+                assert motion is not None
+                found = lines.with_law(term, motion, there)
+            elif is_port(term):
                 assert there is not None
                 z = at_port(term, term.values, self.fastest).impedance(1j * data.omega)
                 found = lines.with_port(z, there)

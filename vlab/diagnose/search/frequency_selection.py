@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vlab.diagnose.data.amplitude_dependence import Trend
 from vlab.diagnose.data.responses import Response
 from vlab.diagnose.inference.evidence import Found, Hypothesis, scored
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
@@ -13,9 +14,11 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
+from vlab.diagnose.search.level_trials import Levels, calibrate_levels, has_levels
 from vlab.diagnose.search.trial_values import candidates
 from vlab.diagnose.settings import FREQUENCY_SELECTION, HYPOTHESIS_FITS
 from vlab.physics.effect import Effect
+from vlab.physics.small_signal import is_linear
 from vlab.signals import Array
 
 
@@ -31,11 +34,14 @@ class FrequencyFound(Found):
         Fits to the data.
     tried : int
         Number of tried effects at locations.
+    trends : tuple of Trend
+        Modes over the levels; empty without several known levels.
     """
 
     problem: FrequencyProblem
     fitter: Fitter
     tried: int = 0
+    trends: tuple[Trend, ...] = ()
 
 
 def search_frequency(
@@ -48,7 +54,7 @@ def search_frequency(
     problem : FrequencyProblem
         Problem.
     effects : sequence of Effect
-        Candidate effects; nonlinear ones are skipped.
+        Candidate effects; nonlinear ones need data at several known levels.
     progress : callable
         Receives the completed share and the current step.
 
@@ -61,17 +67,27 @@ def search_frequency(
     zero = np.zeros(len(fitter.sd))
     effective_samples, floor = fitter.effective_samples, fitter.floor
     before_fit = min(fitter.fit(), fitter.fit((), zero), key=lambda fit: fit.chi2)
-    pairs = candidates(problem, effects)
+    with_levels = has_levels(problem)
+    pairs = candidates(problem, effects, with_levels=with_levels)
 
     def penalised(fit: Fit, log_likelihood_gain: float = 0.0) -> Hypothesis:
         return scored(fit, effective_samples, effective_samples, log_likelihood_gain, tried=len(pairs), floor=floor)
 
     before = penalised(before_fit)
     progress(0.1, "screening")
-    by_lines = screened(ScoreTest(fitter, Point(theta=before_fit.theta, terms=())), pairs)
+    levels = calibrate_levels(fitter, before_fit.theta) if with_levels else None
+    first = ScoreTest(fitter, Point(theta=before_fit.theta, terms=()), levels=levels)
+    by_lines = screened(first, pairs)
+    if levels is not None:  # a law that acts at one end of the levels leaves the calibration of the other end
+        nonlinear = [pair for pair in pairs if not is_linear(pair[0])]
+        for theta in levels.theta:
+            about = ScoreTest(fitter, Point(theta=theta, terms=()), levels=levels, start=first.cost)
+            by_lines += screened(about, nonlinear)
+        by_lines.sort(key=lambda t: -t.log_likelihood_gain)
     by_bands: list[Trial] = []
     if any(isinstance(d, Response) for d in problem.measured):
-        by_bands = screened(ScoreTest(fitter, Point(theta=zero, terms=()), FREQUENCY_SELECTION.coarse), pairs)
+        linear = [pair for pair in pairs if is_linear(pair[0])]
+        by_bands = screened(ScoreTest(fitter, Point(theta=zero, terms=()), FREQUENCY_SELECTION.coarse), linear)
     shortlist = _shortlist(by_lines, by_bands)
     progress(0.35, "fitting single effects")
     from_afar = {t.label for t in by_bands[: FREQUENCY_SELECTION.far]}
@@ -88,7 +104,7 @@ def search_frequency(
     hypotheses = list(singles)
     if singles and singles[0].normalised_residual > HYPOTHESIS_FITS.enough:
         progress(0.55, "fitting pairs of effects")
-        hypotheses += [penalised(fit) for fit in _pairs(fitter, singles, pairs)]
+        hypotheses += [penalised(fit) for fit in _pairs(fitter, singles, pairs, levels)]
         hypotheses.sort(key=lambda h: -h.score)
     progress(0.85, "comparing places")
     places = _places(fitter, hypotheses, [*by_lines, *by_bands], before_fit.theta, penalised)
@@ -99,6 +115,7 @@ def search_frequency(
         hypotheses=tuple(hypotheses),
         places=places,
         tried=len(pairs),
+        trends=() if levels is None else levels.trends,
     )
 
 
@@ -123,14 +140,25 @@ def _shortlist(by_lines: Sequence[Trial], by_bands: Sequence[Trial]) -> list[lis
 
 def _quick_fit(fitter: Fitter, trials: Sequence[Trial], theta: Array, from_afar: Collection[str]) -> Fit:
     """Fit an effect briefly from its trials and starts."""
-    terms = [trials[0].term, *trials[0].others]
-    fits = [fitter.fit([term], theta, iterations=FREQUENCY_SELECTION.quick) for term in terms]
+    first = trials[0]
+    if first.theta is not None:  # a nonlinear effect: its best trial about each calibration
+        starts = [(t.term, t.theta) for t in trials[: FREQUENCY_SELECTION.calibrations]]
+    else:
+        starts = [(term, None) for term in (first.term, *first.others)]
+    fits = [
+        fitter.fit([term], theta if own is None else own, iterations=FREQUENCY_SELECTION.quick) for term, own in starts
+    ]
     if trials[0].label in from_afar:
         fits.append(fitter.fit([trials[-1].term], None, iterations=FREQUENCY_SELECTION.quick))
     return min(fits, key=lambda fit: fit.chi2)
 
 
-def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[Effect, Place]]) -> list[Fit]:
+def _pairs(
+    fitter: Fitter,
+    singles: Sequence[Hypothesis],
+    pairs: Sequence[tuple[Effect, Place]],
+    levels: Levels | None = None,
+) -> list[Fit]:
     """Fit a second effect with the best single ones."""
     seeds = list(singles[:1])
     for h in singles[1:]:  # of other families
@@ -140,7 +168,7 @@ def _pairs(fitter: Fitter, singles: Sequence[Hypothesis], pairs: Sequence[tuple[
             seeds.append(h)
     work: dict[frozenset[str], tuple[Hypothesis, Term]] = {}
     for seed in seeds:
-        rest = screened(ScoreTest(fitter, Point(theta=seed.fit.theta, terms=seed.terms)), pairs)
+        rest = screened(ScoreTest(fitter, Point(theta=seed.fit.theta, terms=seed.terms), levels=levels), pairs)
         own = seed.terms[0]
         count = 0
         for tried in rest:
@@ -186,7 +214,14 @@ def _places(
 
     def fitted(name: str) -> Fit:
         start = best.fit.theta if others else theta
-        fits = [fitter.fit([t.term, *others], start, iterations=2 * FREQUENCY_SELECTION.quick) for t in elsewhere[name]]
+        fits = [
+            fitter.fit(
+                [t.term, *others],
+                start if t.theta is None or others else t.theta,
+                iterations=2 * FREQUENCY_SELECTION.quick,
+            )
+            for t in elsewhere[name]
+        ]
         return min(fits, key=lambda fit: fit.chi2)
 
     fits = side_by_side(fitted, todo)

@@ -11,6 +11,7 @@ from vlab.diagnose.parameters.locations import Place, admissible
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import TRIAL_VALUES
+from vlab.physics.describing_function import has_describing_function
 from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array
@@ -31,8 +32,10 @@ class Scales:
     damping: float
 
 
-def candidates(problem: FrequencyProblem, effects: Sequence[Effect]) -> list[tuple[Effect, Place]]:
-    """Return every identifiable linear effect at every admissible location.
+def candidates(
+    problem: FrequencyProblem, effects: Sequence[Effect], *, with_levels: bool = False
+) -> list[tuple[Effect, Place]]:
+    """Return every identifiable effect at every admissible location.
 
     Parameters
     ----------
@@ -40,6 +43,8 @@ def candidates(problem: FrequencyProblem, effects: Sequence[Effect]) -> list[tup
         Problem.
     effects : sequence of Effect
         Effects.
+    with_levels : bool
+        Whether the data have several known levels, which identify nonlinear effects.
 
     Returns
     -------
@@ -49,14 +54,16 @@ def candidates(problem: FrequencyProblem, effects: Sequence[Effect]) -> list[tup
     has_responses = any(isinstance(d, Response) for d in problem.measured)
     out = []
     for effect in effects:
-        if not is_linear(effect) or (effect.kind != "port" and not has_responses):
+        if effect.kind != "port" and not has_responses:
+            continue
+        if not is_linear(effect) and not (with_levels and has_describing_function(effect)):
             continue
         out += [(effect, place) for place in problem.places if _fits(problem, effect, place)]
     return out
 
 
 def _fits(problem: FrequencyProblem, effect: Effect, place: Place) -> bool:
-    if not admissible(effect, place):
+    if not admissible(effect, place) or (len(place.rows) > 1 and not is_linear(effect)):
         return False
     if effect.kind == "actuator" or place.tag == "command":
         used = {d.input for d in problem.measured if isinstance(d, Response)}
@@ -101,7 +108,7 @@ def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter)
     by_lines = any(isinstance(d, Response) for d in problem.measured)
     if effect.kind != "port":
         return np.array(_channel_grid(problem, effect, place, p, low, high))
-    scales = _scales(problem, place)
+    scales = reference_scales(problem, place)
     if p.unit.startswith("Hz"):
         if effect.family == "damping":
             return np.array([np.sqrt(low * high)])
@@ -160,8 +167,21 @@ def _channel_grid(
     return list(np.geomspace(p.low, p.high, 9))
 
 
-def _scales(problem: FrequencyProblem, place: Place) -> Scales:
-    """Return a location's reference values in the band."""
+def reference_scales(problem: FrequencyProblem, place: Place) -> Scales:
+    """Return the reference values of a location in the band.
+
+    Parameters
+    ----------
+    problem : FrequencyProblem
+        Problem.
+    place : Place
+        Location.
+
+    Returns
+    -------
+    Scales
+        Smallest modal mass, stiffness and damping at the location.
+    """
     high = problem.measured_hz[1]
     omega = np.abs(problem.view.omega)
     near = (omega < 2 * np.pi * 1.5 * high) & (omega > 1e-6)

@@ -10,9 +10,9 @@ class AmplitudeDependenceSettings:
     differ: float = 3.0
     """differ [1]: rms over lines of the difference of two responses over its noise, above 0; default untested. Raising
     it lets larger differences pass as noise."""
-    least_shift: float = 0.002
-    """least_shift [1]: least log ratio of a natural frequency over the levels, above 0; default untested. Raising it
-    leaves larger frequency shifts unreported."""
+    least_shift: float = 0.2
+    """least_shift [1]: least relative shift of a natural frequency over the levels, in units of the damping ratio,
+    above 0; default a tenth of the half-power width, untested. Raising it leaves larger shifts unreported."""
     least_damping: float = 0.15
     """least_damping [1]: least log ratio of a damping ratio over the levels, above 0; default untested. Raising it
     leaves larger changes of damping unreported."""

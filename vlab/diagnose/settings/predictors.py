@@ -57,6 +57,57 @@ class FrequencyResidualSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EquivalentTableSettings:
+    """Settings of `vlab.diagnose.predictors.equivalent_table`."""
+
+    per_decade: int = 16
+    """per_decade [1]: tabulated amplitudes per decade, at least 4; the default interpolates powers of the amplitude to
+    1e-4. Raising it resolves edges of laws better and costs time."""
+    most_decades: int = 12
+    """most_decades [1]: decades of amplitude on either side of the median, at least 1; default beyond all responses.
+    Raising it costs memory."""
+    frequencies: int = 7
+    """frequencies [1]: tabulated frequencies over a band for laws of displacement and velocity, at least 1; default
+    untested. Raising it costs time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelModesSettings:
+    """Settings of `vlab.diagnose.predictors.level_modes`."""
+
+    passes: int = 6
+    """passes [1]: most passes over shape and equivalents of a mode, at least 1; default untested. Raising it helps
+    strong nonlinearity and costs time."""
+    settled: float = 1e-6
+    """settled [1]: relative change of a pole that ends the passes, above 0; default far below the accuracy of tables.
+    Raising it saves time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelResponseSettings:
+    """Settings of `vlab.diagnose.predictors.level_response`."""
+
+    reach: tuple[float, float] = (1.5, 1.0)
+    """reach [decades]: searched amplitudes below the smallest and above the largest linear one, above 0; default
+    untested. Raising it finds more distant solutions and costs time."""
+    per_decade: int = 8
+    """per_decade [1]: tested amplitudes per decade, at least 4; default untested. Raising it separates neighbouring
+    solutions and costs time."""
+    refined: int = 8
+    """refined [1]: steps of bisection and secant per solution, at least 4; default for 1e-6 of the amplitude. Raising
+    it costs time."""
+    sweeps: int = 30
+    """sweeps [1]: most passes over several nonlinear ports, at least 1; default untested. Raising it helps strongly
+    coupled ports."""
+    settled: float = 1e-6
+    """settled [1]: relative change of amplitudes that ends the passes, above 0; default far below measurement noise.
+    Raising it saves time."""
+    least_turn: float = 0.05
+    """least_turn [1]: bound of the determinant of the feedback from amplitude to stiffness, 0 to 1; default untested.
+    The determinant vanishes where a branch turns back; raising the bound shortens steps of a fit there."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class InnovationsSettings:
     """Settings of `vlab.diagnose.predictors.innovations`."""
 
@@ -232,8 +283,11 @@ FREQUENCY = FrequencySettings()
 FREQUENCY_MODEL = FrequencyModelSettings()
 FREQUENCY_MODES = FrequencyModesSettings()
 FREQUENCY_RESIDUAL = FrequencyResidualSettings()
+EQUIVALENT_TABLE = EquivalentTableSettings()
 INNOVATIONS = InnovationsSettings()
 KALMAN = KalmanSettings()
+LEVEL_MODES = LevelModesSettings()
+LEVEL_RESPONSE = LevelResponseSettings()
 MODAL = ModalSettings()
 MODAL_INTEGRATION = ModalIntegrationSettings()
 MODAL_PROBLEM = ModalProblemSettings()

@@ -127,6 +127,9 @@ class FrequencySelectionSettings:
     coarse: float = 0.08
     """coarse [1]: relative bandwidth of the coarse screening about the nominal model, above 0; default untested.
     Raising it admits larger frequency errors."""
+    calibrations: int = 2
+    """calibrations [1]: best starts of a nonlinear effect among the calibrations of all, the lowest and the highest
+    level, 1 to 3; default untested. Raising it costs time."""
     seeds: int = 3
     """seeds [1]: single effects to which a second one is added, at least 1; default untested. Raising it costs time."""
     seconds: int = 5
@@ -138,6 +141,21 @@ class FrequencySelectionSettings:
     quick: int = 5
     """quick [1]: iterations of a first fit, at least 1; default untested. Raising it ranks trials better and costs
     time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelTrialsSettings:
+    """Settings of `vlab.diagnose.search.level_trials`."""
+
+    freedom: float = 10.0
+    """freedom [1]: factor on the prior standard deviations in the calibration of a single level, above 1; default
+    untested. Raising it smooths the data less."""
+    shares: tuple[float, ...] = tuple(np.geomspace(1e-4, 1.0, 9).tolist())
+    """shares [1]: trial equivalent stiffnesses in the largest motion over the smallest modal stiffness, above 0;
+    default untested. A further entry costs one evaluation."""
+    further: tuple[float, ...] = (0.3,)
+    """further [1]: trial forces of further amplitude parameters over that of the first one, above 0; default untested.
+    A further entry costs one evaluation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -375,6 +393,7 @@ FINAL_FIT = FinalFitSettings()
 FORWARD_SELECTION = ForwardSelectionSettings()
 FREQUENCY_SCREENING = FrequencyScreeningSettings()
 FREQUENCY_SELECTION = FrequencySelectionSettings()
+LEVEL_TRIALS = LevelTrialsSettings()
 MODEL_CLASS = ModelClassSettings()
 PERMANENT_CHANGE = PermanentChangeSettings()
 PROFILE_SCREENING = ProfileScreeningSettings()

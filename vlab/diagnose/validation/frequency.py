@@ -12,11 +12,13 @@ from scipy.ndimage import median_filter
 from vlab.cases.case import Case
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.predictors.frequency import State, answer
+from vlab.diagnose.predictors.frequency import State
 from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
 from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.frequency_residual import shape_rows, tracked
+from vlab.diagnose.predictors.level_answer import answer_at_level
+from vlab.diagnose.predictors.level_modes import acts_in_table, modes_at_amplitude
 from vlab.diagnose.settings import FREQUENCY_VALIDATION, RESPONSES, VALIDATION
 from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of, total
 from vlab.diagnose.validation.simulation import Ablations
@@ -184,7 +186,7 @@ def check_frequency(
     out = []
     for data in measured:
         if isinstance(data, Response):
-            given, *fitted = [answer(v, s, data, models[0].wires).H for v, s in seen]
+            given, *fitted = [answer_at_level(v, s, data, models[0].wires).H for v, s in seen]
             sd = (unfitted or {}).get(data.input, 0.0)
             answers = [given, *(H * _likeliest_gain(H, data, sd) for H in fitted)]
             out.append(_checked_response(data, answers, ablations.names))
@@ -402,6 +404,8 @@ def modal_answer(view: View, state: State, data: Modes) -> ModalAnswer:
     modes: ModelModes = model_modes(A, view.m)
     rows = shape_rows(view, data)
     pairs = tracked(modes, data, rows)
+    if acts_in_table(view, data, ()):
+        modes, pairs = modes_at_amplitude(view, state, data, (), modes, pairs)
     found = pairs >= 0
     at = np.where(found, pairs, 0)
     alike = np.full(data.n, np.nan)

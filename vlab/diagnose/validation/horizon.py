@@ -41,7 +41,6 @@ def parts_of(run: Run, count: int) -> list[Run]:
                 before=run.before if start == 0 else run.measured.rows(slice(0, start)),
                 initial=run.initial if start == 0 else "estimated",
                 start=run.start if start == 0 else None,
-                start=run.start if start == 0 else None,
                 valid=None if run.valid is None else run.valid[start:stop],
             )
         )

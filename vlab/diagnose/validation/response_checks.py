@@ -17,8 +17,8 @@ from vlab.cases.checks.correction import FileCheck, Found, Severity
 from vlab.cases.checks.slips import is_turned, slip_of_unit
 from vlab.cases.description import FrfTable
 from vlab.diagnose.data.responses import Response, read_measured
-from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
+from vlab.diagnose.predictors.level_answer import answer_at_level
 from vlab.diagnose.settings import RESPONSE_CHECKS
 from vlab.diagnose.validation.frequency import heard, nominal_model
 from vlab.recordings.responses import FORM_UNITS
@@ -51,7 +51,9 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
     tables = {f"frf{i + 1}": table for i, table in enumerate(case.table.frf)}
     read = [d for d in read_measured(case, ("fit", "holdout")) if isinstance(d, Response)]
     view, state = nominal_model(problem.plant, problem.wires).seen()
-    all_of_it = [_Measured(table=tables[d.name], data=d, own=answer(view, state, d, problem.wires).H) for d in read]
+    all_of_it = [
+        _Measured(table=tables[d.name], data=d, own=answer_at_level(view, state, d, problem.wires).H) for d in read
+    ]
     early = [one for one in all_of_it if _is_early(one)]
     found = [_conjugated(case, early)] if early else []
     causal = [_conjugate(one) if one in early else one for one in all_of_it]
