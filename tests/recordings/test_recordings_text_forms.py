@@ -203,12 +203,13 @@ def test_packed_text_is_read_by_its_inner_suffix(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "match"),
     [
-        ("run.csv.gz", gzip.compress(bytes(70 * 2**20)), "more than 67108864 bytes when unpacked"),
-        ("run.csv.gz", gzip.compress(b"t,x\n0,1\n1,2\n")[:-9], "cut short"),
+        ("run.csv.gz", gzip.compress(bytes(70 * 2**20), mtime=0), "more than 67108864 bytes when unpacked"),
+        ("run.csv.gz", gzip.compress(b"t,x\n0,1\n1,2\n", mtime=0)[:-9], "cut short"),
         ("run.csv.gz", b"t,x\n0,1\n", "not a whole gzip file"),
-        ("run.gz", gzip.compress(b"t\n1\n"), "accepted before .gz: .csv"),
-        ("run.mat.gz", gzip.compress(b"t\n1\n"), "packed file of kind '.mat'"),
+        ("run.gz", gzip.compress(b"t\n1\n", mtime=0), "accepted before .gz: .csv"),
+        ("run.mat.gz", gzip.compress(b"t\n1\n", mtime=0), "packed file of kind '.mat'"),
     ],
+    ids=["large", "cut", "unpacked", "no kind", "other kind"],
 )
 def test_packed_files_that_are_refused(tmp_path, name, content, match):
     with pytest.raises(BadRecording, match=match):
