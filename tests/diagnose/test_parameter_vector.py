@@ -5,7 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vlab.diagnose.inference.parameter_vector import ParameterVector, from_unbounded, limits_of, to_unbounded
+from vlab.diagnose.inference.parameter_vector import (
+    ParameterVector,
+    bounded_step,
+    from_unbounded,
+    limits_of,
+    to_unbounded,
+)
+from vlab.diagnose.parameters.mjcf import log_factors, prior_deviations
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.catalogue import EFFECTS
@@ -172,3 +179,33 @@ def test_an_entry_is_the_inverse_of_its_value(parameter):
         from_unbounded(parameter, np.array([to_unbounded(parameter, v) for v in values])), values
     )
     assert np.all(np.isfinite(from_unbounded(parameter, np.array([-1e4, 1e4]))))  # a wild trial as well
+
+
+# ---- values that may vanish -----------------------------------------------------------------------------------------
+
+
+def test_log_factors_and_deviations_are_inverse_and_smooth_at_the_prior_mean():
+    theta = np.linspace(-5.0, 3.0, 33)
+    for may_vanish in (np.ones(33, dtype=bool), np.zeros(33, dtype=bool)):
+        np.testing.assert_allclose(log_factors(prior_deviations(theta, may_vanish), may_vanish), theta, atol=1e-12)
+    step = 1e-6
+    slopes = prior_deviations(np.array([-step, step]), True) / np.array([-step, step])
+    np.testing.assert_allclose(slopes, 1.0, atol=1e-6)
+
+
+def test_absent_damping_is_two_standard_deviations_of_half_and_a_multiple_is_no_farther_than_its_logarithm():
+    assert prior_deviations(np.array([-50.0]), True)[0] / 0.5 == pytest.approx(-2.0)
+    assert prior_deviations(np.array([0.7]), True)[0] == 0.7
+    assert log_factors(np.array([-3.0]), True)[0] < -6.0  # beyond zero is zero
+
+
+def test_a_bounded_step_is_the_minimum_within_the_bounds():
+    """Against a fine grid; the first gradient points across the bound, the joint minimum does not."""
+    normal, gradient = np.array([[1.0, -0.95], [-0.95, 1.0]]), np.array([0.3, -1.0])
+    room = (np.array([0.0, -5.0]), np.array([2.0, 1.5]))
+    step = bounded_step(normal, gradient, room)
+    a, b = np.meshgrid(np.linspace(0.0, 2.0, 801), np.linspace(-5.0, 1.5, 2601), indexing="ij")
+    cost = 2 * (gradient[0] * a + gradient[1] * b) + a**2 - 1.9 * a * b + b**2
+    best = np.unravel_index(np.argmin(cost), cost.shape)
+    np.testing.assert_allclose(step, [a[best], b[best]], atol=5e-3)
+    assert step[0] > 0.5

@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.diagnose.diagnosis import NAMING, Attempt
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.parameters.mjcf import Uncertain, relative_changes
+from vlab.diagnose.parameters.mjcf import Uncertain, prior_deviations
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
 from vlab.physics.catalogue import EFFECTS
@@ -158,7 +158,7 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
     tuple of str
         One note per implausible parameter.
     """
-    deviations = relative_changes(theta, np.array([p.may_vanish for p in parameters], dtype=bool))
+    deviations = prior_deviations(theta, np.array([p.may_vanish for p in parameters], dtype=bool))
     return tuple(
         f"{p.name} was calibrated by {_change(p, float(v))}, {abs(d) / p.sd:.1f} of its standard deviations: check the value, "
         "state a wider [model.uncertain], or look for missing physics there"

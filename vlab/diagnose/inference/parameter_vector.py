@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy import optimize
 
-from vlab.diagnose.parameters.mjcf import log_factors, relative_changes
+from vlab.diagnose.parameters.mjcf import log_factors, prior_deviations
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import PARAMETER_VECTOR
 from vlab.physics.effect import Parameter
@@ -39,7 +39,7 @@ class ParameterVector:
     firsts : (n_free, 2m) array
         Prior initial states of the runs with an estimated one.
     may_vanish : (n_changes,) array of bool
-        Uncertain parameters whose relative change has the prior; others have one of the log factor.
+        Uncertain parameters whose relative decrease has the prior; others have one of the log factor.
     """
 
     terms: Sequence[Term]
@@ -97,7 +97,7 @@ class ParameterVector:
 
     def project_prior(self, theta: Array) -> Array:
         """Return log factors along the directions, in prior standard deviations."""
-        return self.project(relative_changes(theta, np.asarray(self.may_vanish)))
+        return self.project(prior_deviations(theta, np.asarray(self.may_vanish)))
 
     def project(self, direction: Array) -> Array:
         """Return small changes (n_changes,) along the directions, in prior standard deviations."""

@@ -30,11 +30,11 @@ VANISHING = frozenset({"damping", "friction"})
 """Kinds of uncertain parameters that may be zero."""
 
 
-def relative_changes(theta: Array, may_vanish: Array | bool) -> Array:
+def prior_deviations(theta: Array, may_vanish: Array | bool) -> Array:
     """Return log factors as deviations with a normal prior.
 
-    The deviation is the log factor, or the relative change of a value that may vanish: damping known to 50 % may as well
-    be absent, which is no multiple.
+    The deviation is the log factor. Below one, that of a value that may vanish is its relative change: damping known to
+    50 % may as well be absent, which is no multiple.
 
     Parameters
     ----------
@@ -48,13 +48,13 @@ def relative_changes(theta: Array, may_vanish: Array | bool) -> Array:
     (..., n_parameters) array
         Deviations.
     """
-    return np.asarray(np.where(may_vanish, np.expm1(np.minimum(theta, 50.0)), theta))
+    return np.asarray(np.where(np.logical_and(may_vanish, theta < 0.0), np.expm1(np.minimum(theta, 0.0)), theta))
 
 
-def log_factors(deviations: Array, may_vanish: Array) -> Array:
-    """Return the log factors of deviations; the inverse of `relative_changes`."""
-    vanishing = np.log(np.maximum(1.0 + deviations, MJCF_PRIORS.least_factor))
-    return np.asarray(np.where(may_vanish, vanishing, deviations))
+def log_factors(deviations: Array, may_vanish: Array | bool) -> Array:
+    """Return the log factors of deviations; the inverse of `prior_deviations`."""
+    vanishing = np.log(np.maximum(1.0 + np.minimum(deviations, 0.0), MJCF_PRIORS.least_factor))
+    return np.asarray(np.where(np.logical_and(may_vanish, deviations < 0.0), vanishing, deviations))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class Uncertain:
     kind : str
         Kind of the parameter.
     sd : float
-        Prior standard deviation of the log factor, or of the relative change of a value that may vanish.
+        Prior standard deviation of the log factor, or of the relative decrease of a value that may vanish.
     fields : tuple
         Multiplied values of the model.
     actuator, sensor : int or None
@@ -84,7 +84,7 @@ class Uncertain:
 
     @property
     def may_vanish(self) -> bool:
-        """Whether the value may be zero, with a normal prior of its relative change."""
+        """Whether the value may be zero, with a normal prior of its relative decrease."""
         return self.kind in VANISHING
 
 

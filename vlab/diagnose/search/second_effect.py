@@ -16,7 +16,7 @@ from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.kernels.parallel import side_by_side
-from vlab.diagnose.parameters.mjcf import relative_changes
+from vlab.diagnose.parameters.mjcf import prior_deviations
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.predictors.innovations import Group
@@ -40,7 +40,7 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array, may_v
     prior : (n_changes,) array
         Prior standard deviations of the uncertain parameters.
     may_vanish : (n_changes,) array of bool
-        Parameters whose relative change has the prior.
+        Parameters whose relative decrease has the prior.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def violate_priors(fitted: Sequence[Hypothesis], usual: int, prior: Array, may_v
     """
     return any(
         h.prior_departure > SECOND_EFFECT.prior_violation + 0.5 * usual
-        or bool(np.any(np.abs(relative_changes(h.long_fit.theta, may_vanish)) > SECOND_EFFECT.outlying * prior))
+        or bool(np.any(np.abs(prior_deviations(h.long_fit.theta, may_vanish)) > SECOND_EFFECT.outlying * prior))
         for h in _of_interest(fitted)
     )
 
