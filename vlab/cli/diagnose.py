@@ -39,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py:CLASS",
         help="search for an effect of your own, too; runs the code of that file; may be repeated (default: catalogue only)",
     )
+    parser.add_argument(
+        "--time-limit",
+        type=float,
+        metavar="SECONDS",
+        help="add no effects after this time and validate the best hypothesis so far (default: no limit)",
+    )
     add_out(parser, "diagnosis.json, report.html, run.rrd and the extended model to this folder (default: print only)")
 
 
@@ -56,6 +62,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         Document and text of the command.
     """
     check_out(arguments, read=[arguments.case])
+    if arguments.time_limit is not None and not arguments.time_limit > 0:
+        raise BadExperiment(f"--time-limit is {arguments.time_limit:g}; give a positive number of seconds")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
@@ -67,11 +75,11 @@ def run(arguments: argparse.Namespace) -> Outcome:
             )
     if not arguments.out:
         with share_bar("diagnose") as report:
-            diagnosis = diagnose(case, effects=effects, progress=report).diagnosis
+            diagnosis = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit).diagnosis
         return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
     with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
         with share_bar("diagnose") as report:
-            done = diagnose(case, effects=effects, progress=report)
+            done = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit)
         from vlab.views.reports.diagnosis import write_diagnosis
 
         write_diagnosis(done, folder)

@@ -28,6 +28,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt
 from vlab.diagnose.search.confirmation import Confirmation
+from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
@@ -76,7 +77,11 @@ class Diagnosed:
 
 
 def diagnose(
-    case: Case, *, effects: Sequence[Effect] = (), progress: Callable[[float, str], None] | None = None
+    case: Case,
+    *,
+    effects: Sequence[Effect] = (),
+    progress: Callable[[float, str], None] | None = None,
+    time_limit: float | None = None,
 ) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
     """Diagnose a case.
 
@@ -91,6 +96,9 @@ def diagnose(
         Candidate effects; the catalogue by default.
     progress : callable or None
         Receives the completed share and the current step.
+    time_limit : float or None
+        Duration [s] after which no further effects are added; the best hypothesis so far is then confirmed and validated.
+        Responses and modal tables have no limit.
 
     Returns
     -------
@@ -107,7 +115,8 @@ def diagnose(
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)
     effects = list(effects) or list(EFFECTS.values())
-    return _diagnosed(case, effects, progress or (lambda share, what: None), time.monotonic())
+    deadline = Deadline.after(time_limit)
+    return _diagnosed(case, effects, progress or (lambda share, what: None), time.monotonic(), deadline)
 
 
 def _diagnosed(
@@ -115,6 +124,7 @@ def _diagnosed(
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
     began: float,
+    deadline: Deadline,
     told: str = "",
     checked_file: FileCheck | None = None,
 ) -> Diagnosed | RejectedCase:
@@ -130,6 +140,8 @@ def _diagnosed(
         Receives the completed share and the current step.
     began : float
         Start time of the diagnosis [s].
+    deadline : Deadline
+        End of the search.
     told : str
         Note of an earlier pass.
     checked_file : FileCheck or None
@@ -145,11 +157,13 @@ def _diagnosed(
     problem, case = model_class.problem, model_class.problem.case
     holdout = read_holdout(case, problem.names, problem.runs)
     seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
-    found = model_class.search([] if seen.damage.fatal else effects, lambda share, what: report(0.8 * share, what))
+    searched = [] if seen.damage.fatal else effects
+    found = model_class.search(searched, lambda share, what: report(0.8 * share, what), deadline)
+    limit_notes = deadline.notes
     report(0.8, "fitting whole recordings")
     other = choose_convention(model_class, found) if not (told or seen.damage.fatal) else None
     if other is not None:
-        return _diagnosed(other.of(whole_case), effects, report, began, said([other.words]), file)
+        return _diagnosed(other.of(whole_case), effects, report, began, deadline, said([other.words]), file)
     confirmation = Confirmation(
         problem=problem,
         whole=found.whole,
@@ -196,7 +210,7 @@ def _diagnosed(
             elif not told:  # the fit compensates the coarse steps, so the search repeats
                 finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
                 told = f"{coarse}; all of the search is with the shorter ones"
-                return _diagnosed(finer_case, effects, report, began, told, file)
+                return _diagnosed(finer_case, effects, report, began, deadline, told, file)
     attempt = None
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
@@ -217,6 +231,7 @@ def _diagnosed(
         *([coarse] if coarse else []),
         *([told] if told else []),
         *(s.line for s in static_offsets),
+        *limit_notes,
         *holdout.notes,
         *problem.notes,
         *seen.noise,

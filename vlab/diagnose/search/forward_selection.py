@@ -20,6 +20,7 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
+from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
 from vlab.diagnose.search.shortlist import plain_form
 from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, SHORTLIST
@@ -39,6 +40,8 @@ class ForwardSelection:
         First screening, by gain.
     enough : float
         Normalised residual of whole runs that needs no further effect.
+    deadline : Deadline
+        End of the time for further effects.
     """
 
     before: Hypothesis
@@ -46,6 +49,7 @@ class ForwardSelection:
     whole: LeastSquares
     candidates: Sequence[Candidate]
     enough: float = HYPOTHESIS_FITS.enough
+    deadline: Deadline = NO_DEADLINE
 
     def extend(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return hypotheses with all that the selection fits, by score.
@@ -62,7 +66,7 @@ class ForwardSelection:
         """
         out = list(hypotheses)
         level = [self.before]
-        while self._leaves_too_much([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
+        while self._goes_on([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
             further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
             count = len(level[0].terms) + 1
             known = [h for h in out if len(h.terms) == count]
@@ -76,8 +80,10 @@ class ForwardSelection:
             level = larger
         return best_of_labels(out)
 
-    def _leaves_too_much(self, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Return whether the best hypothesis leaves too much of whole runs."""
+    def _goes_on(self, hypotheses: Sequence[Hypothesis]) -> bool:
+        """Return whether there is time, and the best hypothesis leaves too much of whole runs."""
+        if self.deadline.is_past:
+            return False
         best = by_score(hypotheses)[0]
         return scored_by(self.whole, best.long_fit).normalised_residual > self.enough
 

@@ -23,6 +23,7 @@ from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
@@ -61,7 +62,10 @@ class TimeFound(Found):
 
 
 def search(
-    screen: ScoreTest, effects: Sequence[Effect], progress: Callable[[float, str], None] | None = None
+    screen: ScoreTest,
+    effects: Sequence[Effect],
+    progress: Callable[[float, str], None] | None = None,
+    deadline: Deadline = NO_DEADLINE,
 ) -> TimeFound:
     """Search the missing physics in a screening's runs.
 
@@ -73,6 +77,8 @@ def search(
         Candidate effects.
     progress : callable or None
         Receives the completed share and the current step.
+    deadline : Deadline
+        End of the time for further effects.
 
     Returns
     -------
@@ -115,7 +121,7 @@ def search(
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
-    if singles and (is_odd or demands_another_effect(before, singles, enough)):
+    if singles and not deadline.is_past and (is_odd or demands_another_effect(before, singles, enough)):
         among, is_clear = (
             best_places(candidates, SECOND_EFFECT.second_places),
             not is_odd and singles[0].normalised_residual <= HYPOTHESIS_FITS.enough,
@@ -133,7 +139,9 @@ def search(
         )
     report(0.9, "adding effects")
     least = max(enough, HYPOTHESIS_FITS.enough)
-    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates, enough=least)
+    selection = ForwardSelection(
+        before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline
+    )
     hypotheses = selection.extend(hypotheses)
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)

@@ -16,6 +16,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
@@ -24,7 +25,10 @@ from vlab.physics.effect import Effect
 
 
 def search_moving(
-    screen: TrajectoryScoreTest, effects: Sequence[Effect], report: Callable[[float, str], None]
+    screen: TrajectoryScoreTest,
+    effects: Sequence[Effect],
+    report: Callable[[float, str], None],
+    deadline: Deadline,
 ) -> TimeFound:
     """Search the missing physics along the motion.
 
@@ -38,6 +42,8 @@ def search_moving(
         Candidate effects.
     report : callable
         Receives the completed share and the current step.
+    deadline : Deadline
+        End of the time for further effects.
 
     Returns
     -------
@@ -59,7 +65,7 @@ def search_moving(
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough:
+    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
         doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
         hypotheses = by_score(hypotheses, doubles)
@@ -73,7 +79,7 @@ def search_moving(
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
     report(0.9, "adding effects")
-    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates)
+    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates, deadline=deadline)
     hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
