@@ -27,7 +27,7 @@ from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_o
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt
+from vlab.diagnose.search.attempt import Trials, best_attempt, useful_terms
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
@@ -268,22 +268,28 @@ class _Pass:
         problem, seen, fit = searched.problem, judged.seen, judged.fit
         nominal = ExtendedModel(plant=self.whole_case.plant)
         trials = Trials(problem=problem, seen=seen, runs=searched.runs, before=judged.before, nominal=nominal)
-        terms = findings_of_terms(judged.choice, fit, problem)
 
-        def tried_with(trials: Trials) -> tuple[Attempt, Verdict]:
+        def tried_with(trials: Trials, fit: Fit) -> tuple[Attempt, Verdict]:
+            terms = findings_of_terms(judged.choice, fit, problem)
             tried, fitted = trials.of(fit, terms), partial(_on_fit_runs, trials, fit, terms)
             verdict = decide_verdict(
                 judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted
             )
             return tried, verdict
 
-        tried, verdict = tried_with(trials)
+        tried, verdict = tried_with(trials, fit)
+        useful = useful_terms(tried, len(seen.of_law(problem)))
+        if verdict in NAMING and len(useful) < len(fit.terms):
+            fewer, same = tried_with(trials, replace(fit, terms=useful))
+            if same == verdict:
+                tried, fit = fewer, fewer.fit
+                judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
             finer_before = with_finer_steps(judged.before)
             coarse = coarse_steps(judged.before, tried.checked, check(searched.runs, finer_before, None))
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
-                again, second = tried_with(finer)
+                again, second = tried_with(finer, fit)
                 if second != verdict:
                     verdict, tried, trials = second, again, finer
                     judged = replace(judged, before=finer_before, after=with_finer_steps(judged.after))
