@@ -63,6 +63,8 @@ def test_the_evidence_counts_to_the_score_that_is_shown(cases, least, tmp_path, 
     assert found["cases"] >= least
     kept = json.loads((answers_folder(cases) / SCORE).read_text())
     counted = json.loads((answers_folder(shipped) / SCORE).read_text())
+    # the catalogue has grown since: its new effects were never hidden either
+    assert set(counted.pop("never_hidden")) >= set(kept.pop("never_hidden"))
     assert_same(counted, kept)
     write_proof(found, tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text().count("<svg") == 4

@@ -92,7 +92,8 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
             low, high = _interval(parameter, float(value), 1.645 * sd)
             unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
-        places = choice.places if i == 0 else {term.place.name: 1.0}
+        is_first = bool(choice.best.terms) and term.effect.physics == choice.best.terms[0].effect.physics
+        places = choice.places if is_first and i == 0 else {term.place.name: 1.0}
         alike = [term.effect.physics, *(name for h in choice.alike for name in _instead(h, fit, i))]
         out.append(
             Finding(
@@ -281,6 +282,8 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
 
     All other effects must be equal.
     """
+    if len(hypothesis.terms) != len(fit.terms):
+        return []
     others = [t.effect.name for k, t in enumerate(fit.terms) if k != i]
     left = list(hypothesis.terms)
     for name in others:

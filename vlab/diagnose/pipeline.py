@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck, check_recordings
 from vlab.cases.misfit import misfit
 from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
@@ -20,16 +21,16 @@ from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
-from vlab.diagnose.parameters.holdout import moves, read_holdout
+from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
-from vlab.diagnose.parameters.static_offset import remove_static_offsets
+from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt
-from vlab.diagnose.search.confirmation import Confirmation
+from vlab.diagnose.search.attempt import Trials, best_attempt, useful_terms
+from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
-from vlab.diagnose.search.model_class import choose_model_class
+from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.gap import explained_share
@@ -114,21 +115,66 @@ def diagnose(
     """
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)
-    effects = list(effects) or list(EFFECTS.values())
-    deadline = Deadline.after(time_limit)
-    return _diagnosed(case, effects, progress or (lambda share, what: None), time.monotonic(), deadline)
+    return _Pass(
+        whole_case=case,
+        effects=list(effects) or list(EFFECTS.values()),
+        report=progress or (lambda share, what: None),
+        began=time.monotonic(),
+        deadline=Deadline.after(time_limit),
+    ).run()
 
 
-def _diagnosed(
-    whole_case: Case,
-    effects: Sequence[Effect],
-    report: Callable[[float, str], None],
-    began: float,
-    deadline: Deadline,
-    told: str = "",
-    checked_file: FileCheck | None = None,
-) -> Diagnosed | RejectedCase:
-    """Diagnose a case of recordings.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Searched:
+    """Prepared case with the result of the search."""
+
+    file: FileCheck
+    static_offsets: Sequence[StaticOffset]
+    model_class: LinearTimeInvariant | TrajectoryLinearised
+    holdout: HoldOut
+    seen: DataFindings
+    found: TimeFound
+    notes: tuple[str, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """Inverse problem of the search."""
+        return self.model_class.problem
+
+    @property
+    def is_structure(self) -> bool:
+        """Whether mesh error counts as model error."""
+        return self.problem.case.structure is not None
+
+    @property
+    def runs(self) -> list[Run]:
+        """Recordings of the verdict."""
+        return list(self.holdout.runs) or [run for run in self.problem.runs if moves(run)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Judged:
+    """Models of a confirmed choice, and the verdict on them."""
+
+    confirmed: Confirmed
+    seen: DataFindings
+    before: ExtendedModel
+    after: ExtendedModel
+    fit: Fit
+    verdict: Verdict = "none-of-these"
+    tried: Attempt | None = None
+    attempt: Attempt | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def choice(self) -> Choice:
+        """Chosen hypothesis."""
+        return self.confirmed.choice
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pass:
+    """One pass of a diagnosis from recordings.
 
     Parameters
     ----------
@@ -147,137 +193,187 @@ def _diagnosed(
     checked_file : FileCheck or None
         File check of an earlier pass.
     """
-    report(0.0, "reading")
-    given = whole_case.plant
-    case, static_offsets = remove_static_offsets(with_modes_of_fe(whole_case))
-    file = check_recordings(case) if checked_file is None else checked_file
-    if file.of("fatal"):
-        return reject_case(whole_case, file, time.monotonic() - began)
-    model_class = choose_model_class(case, effects)
-    problem, case = model_class.problem, model_class.problem.case
-    holdout = read_holdout(case, problem.names, problem.runs)
-    seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
-    searched = [] if seen.damage.fatal else effects
-    found = model_class.search(searched, lambda share, what: report(0.8 * share, what), deadline)
-    limit_notes = deadline.notes
-    report(0.8, "fitting whole recordings")
-    other = choose_convention(model_class, found) if not (told or seen.damage.fatal) else None
-    if other is not None:
-        return _diagnosed(other.of(whole_case), effects, report, began, deadline, said([other.words]), file)
-    confirmation = Confirmation(
-        problem=problem,
-        whole=found.whole,
-        start=found.before.long_fit,
-        seen=seen,
-        effects=effects,
-        is_linear=model_class.is_linear,
-    )
-    confirmed = confirmation.confirm(found)
-    choice, fit_before, fit_after = confirmed.choice, confirmed.before, confirmed.after
-    seen = replace(seen, zeros=find_sensor_offsets(problem, fit_after, [s.channel for s in static_offsets]))
-    wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit_after)}
-    before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit_after))
-    without = seen.on(extended(problem, fit_before))
-    is_structure = case.structure is not None
-    if seen.is_missing and fit_after.terms:
-        on_fitted = check(problem.runs, without, after)
-        if not (
-            closes_gap(on_fitted, is_structure=is_structure) or is_needed(choice, on_fitted, is_structure=is_structure)
-        ):
-            fit_after, after = fit_before, without  # the findings from the data alone explain the recordings
-    report(0.9, "checking in MuJoCo")
-    runs = list(holdout.runs) or [run for run in problem.runs if moves(run)]
-    trials = Trials(problem=problem, seen=seen, runs=runs, before=before, nominal=ExtendedModel(plant=given))
-    terms = findings_of_terms(choice, fit_after, problem)
-    tried = trials.of(fit_after, terms)
 
-    def verdict_of(trials: Trials, tried: Attempt) -> Verdict:
-        fitted = partial(_on_fit_runs, trials, fit_after, terms)
-        return decide_verdict(choice, tried.checked, seen, is_structure=is_structure, fitted=fitted)
+    whole_case: Case
+    effects: Sequence[Effect]
+    report: Callable[[float, str], None]
+    began: float
+    deadline: Deadline
+    told: str = ""
+    checked_file: FileCheck | None = None
 
-    verdict = verdict_of(trials, tried)
-    coarse = ""
-    if verdict == "none-of-these" and not is_structure:
-        coarse = coarse_steps(before, tried.checked, check(runs, with_finer_steps(before), None))
-        if coarse:
-            finer = replace(trials, change=with_finer_steps)
-            again = finer.of(fit_after, terms)
-            second = verdict_of(finer, again)
-            if second != verdict:
-                verdict, tried, trials = second, again, finer
-                before, after = with_finer_steps(before), with_finer_steps(after)
-                coarse += "; the verdict is on the shorter ones"
-            elif not told:  # the fit compensates the coarse steps, so the search repeats
-                finer_case = replace(whole_case, plant=with_finer_steps(trials.nominal).plant)
-                told = f"{coarse}; all of the search is with the shorter ones"
-                return _diagnosed(finer_case, effects, report, began, deadline, told, file)
-    attempt = None
-    if verdict == "none-of-these":
-        others = (h for h in found.hypotheses if h.label != choice.best.label)
-        attempt = best_attempt(tried, (trials.of_hypothesis(h, effects) for h in others))
-        if attempt is not None and is_partial_explanation(attempt, choice):
-            verdict, tried, fit_after, attempt = "partly-explained", attempt, attempt.fit, None
-            after = seen.on(extended(problem, fit_after))
-            after = after if trials.change is None else trials.change(after)
-    checked = list(tried.checked)
-    if verdict not in NAMING:
-        after, fit_after = before, fit_before  # the extended model holds reported findings only
-        checked = [c.without_findings() for c in checked]
-    notes = (
-        *residual_note(verdict, checked, is_structure=is_structure),
-        *coloured_noise_note(verdict, checked, is_structure=is_structure),
-        *spoilt_note(checked),
-        *idle_note(tried.checked if verdict in NAMING else attempt.checked if attempt else ()),
-        *([coarse] if coarse else []),
-        *([told] if told else []),
-        *(s.line for s in static_offsets),
-        *limit_notes,
-        *holdout.notes,
-        *problem.notes,
-        *seen.noise,
-        *confirmed.rejected,
-        *model_class.notes,
-    )
-    findings = by_what_they_explain(tried.findings, checked) if verdict in NAMING else ()
-    if verdict == "partly-explained":
-        findings = graded(findings, choice, explained_share(checked) or 0.0)
-    diagnosis = replace(
-        _report(verdict, problem, choice, fit_after, checked, seen, one_per_law(findings), notes, attempt),
-        alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
-        residual_is_small=is_within_noise(checked, is_structure=is_structure),
-        seconds=time.monotonic() - began,
-    )
-    report(1.0, "done")
-    return Diagnosed(
-        diagnosis=diagnosis, problem=problem, found=found, choice=choice, before=before, after=after, fit=fit_after
-    )
+    def run(self) -> Diagnosed | RejectedCase:
+        """Return the diagnosis, after further passes where this one shows other conventions or steps."""
+        self.report(0.0, "reading")
+        case, static_offsets = remove_static_offsets(with_modes_of_fe(self.whole_case))
+        file = check_recordings(case) if self.checked_file is None else self.checked_file
+        if file.of("fatal"):
+            return reject_case(self.whole_case, file, time.monotonic() - self.began)
+        searched = self._search(case, file, static_offsets)
+        self.report(0.8, "fitting whole recordings")
+        is_final = bool(self.told) or bool(searched.seen.damage.fatal)
+        other = None if is_final else choose_convention(searched.model_class, searched.found)
+        if other is not None:
+            again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
+            return again.run()
+        judged = self._judge(searched, self._confirm(searched))
+        return judged.run() if isinstance(judged, _Pass) else self._diagnosed(searched, judged)
 
+    def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> _Searched:
+        """Return the result of the search."""
+        model_class = choose_model_class(case, self.effects)
+        problem = model_class.problem
+        holdout = read_holdout(problem.case, problem.names, problem.runs)
+        seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
+        effects = [] if seen.damage.fatal else self.effects
+        found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), self.deadline)
+        return _Searched(
+            file=file,
+            static_offsets=static_offsets,
+            model_class=model_class,
+            holdout=holdout,
+            seen=seen,
+            found=found,
+            notes=self.deadline.notes,
+        )
 
-def _report(
-    verdict: Verdict,
-    problem: Problem,
-    choice: Choice,
-    fit: Fit,
-    checked: Sequence[Checked],
-    seen: DataFindings,
-    findings: Sequence[Finding],
-    notes: Sequence[str],
-    attempt: Attempt | None,
-) -> Diagnosis:
-    return Diagnosis(
-        title=problem.case.table.title,
-        verdict=verdict,
-        findings=tuple(findings),
-        alternatives=(),
-        checked=tuple(checked),
-        mismatch=_mismatch(checked),
-        not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
-        next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
-        attempt=attempt,
-        quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
-        notes=tuple(notes),
-        calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
-    )
+    def _confirm(self, searched: _Searched) -> _Judged:
+        """Return the confirmed choice with its models, without a verdict."""
+        problem, found, is_structure = searched.problem, searched.found, searched.is_structure
+        confirmation = Confirmation(
+            problem=problem,
+            whole=found.whole,
+            start=found.before.long_fit,
+            seen=searched.seen,
+            effects=self.effects,
+            is_linear=searched.model_class.is_linear,
+        )
+        confirmed = confirmation.confirm(found)
+        fit_before, fit = confirmed.before, confirmed.after
+        known = [offset.channel for offset in searched.static_offsets]
+        seen = replace(searched.seen, zeros=find_sensor_offsets(problem, fit, known))
+        wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit)}
+        before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit))
+        without = seen.on(extended(problem, fit_before))
+        if seen.is_missing and fit.terms:
+            on_fitted = check(problem.runs, without, after)
+            is_explained = closes_gap(on_fitted, is_structure=is_structure)
+            if not (is_explained or is_needed(confirmed.choice, on_fitted, is_structure=is_structure)):
+                fit, after = fit_before, without  # the findings from the data alone explain the recordings
+        return _Judged(confirmed=confirmed, seen=seen, before=before, after=after, fit=fit)
+
+    def _judge(self, searched: _Searched, judged: _Judged) -> "_Judged | _Pass":
+        """Return the verdict, or a pass with shorter time steps."""
+        self.report(0.9, "checking in MuJoCo")
+        problem, seen, fit = searched.problem, judged.seen, judged.fit
+        nominal = ExtendedModel(plant=self.whole_case.plant)
+        trials = Trials(problem=problem, seen=seen, runs=searched.runs, before=judged.before, nominal=nominal)
+
+        def tried_with(trials: Trials, fit: Fit) -> tuple[Attempt, Verdict]:
+            terms = findings_of_terms(judged.choice, fit, problem)
+            tried, fitted = trials.of(fit, terms), partial(_on_fit_runs, trials, fit, terms)
+            verdict = decide_verdict(
+                judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted
+            )
+            return tried, verdict
+
+        tried, verdict = tried_with(trials, fit)
+        useful = useful_terms(tried, len(seen.of_law(problem)))
+        if verdict in NAMING and len(useful) < len(fit.terms):
+            fewer, same = tried_with(trials, replace(fit, terms=useful))
+            if same == verdict:
+                tried, fit = fewer, fewer.fit
+                judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
+        if verdict == "none-of-these" and not searched.is_structure:
+            finer_before = with_finer_steps(judged.before)
+            coarse = coarse_steps(judged.before, tried.checked, check(searched.runs, finer_before, None))
+            if coarse:
+                finer = replace(trials, change=with_finer_steps)
+                again, second = tried_with(finer, fit)
+                if second != verdict:
+                    verdict, tried, trials = second, again, finer
+                    judged = replace(judged, before=finer_before, after=with_finer_steps(judged.after))
+                    coarse += "; the verdict is on the shorter ones"
+                elif not self.told:  # the fit compensates the coarse steps, so the search repeats
+                    told = f"{coarse}; all of the search is with the shorter ones"
+                    finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
+                    return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
+                judged = replace(judged, notes=(coarse,))
+        judged = replace(judged, verdict=verdict, tried=tried)
+        return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
+
+    def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:
+        """Return a partial explanation where an attempt is one, otherwise the best attempt."""
+        assert judged.tried is not None
+        others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
+        attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others))
+        if attempt is None or not is_partial_explanation(attempt, judged.choice):
+            return replace(judged, attempt=attempt)
+        after = judged.seen.on(extended(searched.problem, attempt.fit))
+        after = after if trials.change is None else trials.change(after)
+        return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
+
+    def _diagnosed(self, searched: _Searched, judged: _Judged) -> Diagnosed:
+        """Return the diagnosis with its models."""
+        assert judged.tried is not None
+        problem, choice, verdict, is_structure = searched.problem, judged.choice, judged.verdict, searched.is_structure
+        checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
+        findings: Sequence[Finding] = ()
+        if verdict in NAMING:
+            findings = by_what_they_explain(judged.tried.findings, checked)
+        else:  # the extended model holds reported findings only
+            after, fit = judged.before, judged.confirmed.before
+            checked = [c.without_findings() for c in checked]
+        if verdict == "partly-explained":
+            findings = graded(findings, choice, explained_share(checked) or 0.0)
+        findings, attempt, seen = one_per_law(findings), judged.attempt, judged.seen
+        diagnosis = Diagnosis(
+            title=problem.case.table.title,
+            verdict=verdict,
+            findings=tuple(findings),
+            alternatives=alternatives(choice, problem, verdict, searched.found.before.normalised_residual),
+            checked=tuple(checked),
+            mismatch=_mismatch(checked),
+            not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
+            next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
+            attempt=attempt,
+            quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
+            notes=self._notes(searched, judged, checked),
+            calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
+            residual_is_small=is_within_noise(checked, is_structure=is_structure),
+            seconds=time.monotonic() - self.began,
+        )
+        self.report(1.0, "done")
+        return Diagnosed(
+            diagnosis=diagnosis,
+            problem=problem,
+            found=searched.found,
+            choice=choice,
+            before=judged.before,
+            after=after,
+            fit=fit,
+        )
+
+    def _notes(self, searched: _Searched, judged: _Judged, checked: Sequence[Checked]) -> tuple[str, ...]:
+        """Return the notes of a diagnosis."""
+        verdict, is_structure, attempt = judged.verdict, searched.is_structure, judged.attempt
+        assert judged.tried is not None
+        idle = judged.tried.checked if verdict in NAMING else attempt.checked if attempt else ()
+        return (
+            *residual_note(verdict, checked, is_structure=is_structure),
+            *coloured_noise_note(verdict, checked, is_structure=is_structure),
+            *spoilt_note(checked),
+            *idle_note(idle),
+            *judged.notes,
+            *([self.told] if self.told else []),
+            *(offset.line for offset in searched.static_offsets),
+            *searched.notes,
+            *searched.holdout.notes,
+            *searched.problem.notes,
+            *judged.seen.noise,
+            *judged.confirmed.rejected,
+            *searched.model_class.notes,
+        )
 
 
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:

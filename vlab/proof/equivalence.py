@@ -62,7 +62,7 @@ TABLE: tuple[Alike, ...] = (
     ),
     Alike(effects=("viscous-damping", "quadratic-drag"), why="one level gives one damping ratio", one_level=True),
     Alike(
-        effects=("cubic-stiffness", "quadratic-cubic-stiffness", "dead-band", "jenkins-slip", "iwan-slip", "bouc-wen"),
+        effects=("cubic-stiffness", "quadratic-cubic-stiffness", "dead-band", "jenkins-slip", "bouc-wen"),
         why="near one amplitude only the frequency and the third harmonic show",
         one_level=True,
     ),

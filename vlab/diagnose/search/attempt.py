@@ -9,7 +9,7 @@ from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.findings import findings_of_attempt
 from vlab.diagnose.inference.evidence import Hypothesis
-from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT
@@ -88,6 +88,32 @@ class Trials:
         """
         fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
         return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
+
+
+def useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
+    """Return the terms of an attempt whose removal increases the error on hold-out data.
+
+    An effect of a fit that does not help to predict other data is dropped (ablation). An idle effect stays, since its
+    data cannot refute it.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        Attempt with a part per finding.
+    first : int
+        Index of the finding of the first term.
+
+    Returns
+    -------
+    tuple of Term
+        Useful and idle terms; all terms where none is useful.
+    """
+    kept = []
+    for i, term in enumerate(attempt.fit.terms, start=first):
+        parts = [(run, run.parts[i]) for run in attempt.checked if len(run.parts) > i and not run.parts[i].is_idle]
+        if not parts or sum(part.left**2 - run.after**2 for run, part in parts) > 0.0:
+            kept.append(term)
+    return tuple(kept) or attempt.fit.terms
 
 
 def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
