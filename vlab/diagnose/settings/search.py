@@ -94,7 +94,7 @@ class ForwardSelectionSettings:
     run longer on models that lack much."""
     most_candidates: int = 150
     """most_candidates [1]: candidates of a profile screening, at least 1; default untested. Raising it costs time."""
-    fitted: int = 6
+    fitted: int = 4
     """fitted [1]: best candidates that are fitted beside a hypothesis, at least 1; default untested. Raising it costs
     time."""
 
