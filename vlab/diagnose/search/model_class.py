@@ -16,7 +16,7 @@ from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory, read_trajectory_signals
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.deadline import Deadline
+from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
@@ -46,7 +46,7 @@ class LinearTimeInvariant:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline) -> TimeFound:
+    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE) -> TimeFound:
         """Search the missing physics, by `vlab.diagnose.search.selection.search`."""
         return search(self.screen, effects, report, deadline)
 
@@ -84,7 +84,7 @@ class TrajectoryLinearised:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline) -> TimeFound:
+    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE) -> TimeFound:
         """Search the missing physics along the motion."""
         return search_moving(self.screen, effects, report, deadline)
 

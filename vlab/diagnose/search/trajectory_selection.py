@@ -16,7 +16,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
-from vlab.diagnose.search.deadline import Deadline
+from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
@@ -28,7 +28,7 @@ def search_moving(
     screen: TrajectoryScoreTest,
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
-    deadline: Deadline,
+    deadline: Deadline = NO_DEADLINE,
 ) -> TimeFound:
     """Search the missing physics along the motion.
 
