@@ -402,11 +402,11 @@ def signals_of(
         u=u,
         load=load,
         y=y,
-        noise=np.array(
+        noise=np.array(  # the periods of a nonlinear motion differ by more than the sensor's noise while a transient lasts
             [
                 known.sigma
-                if (known := known_noise(run, c.channel, column, thin))
-                else noise_level(column, inputs[part])
+                if (known := known_noise(run, c.channel, column, thin)) and known.source != "periods"
+                else min(known.sigma if known else np.inf, noise_level(column, inputs[part]))
                 for c, column in zip(compared, recorded.T, strict=True)
             ]
         ),
