@@ -11,7 +11,7 @@ from vlab.cases.channel_map import Compared, Run
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, prior_deviations, redundant, unused
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.structure import (
     adjusted_structure,
@@ -107,10 +107,6 @@ class Problem:
     def may_vanish(self) -> Array:
         """Parameters (n_parameters,) whose value may be zero."""
         return np.array([p.may_vanish for p in self.parameters], dtype=bool)
-
-    def deviations(self, theta: Array) -> Array:
-        """Return log factors as deviations from the prior mean, in standard deviations."""
-        return np.asarray(prior_deviations(theta, self.may_vanish) / np.array([p.sd for p in self.parameters]))
 
     @cached_property
     def common_scale(self) -> Array | None:

@@ -99,8 +99,6 @@ def is_within_noise(checked: Sequence[Checked], *, is_structure: bool) -> bool:
 def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
     """Return a note where the residual exceeds the noise.
 
-    The search covers at most two effects.
-
     Parameters
     ----------
     verdict : Verdict

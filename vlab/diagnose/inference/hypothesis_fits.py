@@ -239,18 +239,7 @@ def on_whole_runs(
     fits = _on_from_the_best(whole, fits)
     both = []
     for h, fit in zip(chosen, fits, strict=True):
-        other = scored_by(whole, fit)
-        normalised_residual = float(np.sqrt(0.5 * (h.normalised_residual**2 + other.normalised_residual**2)))
-        # window starts are smoothed without the law, and the uncertain parameters compensate
-        both.append(
-            replace(
-                h,
-                log_rms_residual=0.5 * (h.log_rms_residual + other.log_rms_residual),
-                negative_log_prior=other.negative_log_prior,
-                normalised_residual=normalised_residual,
-                whole=fit,
-            )
-        )
+        both.append(with_whole_runs(h, whole, fit))
     log_rms_residual = max(
         (b.log_rms_residual - h.log_rms_residual for b, h in zip(both, chosen, strict=True)), default=0.0
     )
@@ -270,6 +259,36 @@ def on_whole_runs(
         for h in list(hypotheses)[most:]
     ]
     return by_score(both, rest)
+
+
+def with_whole_runs(hypothesis: Hypothesis, whole: LeastSquares, fit: Fit) -> Hypothesis:
+    """Return a hypothesis of windows with its fit to whole runs.
+
+    Windows and whole runs have half of the score each. The prior is that of the whole runs: window starts are smoothed
+    without the law, and the uncertain parameters compensate.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        Hypothesis scored in windows.
+    whole : LeastSquares
+        Whole runs.
+    fit : Fit
+        Fit to whole runs.
+
+    Returns
+    -------
+    Hypothesis
+        Hypothesis scored on both.
+    """
+    own = scored_by(whole, fit)
+    return replace(
+        hypothesis,
+        log_rms_residual=0.5 * (hypothesis.log_rms_residual + own.log_rms_residual),
+        negative_log_prior=own.negative_log_prior,
+        normalised_residual=float(np.sqrt(0.5 * (hypothesis.normalised_residual**2 + own.normalised_residual**2))),
+        whole=fit,
+    )
 
 
 def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:

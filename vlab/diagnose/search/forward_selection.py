@@ -12,10 +12,8 @@ A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, sect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from vlab.diagnose.inference.evidence import Hypothesis
-from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of
+from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of, with_whole_runs
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
 from vlab.diagnose.kernels.parallel import side_by_side
@@ -119,7 +117,10 @@ class ForwardSelection:
     def _fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:
         """Return a hypothesis fitted to whole runs and in windows, scored on both."""
         fit = self.whole.fit(terms, start, FIT.iterations)
-        return scored_on_both(self.whole, self.windows, fit)
+        if self.windows.runs == self.whole.runs:
+            return replace(scored_by(self.whole, fit), whole=fit)
+        short = fitted(self.windows, fit.terms, replace(fit, starts={}), HYPOTHESIS_FITS.quick)
+        return with_whole_runs(short, self.whole, fit)
 
     def _pool(self) -> list[Candidate]:
         """Return the candidates of the profile screening: the best places of every effect, in turn."""
@@ -130,36 +131,6 @@ class ForwardSelection:
             order.append((rank, candidate))
         order.sort(key=lambda item: item[0])
         return [candidate for _, candidate in order[: FORWARD_SELECTION.most_candidates]]
-
-
-def scored_on_both(whole: LeastSquares, windows: LeastSquares, fit: Fit) -> Hypothesis:
-    """Return a fit to whole runs as a hypothesis.
-
-    Windows and whole runs have half of the score each.
-
-    Parameters
-    ----------
-    whole, windows : LeastSquares
-        Whole runs and windows.
-    fit : Fit
-        Fit to whole runs.
-
-    Returns
-    -------
-    Hypothesis
-        Hypothesis.
-    """
-    own = scored_by(whole, fit)
-    if windows.runs == whole.runs:
-        return replace(own, whole=fit)
-    short = fitted(windows, fit.terms, replace(fit, starts={}), HYPOTHESIS_FITS.quick)
-    return replace(
-        short,
-        whole=fit,
-        log_rms_residual=0.5 * (own.log_rms_residual + short.log_rms_residual),
-        negative_log_prior=own.negative_log_prior,
-        normalised_residual=float(np.sqrt(0.5 * (own.normalised_residual**2 + short.normalised_residual**2))),
-    )
 
 
 def best_of_labels(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

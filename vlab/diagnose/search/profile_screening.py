@@ -123,7 +123,7 @@ def _amplitudes(base: _Base, candidate: Candidate, shape: Values) -> list[Values
         Values with the shape.
     """
     names = [p.name for p in candidate.effect.amplitudes]
-    unit = {p.name: _unit(p.high, shape[p.name], signed=p.signed) for p in candidate.effect.amplitudes}
+    unit = {p.name: _unit(p.high, shape[p.name]) for p in candidate.effect.amplitudes}
     columns = []
     for name in names:
         alone = {**shape, **dict.fromkeys(names, 0.0)}
@@ -148,7 +148,7 @@ def _amplitudes(base: _Base, candidate: Candidate, shape: Values) -> list[Values
     ]
 
 
-def _unit(high: float, value: float, *, signed: bool) -> float:
+def _unit(high: float, value: float) -> float:
     """Return a first amplitude for a finite difference."""
     size = abs(value)
     return size if size > PROFILE_SCREENING.least_share * high else PROFILE_SCREENING.least_share * high
