@@ -74,7 +74,7 @@ ROUGH: dict[str, dict] = {
     "all at once": {"sensor": (pink, 0.005), "input": (white, 0.01), "force": 0.005, "second": 1.001},
 }
 """Kinds of model error. ``force``: rms of a random force that nobody recorded over that of the drive, below ``edge_hz`` (5 Hz where
-none is named). ``second``: factor on the frequency of the second mode, whose shape stays. ``steps``: steps of semi-implicit Euler to a
+none is named). ``second``: factor on the frequency of the second mode, whose shape stays. ``steps``: steps of the midpoint rule to a
 sample, in place of an exact integration."""
 KINDS = {**NOISES, **ROUGH}
 
@@ -168,7 +168,7 @@ def chain_response(
     """Return relative positions and velocities (n, 2d) of a chain of masses from ground, by a first-order hold.
 
     `force` acts on the first mass and `other` on the last one; both are linear between samples. `second` is a factor on the
-    frequency of the second mode. With `steps` semi-implicit Euler replaces the matrix exponential, that many times a sample.
+    frequency of the second mode. With `steps` the midpoint rule replaces the matrix exponential, that many times a sample.
     """
     d = len(m)
     below = np.tril(np.ones((d, d)))  # absolute from relative coordinates
@@ -181,20 +181,28 @@ def chain_response(
     time = np.arange(len(force)) / RATE
     A = np.block([[np.zeros((d, d)), np.eye(d)], [-np.linalg.solve(mass, K), -np.linalg.solve(mass, np.diag(c))]])
     if steps:
-        return _semi_implicit(lambda x, push: A[d:] @ x + loads @ push, 2 * d, u, steps)
+        return _midpoint(lambda x, push: A[d:] @ x + loads @ push, 2 * d, u, steps)
     B = np.vstack([np.zeros((d, 2)), loads])
     return signal.lsim(signal.StateSpace(A, B, np.eye(2 * d), np.zeros((2 * d, 2))), u, time, interp=True)[1]
 
 
-def _semi_implicit(rate: Callable, states: int, u: np.ndarray, steps: int) -> np.ndarray:
-    """Return the states (n, 2d), positions first, of x' = v, v' = rate(x, u), from rest."""
+def _midpoint(rate: Callable, states: int, u: np.ndarray, steps: int) -> np.ndarray:
+    """Return the states (n, 2d), positions first, of x' = v, v' = rate(x, u), from rest, by the explicit midpoint rule.
+
+    The rule is of second order: its frequencies are off by a share (omega h)^2 / 6. Semi-implicit Euler would not do for a rig with
+    nothing hidden: its velocities are late by half a step, and a delay of just so much is rightly found.
+    """
     d, h, x = states // 2, 1.0 / RATE / steps, np.zeros(states)
     out = np.zeros((len(u), states))
+
+    def slope(x, push):
+        return np.concatenate([x[d:], np.atleast_1d(rate(x, push))])
+
     for i in range(len(u) - 1):
         out[i] = x
         for j in range(steps):
-            x[d:] += h * rate(x, u[i] + (u[i + 1] - u[i]) * j / steps)
-            x[:d] += h * x[d:]
+            start, middle = (u[i] + (u[i + 1] - u[i]) * (j + part) / steps for part in (0.0, 0.5))
+            x = x + h * slope(x + h / 2 * slope(x, start), middle)
     out[-1] = x
     return out
 
@@ -277,7 +285,7 @@ def pendulum_response(
 ) -> np.ndarray:
     """Return the angle (n,) from rest of a driven pendulum whose mass is a multiple of the model's, with its inertia.
 
-    With `steps` semi-implicit Euler integrates, that many times a sample.
+    With `steps` the midpoint rule integrates, that many times a sample.
     """
 
     def turn(x, push):
@@ -287,7 +295,7 @@ def pendulum_response(
         return [x[1], turn(x, torque(t))]
 
     if steps:
-        return _semi_implicit(turn, 2, torque(time), steps)[:, 0]
+        return _midpoint(turn, 2, torque(time), steps)[:, 0]
     return solve_ivp(rate, (0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-9, atol=1e-11).y[0]
 
 

@@ -55,23 +55,23 @@ def test_the_second_mode_alone_moves():
     assert peaks[1] == pytest.approx(exact * [1.0, 1.05], abs=line)
 
 
-def test_coarse_steps_approach_the_exact_motion_at_first_order():
+def test_coarse_steps_approach_the_exact_motion_at_second_order():
     chain, time = CHAINS["shaft"], np.arange(500) / RATE
     force = 0.3 * np.sin(2 * np.pi * 2.0 * time)
     exact = chain_response(chain.m, chain.k, chain.c, force)
     error = [np.abs(chain_response(chain.m, chain.k, chain.c, force, steps=n) - exact).max() for n in (8, 16)]
-    assert error[0] / error[1] == pytest.approx(2.0, rel=0.1)
+    assert error[0] / error[1] == pytest.approx(4.0, rel=0.1)
 
 
 def test_a_pendulum_with_coarse_steps_does_so_too():
     time = np.arange(500) / RATE
 
-    def torque(t):
-        return 0.8 * np.sin(4.0 * t)
+    def torque(t):  # linear between samples, as the coarse steps have it
+        return np.interp(t, time, 0.8 * np.sin(4.0 * time))
 
     exact = pendulum_response(1.0, 0.1, torque, time)
-    error = [np.abs(pendulum_response(1.0, 0.1, torque, time, steps=n) - exact).max() for n in (4, 8)]
-    assert error[0] / error[1] == pytest.approx(2.0, rel=0.1)
+    error = [np.abs(pendulum_response(1.0, 0.1, torque, time, steps=n) - exact).max() for n in (1, 2)]
+    assert error[0] / error[1] == pytest.approx(4.0, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["stochastic force", "wrong second mode", "coarse rig steps", "all at once"])

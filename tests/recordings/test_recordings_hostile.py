@@ -41,9 +41,11 @@ def own(tmp, suffix):
     return (tmp / f"run.{suffix}").read_bytes()
 
 
-def parquet(**options):
+def parquet(*, with_vector=False, **options):
     stream = io.BytesIO()
-    columns = {"time": RUN.time, "n.m": [1, 2, 3] * 4, "s": ["a", "b", None] * 4, "l": [[1.0]] * 12}
+    columns = {"time": RUN.time, "n.m": [1, 2, 3] * 4, "s": ["a", "b", None] * 4}
+    if with_vector:
+        columns["l"] = [[1.0]] * 12
     pq.write_table(pa.table(columns), stream, **options)
     return stream.getvalue()
 
@@ -71,6 +73,7 @@ def files(tmp_path_factory):
             b"a,b,\n1,2,\n3,4,\n",
         ],
         "parquet": [own(tmp, "parquet"), parquet(), parquet(compression="none", use_dictionary=False)],
+        "parquet with vectors": [parquet(with_vector=True)],
         "mat": [mat(do_compression=False), mat(do_compression=True), own(tmp, "mat")],
         "npz": [sound.npz(), sound.npz(is_packed=False)],
         "uff": [
@@ -95,7 +98,7 @@ def files(tmp_path_factory):
 
 
 HERE = ["csv", "parquet", "mat", "npz", "uff", "txt", "lvm", "jsonl", "json", "csv.gz", "npy"]
-ISOLATED = ["h5", "mat 7.3", "tdms", *OPTIONAL]
+ISOLATED = ["parquet with vectors", "h5", "mat 7.3", "tdms", *OPTIONAL]
 KINDS = HERE + ISOLATED
 
 
@@ -194,6 +197,7 @@ def test_noise_gives_finite_columns_or_bad_recording(tmp_path_factory, kind, dat
     begin = {
         "csv": b"",
         "parquet": b"PAR1",
+        "parquet with vectors": b"PAR1",
         "mat": b"MATLAB 5.0".ljust(124) + b"\0\1IM",
         "npz": b"PK\3\4",
         "uff": b"    -1\n    58\n",

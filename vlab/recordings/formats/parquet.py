@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from vlab.recordings import files
 from vlab.recordings.files import PathLike, refuse, written_whole
 from vlab.recordings.formats import vectors
+from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import (
     FORMAT_VERSION,
     MAX_COLUMNS,
@@ -133,7 +134,7 @@ def read(
     if len(schema.names) > MAX_COLUMNS:
         raise refuse(path, f"the file declares {len(schema.names)} columns, at most {MAX_COLUMNS} are read")
     refused, wanted = _choose(schema, columns)
-    declared, limit = 8 * _values(file, wanted), files.unpacked_limit(len(data))
+    declared, limit = 8 * _values(data, path, file, wanted), files.unpacked_limit(len(data))
     if rows < 1 or declared > limit:
         raise refuse(path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {limit} bytes are read")
     table = file.read(columns=wanted, use_threads=False)
@@ -178,15 +179,19 @@ def read(
     return Table(path=path, columns=found, meta=read_meta(metadata.get("meta", ""), path), channels=channels)
 
 
-def _values(file: Any, wanted: Sequence[str]) -> int:
-    """Return the number of values that the file declares for some fields."""
-    metadata, count = file.metadata, 0
-    for group in range(metadata.num_row_groups):
-        for leaf in range(metadata.num_columns):
-            column = metadata.row_group(group).column(leaf)
-            if any(column.path_in_schema == name or column.path_in_schema.startswith(f"{name}.") for name in wanted):
-                count += column.num_values
-    return max(count, metadata.num_rows * len(wanted))
+def _values(data: bytes, path: Path, file: Any, wanted: Sequence[str]) -> int:
+    """Return the number of values that the file declares for some fields.
+
+    A column of numbers has one value per row. The values of nested columns stand in the description of the column's chunks,
+    and the library aborts the process where that description is damaged: an isolated process counts.
+    """
+    flat = file.metadata.num_rows * len(wanted)
+    if not any(vectors.is_vector(file.schema_arrow.field(name).type) for name in wanted):
+        return int(flat)
+    counted = read_isolated(
+        "count_parquet", data, path, library="pyarrow", install="pyarrow", options={"fields": list(wanted)}
+    )
+    return max(int(counted["meta"]["values"]), flat)
 
 
 def _choose(schema: Any, columns: Sequence[str] | None) -> tuple[dict[str, str], list[str]]:
