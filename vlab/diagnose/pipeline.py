@@ -44,8 +44,11 @@ from vlab.diagnose.verdict import (
     is_within_noise,
     residual_note,
 )
-from vlab.physics.catalogue import EFFECTS
+from vlab.physics.catalogue import CANDIDATES, LAST_RESORT
 from vlab.physics.effect import Effect
+
+UNKNOWN_LAW = "no effect of the catalogue explains the recordings; a tabulated force at the place does"
+"""Note on a finding of last resort."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,7 +120,7 @@ def diagnose(
         return diagnose_frequency(case, effects=effects, progress=progress)
     return _Pass(
         whole_case=case,
-        effects=list(effects) or list(EFFECTS.values()),
+        effects=list(effects) or list(CANDIDATES),
         report=progress or (lambda share, what: None),
         began=time.monotonic(),
         deadline=Deadline.after(time_limit),
@@ -217,7 +220,22 @@ class _Pass:
             again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
             return again.run()
         judged = self._judge(searched, self._confirm(searched))
-        return judged.run() if isinstance(judged, _Pass) else self._diagnosed(searched, judged)
+        if isinstance(judged, _Pass):
+            return judged.run()
+        return self._tabulated(searched, judged) or self._diagnosed(searched, judged)
+
+    def _tabulated(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
+        """Return the diagnosis with a tabulated force, where no effect explains the recordings."""
+        if judged.verdict != "none-of-these" or self.deadline.is_past:
+            return None
+        self.report(0.95, "fitting a tabulated force")
+        last = replace(self, effects=LAST_RESORT, told="; ".join(filter(None, [self.told, UNKNOWN_LAW])))
+        found = searched.model_class.search(LAST_RESORT, lambda share, what: None, self.deadline)
+        searched = replace(searched, found=found)
+        again = last._judge(searched, last._confirm(searched))
+        if isinstance(again, _Pass) or again.verdict not in NAMING:
+            return None
+        return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 
     def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> _Searched:
         """Return the result of the search."""
@@ -324,7 +342,7 @@ class _Pass:
         else:  # the extended model holds reported findings only
             after, fit = judged.before, judged.confirmed.before
             checked = [c.without_findings() for c in checked]
-        if verdict == "partly-explained":
+        if verdict in ("partly-explained", "unknown-law"):
             findings = graded(findings, choice, explained_share(checked) or 0.0)
         findings, attempt, seen = one_per_law(findings), judged.attempt, judged.seen
         diagnosis = Diagnosis(
