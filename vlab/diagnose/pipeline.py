@@ -34,6 +34,7 @@ from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLine
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.gap import explained_share
+from vlab.diagnose.validation.next_experiment import experiments, in_words
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
@@ -353,7 +354,8 @@ class _Pass:
             checked=tuple(checked),
             mismatch=_mismatch(checked),
             not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
-            next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
+            next_measurement=_separating_experiment(searched, judged)
+            or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,
             quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
             notes=self._notes(searched, judged, checked),
@@ -392,6 +394,20 @@ class _Pass:
             *judged.confirmed.rejected,
             *searched.model_class.notes,
         )
+
+
+def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
+    """Return the experiment that separates the two leading rivals, or ""."""
+    tried = judged.attempt or judged.tried
+    leading = [h for h, _ in judged.choice.tried if h.terms]
+    if judged.verdict == "missing-physics":  # what is clearly less probable is no rival
+        leading = [h for h in judged.choice.alike if h.terms]
+    best = {term.effect.physics for term in leading[0].terms} if leading else set()
+    other = next((h for h in leading[1:] if {term.effect.physics for term in h.terms} != best), None)
+    if other is None or tried is None or judged.verdict not in {*NAMING, "none-of-these"}:
+        return ""
+    one, two = (extended(searched.problem, h.long_fit) for h in (leading[0], other))
+    return in_words(experiments(one, two, searched.runs, tried.checked), leading[0].label, other.label)
 
 
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
