@@ -305,7 +305,7 @@ class _Pass:
                 judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
             finer_before = with_finer_steps(judged.before)
-            coarse = coarse_steps(judged.before, tried.checked, check(searched.runs, finer_before, None))
+            coarse = coarse_steps(judged.before, searched.runs)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
                 again, second = tried_with(finer, fit)
