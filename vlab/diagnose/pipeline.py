@@ -40,6 +40,7 @@ from vlab.diagnose.verdict import (
     closes_gap,
     coloured_noise_note,
     decide_verdict,
+    explains_part,
     is_needed,
     is_partial_explanation,
     is_within_noise,
@@ -227,7 +228,9 @@ class _Pass:
 
     def _tabulated(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
         """Return the diagnosis with a tabulated force, where no effect explains the recordings."""
-        if judged.verdict != "none-of-these" or self.deadline.is_past:
+        attempt = judged.attempt
+        is_idle = attempt is not None and attempt.is_of_the_fit_alone  # the hold-out recordings show no mismatch
+        if judged.verdict != "none-of-these" or is_idle or self.deadline.is_past:
             return None
         self.report(0.95, "fitting a tabulated force")
         last = replace(self, effects=LAST_RESORT, told="; ".join(filter(None, [self.told, UNKNOWN_LAW])))
@@ -235,6 +238,8 @@ class _Pass:
         searched = replace(searched, found=found)
         again = last._judge(searched, last._confirm(searched))
         if isinstance(again, _Pass) or again.verdict not in NAMING:
+            return None
+        if again.tried is None or not explains_part(again.tried.checked):
             return None
         return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 
