@@ -6,15 +6,17 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from vlab.diagnose.kernels.expression_graph import series
+from vlab.diagnose.kernels.expression_graph import evaluate, series
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
-from vlab.physics.expression import trace_expression
+from vlab.physics.expression import CODE, OPERATIONS, trace_expression
 
 PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]
 """The others need to know more of a step."""
 H, N, WIDTH = 0.003, 200, 5
+OF_THE_LIBRARY = {np.exp, np.log, np.sin, np.cos, np.tanh, np.arctan, np.power, np.hypot}
+"""numpy and compiled code take these functions from different libraries, whose last bits differ."""
 
 
 class Law(PortEffect):
@@ -85,6 +87,60 @@ def test_a_tape_plays_what_the_law_says(effect):
 def test_every_operation_plays_as_numpy_has_it():
     evaluated, written = both(Functions())
     np.testing.assert_allclose(evaluated, written, rtol=1e-12)
+
+
+@pytest.mark.parametrize("width", [1, 2, 7, 64])
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda f: f.__name__)
+def test_an_operation_on_registers_is_that_of_numpy_to_the_last_bit(operation, width):
+    """On every pair of ordinary and extreme numbers; functions of the mathematical library to rounding."""
+    extreme = [0.0, -0.0, 1.0, -1.0, 2.5, -2.5, 1e-310, 1e200, -1e200, np.inf, -np.inf, np.nan]
+    rng = np.random.default_rng(3)
+    numbers = np.array([*extreme, *rng.standard_normal(-len(extreme) % width or width)])
+    numbers = np.resize(numbers, -(-len(numbers) // width) * width).reshape(-1, width)
+    rest = rng.permuted(numbers, axis=0)
+    count = operation.nin if isinstance(operation, np.ufunc) else 3
+    line = np.array([[CODE[operation], 0, 1, 2]])
+    for a, b, c in zip(numbers, rest, rest[::-1], strict=True):
+        registers = np.array([a, b, c, np.full(width, 7.0), np.full(width, 8.0)])
+        evaluate(line, 3, registers)
+        with np.errstate(all="ignore"):
+            wanted = np.asarray(operation(*(a, b, c)[:count]) if operation is not np.where else np.where(a != 0, b, c))
+        if operation in OF_THE_LIBRARY:
+            np.testing.assert_allclose(registers[3], wanted, rtol=1e-15)
+        else:
+            np.testing.assert_array_equal(_bits(registers[3]), _bits(wanted.astype(float)))
+        np.testing.assert_array_equal(_bits(registers[[0, 1, 2, 4]]), _bits(np.array([a, b, c, np.full(width, 8.0)])))
+
+
+@pytest.mark.parametrize("effect", ALONG_MOTION, ids=lambda e: e.name)
+def test_a_graph_on_registers_is_the_plain_evaluation_to_the_last_bit(effect):
+    """The plain evaluation takes one operation after another with numpy; the last bit holds without library functions."""
+    graph = trace_expression(effect, H, ("z", "v", "t"))
+    assert graph is not None
+    registers = np.random.default_rng(4).standard_normal((graph.registers, 12))
+    for at, value in graph.constants:
+        registers[at] = value
+    for at in (*graph.parameters, *graph.memory):
+        registers[at] = np.abs(registers[at])
+    plain = registers.copy()
+    with np.errstate(all="ignore"):
+        for at, (code, a, b, c) in enumerate(graph.operations):
+            operation = OPERATIONS[code]
+            operands = (plain[a], plain[b], plain[c])[: 3 if operation is np.where else operation.nin]
+            plain[graph.first + at] = (
+                operation(*operands) if operation is not np.where else np.where(operands[0] != 0, *operands[1:])
+            )
+    evaluate(graph.operations, graph.first, registers)
+    used = {OPERATIONS[code] for code in graph.operations[:, 0]}
+    if used & OF_THE_LIBRARY:
+        np.testing.assert_allclose(registers, plain, rtol=1e-12)
+    else:
+        np.testing.assert_array_equal(_bits(registers), _bits(plain))
+
+
+def _bits(x: np.ndarray) -> np.ndarray:
+    """Return the bits of numbers, with one form of zero (signs of zero differ by library) and of what is no number."""
+    return np.where(np.isnan(x), np.nan, x + 0.0).view(np.int64)
 
 
 @pytest.mark.parametrize("effect", PORTS, ids=lambda e: e.name)

@@ -50,77 +50,76 @@ def evaluate(operations: Array, first: int, registers: Array) -> None:  # pragma
     n = registers.shape[1]
     for line in range(operations.shape[0]):
         code = operations[line, 0]
-        a, b, c = registers[operations[line, 1]], registers[operations[line, 2]], registers[operations[line, 3]]
-        out = registers[first + line]
+        a, b, c, out = operations[line, 1], operations[line, 2], operations[line, 3], first + line
         if code == _ADD:
             for e in range(n):
-                out[e] = a[e] + b[e]
+                registers[out, e] = registers[a, e] + registers[b, e]
         elif code == _SUBTRACT:
             for e in range(n):
-                out[e] = a[e] - b[e]
+                registers[out, e] = registers[a, e] - registers[b, e]
         elif code == _MULTIPLY:
             for e in range(n):
-                out[e] = a[e] * b[e]
+                registers[out, e] = registers[a, e] * registers[b, e]
         elif code == _DIVIDE:
             for e in range(n):
-                out[e] = a[e] / b[e]
+                registers[out, e] = registers[a, e] / registers[b, e]
         elif code == _NEGATIVE:
             for e in range(n):
-                out[e] = -a[e]
+                registers[out, e] = -registers[a, e]
         elif code == _COPY:
             for e in range(n):
-                out[e] = a[e]
+                registers[out, e] = registers[a, e]
         elif code == _ABSOLUTE:
             for e in range(n):
-                out[e] = abs(a[e])
+                registers[out, e] = abs(registers[a, e])
         elif code == _MINIMUM:
             for e in range(n):
-                out[e] = np.minimum(a[e], b[e])
+                registers[out, e] = np.minimum(registers[a, e], registers[b, e])
         elif code == _MAXIMUM:
             for e in range(n):
-                out[e] = np.maximum(a[e], b[e])
+                registers[out, e] = np.maximum(registers[a, e], registers[b, e])
         elif code == _WHERE:
             for e in range(n):
-                out[e] = b[e] if a[e] != 0.0 else c[e]
+                registers[out, e] = registers[b, e] if registers[a, e] != 0.0 else registers[c, e]
         elif code == _SIGN:
             for e in range(n):
-                out[e] = np.sign(a[e])
+                registers[out, e] = np.sign(registers[a, e])
         elif code == _LESS:
             for e in range(n):
-                out[e] = 1.0 if a[e] < b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] < registers[b, e] else 0.0
         elif code == _LESS_EQUAL:
             for e in range(n):
-                out[e] = 1.0 if a[e] <= b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] <= registers[b, e] else 0.0
         elif code == _GREATER:
             for e in range(n):
-                out[e] = 1.0 if a[e] > b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] > registers[b, e] else 0.0
         elif code == _GREATER_EQUAL:
             for e in range(n):
-                out[e] = 1.0 if a[e] >= b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] >= registers[b, e] else 0.0
         elif code == _EQUAL:
             for e in range(n):
-                out[e] = 1.0 if a[e] == b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] == registers[b, e] else 0.0
         elif code == _NOT_EQUAL:
             for e in range(n):
-                out[e] = 1.0 if a[e] != b[e] else 0.0
+                registers[out, e] = 1.0 if registers[a, e] != registers[b, e] else 0.0
         elif code == _AND:
             for e in range(n):
-                out[e] = 1.0 if a[e] != 0.0 and b[e] != 0.0 else 0.0
+                registers[out, e] = 1.0 if registers[a, e] != 0.0 and registers[b, e] != 0.0 else 0.0
         elif code == _OR:
             for e in range(n):
-                out[e] = 1.0 if a[e] != 0.0 or b[e] != 0.0 else 0.0
+                registers[out, e] = 1.0 if registers[a, e] != 0.0 or registers[b, e] != 0.0 else 0.0
         elif code == _NOT:
             for e in range(n):
-                out[e] = 1.0 if a[e] == 0.0 else 0.0
+                registers[out, e] = 1.0 if registers[a, e] == 0.0 else 0.0
         else:
-            _evaluate_slowly(code, a, b, out)
+            _evaluate_slowly(code, a, b, out, registers)
 
 
 @compiled(error_model="numpy")
-def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # pragma: no cover - compiled
+def _evaluate_slowly(code: int, a: int, b: int, out: int, registers: Array) -> None:  # pragma: no cover - compiled
     """Evaluate a transcendental operation, element by element."""
-    for e in range(out.size):
-        x = a[e]
+    for e in range(registers.shape[1]):
+        x = registers[a, e]
         if code == _EXP:
             y = np.exp(x)
         elif code == _TANH:
@@ -138,10 +137,10 @@ def _evaluate_slowly(code: int, a: Array, b: Array, out: Array) -> None:  # prag
         elif code == _FLOOR:
             y = np.floor(x)
         elif code == _POWER:
-            y = x ** b[e]
+            y = x ** registers[b, e]
         else:
-            y = np.hypot(x, b[e])
-        out[e] = y
+            y = np.hypot(x, registers[b, e])
+        registers[out, e] = y
 
 
 in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
@@ -206,8 +205,9 @@ def integrate_free(
                 for sub in range(substeps):
                     now = min(sub, inputs.shape[1] - 1)
                     if dense.shape[0] > 0:
-                        held[:] = x
-                        x[:] = 0.0
+                        for j in range(size):
+                            held[j] = x[j]
+                            x[j] = 0.0
                         for i in range(m):
                             for j in range(m):
                                 x[j] += held[i] * dense[s, i, j]
@@ -215,7 +215,8 @@ def integrate_free(
                         for j in range(m):
                             held[j] = x[j] * turn[0, s, j] - x[m + j] * turn[1, s, j]
                             held[m + j] = x[j] * turn[1, s, j] + x[m + j] * turn[0, s, j]
-                        x[:] = held
+                        for j in range(size):
+                            x[j] = held[j]
                     for i in range(n_inputs):
                         u = inputs[k, now, of, r, i]
                         if u != 0.0:
@@ -328,7 +329,8 @@ def integrate_with_laws(
                         own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
                 evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
-                    own[recalled[i]] = own[stored[i]]
+                    for e in range(own.shape[1]):
+                        own[recalled[i], e] = own[stored[i], e]
                 for s in range(n_sets):
                     for r in range(n_runs):
                         force = own[results[law], s * n_runs + r]
@@ -341,14 +343,21 @@ def integrate_with_laws(
                         if sub == 0:
                             for c in range(channels):
                                 y[s, r, k, c] += force * direct_law[s, law, c]
-            seen[:] = after
+            for s in range(n_sets):
+                for r in range(n_runs):
+                    for i in range(sees):
+                        seen[s, r, i] = after[s, r, i]
         if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
             for s in range(n_sets):
                 for r in range(n_runs):
                     for j in range(size):
                         x = state[s, r, j]
                         state[s, r, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
-            last[:] = 0.0
+            for law in range(n_laws):
+                for s in range(n_sets):
+                    for r in range(n_runs):
+                        for i in range(sees):
+                            last[law, s, r, i] = 0.0
 
 
 @compiled(error_model="numpy")
@@ -360,11 +369,14 @@ def _series(
     out = np.empty((n, m))
     for k in range(n):
         for i in range(count):
-            registers[i] = signals[k, i]
+            for e in range(m):
+                registers[i, e] = signals[k, i, e]
         evaluate(operations, first, registers)
         for i in range(len(recalled)):
-            registers[recalled[i]] = registers[stored[i]]
-        out[k] = registers[result]
+            for e in range(m):
+                registers[recalled[i], e] = registers[stored[i], e]
+        for e in range(m):
+            out[k, e] = registers[result, e]
     return out
 
 

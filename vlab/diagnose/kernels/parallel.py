@@ -1,5 +1,6 @@
 """Independent pieces of work on all cores, by forked processes."""
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -20,7 +21,11 @@ def _one(index: int) -> Any:
 
 
 def _quiet() -> None:
-    """Leave interrupts to the parent process."""
+    """Leave interrupts to the parent process, and inherited objects out of garbage collection.
+
+    A collection would write to every inherited page, and so copy the parent's memory.
+    """
+    gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 

@@ -81,7 +81,7 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
     A, B, C, D = (np.ascontiguousarray(part[0]) for part in (system.A, system.B, system.C, system.D))
     Q, N = intensity * B @ B.T, intensity * B @ D.T
     R = np.diag(noise**2) + intensity * D @ D.T
-    K, S, P = _riccati(A, C, Q, N, R, np.ascontiguousarray(start, dtype=float))
+    K, S, P = (part.copy() for part in _riccati(A, C, Q, N, R, np.ascontiguousarray(start, dtype=float)))
     return FilterGains(K=K, S=S, P=P)
 
 
@@ -89,34 +89,61 @@ def filter_gains(system: Discrete, noise: Array, intensity: float, start: Array)
 def _riccati(
     A: Array, C: Array, Q: Array, N: Array, R: Array, start: Array
 ) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
-    """Return gains and covariances up to the stationary ones."""
+    """Return gains and covariances up to the stationary ones.
+
+    Loops over elements compile several times faster than the slices and sums of arrays that they stand for.
+    """
     n, p = A.shape[0], C.shape[0]
     Ks, Ss, Ps = np.empty((FEW, n, p)), np.empty((FEW, p, p)), np.empty((FEW, n, n))
     AT, CT = np.ascontiguousarray(A.T), np.ascontiguousarray(C.T)
     P, count = start, 0
     while count < MOST_RICCATI:
-        PC, AP = np.dot(P, CT), np.dot(A, P)
-        S = np.dot(C, PC) + R
-        KT = np.linalg.solve(S, np.ascontiguousarray((np.dot(AP, CT) + N).T))
-        K = np.ascontiguousarray(KT.T)
+        AP = np.dot(A, P)
+        S, APC = np.dot(C, np.dot(P, CT)), np.dot(AP, CT)
+        right, K = np.empty((p, n)), np.empty((n, p))
+        for i in range(p):
+            for j in range(p):
+                S[i, j] += R[i, j]
+            for j in range(n):
+                right[i, j] = APC[j, i] + N[j, i]
+        KT = np.linalg.solve(S, right)
         if count == len(Ks):
             Ks, Ss, Ps = _with_room(Ks), _with_room(Ss), _with_room(Ps)
-        Ks[count], Ss[count], Ps[count] = K, S, P
+        for i in range(n):
+            for j in range(p):
+                K[i, j] = Ks[count, i, j] = KT[j, i]
+            for j in range(n):
+                Ps[count, i, j] = P[i, j]
+        for i in range(p):
+            for j in range(p):
+                Ss[count, i, j] = S[i, j]
         count += 1
-        new = np.dot(AP, AT) + Q - np.dot(np.dot(K, S), KT)
-        new = 0.5 * (new + new.T)
-        converged = np.abs(new - P).max() <= SETTLED * np.abs(new).max()
+        grown, known = np.dot(AP, AT), np.dot(np.dot(K, S), KT)
+        new, size, is_settled = np.empty((n, n)), 0.0, True
+        for i in range(n):
+            for j in range(n):
+                grown[i, j] = grown[i, j] + Q[i, j] - known[i, j]
+        for i in range(n):
+            for j in range(n):
+                new[i, j] = 0.5 * (grown[i, j] + grown[j, i])
+                size = max(size, abs(new[i, j]))
+        for i in range(n):
+            for j in range(n):
+                is_settled = is_settled and abs(new[i, j] - P[i, j]) <= SETTLED * size
         P = new
-        if converged:
+        if is_settled:
             break
-    return Ks[:count].copy(), Ss[:count].copy(), Ps[:count].copy()
+    return Ks[:count], Ss[:count], Ps[:count]
 
 
 @compiled()
 def _with_room(kept: Array) -> Array:  # pragma: no cover - compiled
     """Return an array of matrices with doubled capacity."""
     out = np.empty((2 * len(kept), kept.shape[1], kept.shape[2]))
-    out[: len(kept)] = kept
+    for k in range(len(kept)):
+        for i in range(kept.shape[1]):
+            for j in range(kept.shape[2]):
+                out[k, i, j] = kept[k, i, j]
     return out
 
 

@@ -171,7 +171,10 @@ def _integrate(
     z0, z1, v0, v1 = np.zeros(lines), np.zeros(lines), np.zeros(lines), np.zeros(lines)
     matrix = np.zeros((lines, lines))
     for k in range(n):
-        states[k] = x
+        for s in range(n_sets):
+            for w in range(n_windows):
+                for a in range(size):
+                    states[k, s, w, a] = x[s, w, a]
         for j in range(steps):
             for s in range(n_sets):
                 for w in range(n_windows):
@@ -237,7 +240,8 @@ def _integrate(
                                 own[AT_V, e] += 0.5 * own_gain * first
                     evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-                        own[recalled[i]] = own[stored[i]]
+                        for e in range(own.shape[1]):
+                            own[recalled[i], e] = own[stored[i], e]
                     for s in range(n_sets):
                         for w in range(n_windows):
                             force[s, w, 0] = own[results[graph], s * n_windows + w]
@@ -250,7 +254,10 @@ def _integrate(
                             for i in range(count):
                                 for a in range(m):
                                     forces[k, s, w, a] += force[s, w, i] * middle[law, i, k, w, a]
-            x[:] = free
+            for s in range(n_sets):
+                for w in range(n_windows):
+                    for a in range(size):
+                        x[s, w, a] = free[s, w, a]
         for s in range(n_sets):
             for w in range(n_windows):
                 for a in range(size):

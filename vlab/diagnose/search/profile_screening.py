@@ -12,7 +12,7 @@ G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley, 1989, section 2.2 (conc
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def _profiled(base: _Base, candidate: Candidate) -> Candidate:
     """Return a candidate with the values of least profiled cost."""
     trials = _shapes(candidate)
     if candidate.effect.amplitudes:
-        trials = [scaled for shape in trials for scaled in _amplitudes(base, candidate, shape)]
+        trials = _amplitudes(base, candidate, trials)
     if not trials:
         return replace(candidate, log_likelihood_gain=0.0)
     costs = base.costs(base.residuals(candidate, trials))
@@ -110,8 +110,8 @@ def _shapes(candidate: Candidate) -> list[Values]:
     return out[: PROFILE_SCREENING.most_shapes]
 
 
-def _amplitudes(base: _Base, candidate: Candidate, shape: Values) -> list[Values]:
-    """Return values about the linear optimum of the amplitudes.
+def _amplitudes(base: _Base, candidate: Candidate, shapes: Sequence[Values]) -> list[Values]:
+    """Return values about the linear optimum of the amplitudes, for every shape.
 
     Parameters
     ----------
@@ -119,33 +119,41 @@ def _amplitudes(base: _Base, candidate: Candidate, shape: Values) -> list[Values
         Fit.
     candidate : Candidate
         Candidate.
-    shape : dict
-        Values with the shape.
+    shapes : sequence of dict
+        Values with the shapes.
+
+    Returns
+    -------
+    list of dict
+        Values in the order of the shapes; shapes without effect are left out.
     """
-    names = [p.name for p in candidate.effect.amplitudes]
-    unit = {p.name: _unit(p.high, shape[p.name]) for p in candidate.effect.amplitudes}
-    columns = []
-    for name in names:
-        alone = {**shape, **dict.fromkeys(names, 0.0)}
-        column = _column(base, candidate, alone, name, unit[name])
-        if column is None:
-            return []
-        columns.append(column)
-    A = base.project(np.array(columns))
-    size = np.linalg.norm(A, axis=1)
-    if not np.all(size > 0):
-        return []
-    wanted = -np.linalg.lstsq((A / size[:, None]).T, base.project(base.residual[None])[0], rcond=1e-6)[0] / size
-    optimum = {name: float(v) for name, v in zip(names, wanted, strict=True)}
-    for p in candidate.effect.amplitudes:
-        if not p.signed:
-            optimum[p.name] = max(optimum[p.name], 0.0)
-    if not any(optimum.values()):
-        return []
-    return [
-        {**shape, **{name: factor * value for name, value in optimum.items()}}
-        for factor in PROFILE_SCREENING.amplitude_factors
+    amplitudes = candidate.effect.amplitudes
+    names = [p.name for p in amplitudes]
+    steps = [
+        _Step({**shape, **dict.fromkeys(names, 0.0)}, p.name, _unit(p.high, shape[p.name]))
+        for shape in shapes
+        for p in amplitudes
     ]
+    columns = _columns(base, candidate, steps)
+    target, out = base.project(base.residual[None])[0], []
+    for i, shape in enumerate(shapes):
+        own = [column for column in columns[i * len(names) : (i + 1) * len(names)] if column is not None]
+        if len(own) < len(names):
+            continue
+        A = base.project(np.array(own))
+        size = np.linalg.norm(A, axis=1)
+        if not np.all(size > 0):
+            continue
+        wanted = -np.linalg.lstsq((A / size[:, None]).T, target, rcond=1e-6)[0] / size
+        optimum = {
+            p.name: float(v) if p.signed else max(float(v), 0.0) for p, v in zip(amplitudes, wanted, strict=True)
+        }
+        if any(optimum.values()):
+            out += [
+                {**shape, **{name: factor * value for name, value in optimum.items()}}
+                for factor in PROFILE_SCREENING.amplitude_factors
+            ]
+    return out
 
 
 def _unit(high: float, value: float) -> float:
@@ -154,19 +162,49 @@ def _unit(high: float, value: float) -> float:
     return size if size > PROFILE_SCREENING.least_share * high else PROFILE_SCREENING.least_share * high
 
 
-def _column(base: _Base, candidate: Candidate, values: Values, name: str, unit: float) -> Array | None:
-    """Return the change of the residual per unit of an amplitude, or None.
+@dataclass
+class _Step:
+    """Finite difference by one amplitude.
 
-    The amplitude is reduced until the residual changes little, and raised until the change exceeds rounding.
+    Parameters
+    ----------
+    values : dict
+        Values with all amplitudes at zero.
+    name : str
+        Amplitude that is moved.
+    unit : float
+        Value of the moved amplitude, rescaled in place.
+    """
+
+    values: Values
+    name: str
+    unit: float
+
+
+def _columns(base: _Base, candidate: Candidate, steps: Sequence[_Step]) -> list[Array | None]:
+    """Return the changes of the residual per unit of every step's amplitude, or None.
+
+    All steps are simulated as one batch. The amplitude of a step is reduced until the residual changes little, and raised
+    until the change exceeds rounding.
     """
     low, high = (share * float(np.linalg.norm(base.residual)) for share in PROFILE_SCREENING.moved)
+    found: list[Array | None] = [None] * len(steps)
+    open_steps = list(range(len(steps)))
     for _ in range(PROFILE_SCREENING.rescalings):
-        (moved,) = base.residuals(candidate, [{**values, name: unit}]) - base.residual
-        size = float(np.linalg.norm(moved))
-        if not np.isfinite(size) or size > high:
-            unit *= min(0.3 * high / size, 0.1) if np.isfinite(size) else 1e-3
-        elif size < low:
-            unit *= 0.3 * high / max(size, 1e-3 * low)
-        else:
-            return np.asarray(moved / unit)
-    return None
+        if not open_steps:
+            break
+        trials = [{**steps[i].values, steps[i].name: steps[i].unit} for i in open_steps]
+        missed = []
+        for i, residual in zip(open_steps, base.residuals(candidate, trials), strict=True):
+            step, moved = steps[i], residual - base.residual
+            size = float(np.linalg.norm(moved))
+            if not np.isfinite(size) or size > high:
+                step.unit *= min(0.3 * high / size, 0.1) if np.isfinite(size) else 1e-3
+            elif size < low:
+                step.unit *= 0.3 * high / max(size, 1e-3 * low)
+            else:
+                found[i] = np.asarray(moved / step.unit)
+                continue
+            missed.append(i)
+        open_steps = missed
+    return found
