@@ -100,7 +100,7 @@ class TrajectoryScoreTest(ScoreTest):
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
-        self._cache, self._integrated, self._spectra, self._tones = {}, {}, None, {}
+        self._cache, self._integrated, self._spectra, self._tones, self._scans = {}, {}, None, {}, {}
         self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
 
@@ -119,7 +119,7 @@ class TrajectoryScoreTest(ScoreTest):
         """
         other = copy.copy(self)
         other.trust, other._cache, other._integrated = trust, {}, {}
-        other._spectra, other._tones = None, {}
+        other._spectra, other._tones, other._scans = None, {}, {}
         other._linearise()
         return other
 
@@ -151,7 +151,7 @@ class TrajectoryScoreTest(ScoreTest):
         )
         self.motions = [system.motion for system in self.systems]
         self.lines, self._cache, self._integrated = {}, {}, {}
-        self._spectra, self._tones = None, {}
+        self._spectra, self._tones, self._scans = None, {}, {}
         self.changes = self._changes()
         self._linearise()
 
@@ -367,7 +367,8 @@ class TrajectoryScoreTest(ScoreTest):
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
-                changed = self.acted(i, commands_changed(effect, group.u[..., i], shape, group.h))
+                series = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
+                changed = self.acted(i, series)
                 total = total + self.driven_force(i)[..., None] * changed[..., None, :]
             return total
         rows, z, v, a = self.known_motion(place)
