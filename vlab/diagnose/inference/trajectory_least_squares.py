@@ -327,8 +327,7 @@ class TrajectoryLeastSquares(LeastSquares):
             p = {k: float(v[s]) for k, v in given.items()}
             acting = [effect.follow(run.u[:, index], p, h, float(run.command_before[index])) for run in runs]
             series.append(pad_and_stack([x - run.u[:, index] for x, run in zip(acting, runs, strict=True)]))
-        changed = self._cut(self.moving.acted(index, np.stack(series, axis=-1))).swapaxes(1, 2)
-        return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
+        return np.moveaxis(self._cut(self.moving.force_change(index, np.stack(series, axis=-1))), -1, 1)
 
     def _sense(
         self,
