@@ -68,7 +68,7 @@ CASES = {
 }
 
 
-def matrices(scale=np.ones(4)):
+def matrices(scale=(1.0, 1.0, 1.0, 1.0)):
     """Return A and B of x' = A x + B u, x = near and far displacement, then their rates; far counts from near."""
     m1, m2 = M1 * scale[0], M2 * scale[1]
     damping, c = DAMPING * scale[2], C * scale[3]
@@ -85,7 +85,7 @@ def moved(A, B, h):
     return whole[:4, :4], whole[:4, 4]
 
 
-def motion(u, delay=0.0, scale=np.ones(4)):
+def motion(u, delay=0.0, scale=(1.0, 1.0, 1.0, 1.0)):
     """Return the states (n, 4) at the samples, from rest, under a staircase that acts later by a delay."""
     h = 1 / RATE
     whole = int(np.floor(delay / h + 1e-12))

@@ -133,7 +133,9 @@ def _transmission(model: object, c: int, q: Array, v: Array) -> tuple[Array, Arr
     for k in range(len(q)):
         data.qpos[:], data.qvel[:] = q[k], v[k]
         mujoco.mj_fwdPosition(model, data)
-        mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+        mujoco.mju_sparse2dense(
+            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
         moment[k], length[k] = moments[c], data.actuator_length[c]
         rate[k] = moments[c] @ v[k]
     return length, rate, moment
