@@ -256,7 +256,20 @@ class TrajectoryScoreTest(ScoreTest):
         return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
 
     def force_change(self, actuator: int, change: Array) -> Array:
-        """Return the generalised forces (n, n_runs, nv, k) of a command change (n, n_runs, k)."""
+        """Return the generalised forces of a command change, between the actuator's limits.
+
+        Parameters
+        ----------
+        actuator : int
+            Index of the actuator.
+        change : (n, n_runs, k) array
+            Changes of the command.
+
+        Returns
+        -------
+        (n, n_runs, nv, k) array
+            Changes of the generalised forces.
+        """
         limited = self._limited_along(actuator)
         if not limited:
             return np.asarray(self.driven_force(actuator)[..., None] * self.acted(actuator, change)[..., None, :])
@@ -392,8 +405,8 @@ class TrajectoryScoreTest(ScoreTest):
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
-                series = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
-                total = total + self.force_change(i, series)
+                changed = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
+                total = total + self.force_change(i, changed)
             return total
         rows, z, v, a = self.known_motion(place)
         if isinstance(effect, LinearPortEffect):

@@ -1,9 +1,11 @@
 """Trial values of parameters whose likelihood has narrow or distant peaks.
 
 A fit finds a delay only from a start within a fraction of a cycle, and a velocity limit only from its order of
-magnitude. The screening is linear and cheap, so it evaluates a whole range of values: delays up to the range of the
-effect at a fraction of the shortest recorded cycle, whole sample periods of a hold, and limits from the slowest to the
-steepest motion of the command.
+magnitude. The screening is linear and cheap, so it evaluates a whole range of values:
+
+- delays up to the range of the effect, at a fraction of the shortest recorded cycle;
+- whole sample periods of a hold;
+- limits from the slowest to the steepest motion of the command.
 """
 
 from collections.abc import Callable, Sequence

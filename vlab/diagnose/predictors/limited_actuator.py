@@ -14,12 +14,6 @@ import numpy as np
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
-_NONE, _ALL = np.zeros(3), np.ones(3)
-_GAINS = {int(mujoco.mjtGain.mjGAIN_FIXED): np.eye(3)[0], int(mujoco.mjtGain.mjGAIN_AFFINE): _ALL}
-"""Used coefficients of an actuator's gain by its type: constant, length, rate."""
-_BIASES = {int(mujoco.mjtBias.mjBIAS_NONE): _NONE, int(mujoco.mjtBias.mjBIAS_AFFINE): _ALL}
-"""Used coefficients of an actuator's bias by its type."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimitedActuator:
@@ -93,15 +87,17 @@ def limited_actuator(plant: Plant, actuator: int, q: Array, v: Array) -> Limited
     limits = _limits(model, c)
     is_affine = (
         int(model.actuator_dyntype[c]) == int(mujoco.mjtDyn.mjDYN_NONE)
-        and int(model.actuator_gaintype[c]) in _GAINS
-        and int(model.actuator_biastype[c]) in _BIASES
+        and int(model.actuator_gaintype[c]) in (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+        and int(model.actuator_biastype[c]) in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     )
     if not is_affine or not np.any(np.isfinite(limits)):
         return None
     length, rate, moment = _transmission(model, c, q, v)
     gain, bias = model.actuator_gainprm[c], model.actuator_biasprm[c]
-    of_gain = gain[:3] * _GAINS[int(model.actuator_gaintype[c])]
-    of_bias = bias[:3] * _BIASES[int(model.actuator_biastype[c])]
+    gain_varies = int(model.actuator_gaintype[c]) == int(mujoco.mjtGain.mjGAIN_AFFINE)
+    has_bias = int(model.actuator_biastype[c]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    of_gain = gain[:3] * np.array([True, gain_varies, gain_varies])
+    of_bias = bias[:3] * has_bias
     state = np.stack([np.ones(len(q)), length, rate])
     return LimitedActuator(
         gain=of_gain @ state,
