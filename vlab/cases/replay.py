@@ -252,6 +252,8 @@ def play(
     state: State,
     law: Law | None,
     progress: Callable[[float], None] = lambda share: None,
+    *,
+    is_at_rest: bool | None = None,
 ) -> Played:
     """Simulate a plant under recorded inputs and a law.
 
@@ -269,6 +271,8 @@ def play(
         Law with its initial memory, which is updated.
     progress : callable
         Receives the completed share of the run.
+    is_at_rest : bool or None
+        Whether the run starts at rest, with zero commands before; by default if `state` is the model's rest.
 
     Returns
     -------
@@ -282,7 +286,9 @@ def play(
     BadStructure
         MuJoCo cannot compute the model in a state of the run.
     """
-    physics = _physics(bench, run, clock, state)
+    if is_at_rest is None:
+        is_at_rest = not np.any(state.qvel) and bool(np.all(state.qpos == bench.rest.qpos))
+    physics = _physics(bench, run, clock, state, is_at_rest)
     callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
     with computable(f"{run.name}: the model as it moves"), callback:
         return _played(bench, run, clock, state, law, physics, progress)
@@ -362,19 +368,32 @@ def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Arr
     return sensors
 
 
-def _physics(bench: Bench, run: Run, clock: Clock, state: State) -> Running | None:
-    """Return the attached physics of a plant."""
+def _physics(bench: Bench, run: Run, clock: Clock, state: State, is_at_rest: bool) -> Running | None:
+    """Return the attached physics of a plant.
+
+    A run in the middle of a motion continues from its first readings and commands, a run at rest from the values at
+    rest.
+    """
     plant = bench.plant
     if not plant.physics:
         return None
     read = {c.channel: plant.sensors[c.sensor].name for c in run.compared if c.sensor is not None}
-    readings: dict[str, float] = {}
-    if np.any(state.qvel):
-        rest = bench.rest_values(run.compared)
-        for c, r in zip(run.compared, rest, strict=True):
-            first = float(run.measured[c.channel][0]) + (r if c.from_rest else 0.0)
-            readings |= {c.channel: first} if np.isfinite(first) else {}
-    return Running(plant, sample=clock.steps * clock.timestep, channels=read, readings=readings)
+    rest = bench.rest_values(run.compared)
+    if is_at_rest:
+        readings = {c.channel: float(r) for c, r in zip(run.compared, rest, strict=True) if r}
+    else:
+        first = [
+            float(run.measured[c.channel][0]) + (r if c.from_rest else 0.0)
+            for c, r in zip(run.compared, rest, strict=True)
+        ]
+        readings = {c.channel: value for c, value in zip(run.compared, first, strict=True) if np.isfinite(value)}
+    return Running(
+        plant,
+        sample=clock.steps * clock.timestep,
+        channels=read,
+        readings=readings,
+        commands=None if is_at_rest else _drives(run, clock, plant)[0][:1].sum(axis=0),
+    )
 
 
 def _advance(

@@ -87,7 +87,8 @@ def simulate(
     if initial is None:
         initial = find_initial_state(plant, run, law)
     try:
-        replayed = play(bench, run, clock, State(initial.qpos, initial.qvel), law, progress)
+        state = State(initial.qpos, initial.qvel)
+        replayed = play(bench, run, clock, state, law, progress, is_at_rest=initial.how == "rest" or None)
     except Diverged as error:
         raise Diverged(f"{run.name}: {error}; are the inputs in the right unit?") from error
     return Simulation(

@@ -95,6 +95,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
         is_first = bool(choice.best.terms) and term.effect.physics == choice.best.terms[0].effect.physics
         places = choice.places if is_first and i == 0 else {term.place.name: 1.0}
         alike = [term.effect.physics, *(name for h in choice.alike for name in _instead(h, fit, i))]
+        alike += ["sensor-delay"] if _delays_all_inputs(term, problem) else []
         out.append(
             Finding(
                 effect=term.effect.physics,
@@ -110,6 +111,17 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
             )
         )
     return out
+
+
+def _delays_all_inputs(term: Term, problem: Problem) -> bool:
+    """Return whether a term delays every input.
+
+    A time-invariant model cannot tell a common delay of all inputs from the same delay of all readings.
+    """
+    if term.effect.name != "actuator-delay" or any(run.law is not None for run in problem.runs):
+        return False
+    drives = [drive for run in problem.runs for drive in run.drives]
+    return all(drive.actuator is not None and drive.actuator in term.place.indices for drive in drives)
 
 
 def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:

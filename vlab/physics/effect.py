@@ -27,6 +27,7 @@ ActuatorStep = Callable[[float], float]
 SensorStep = Callable[[float, float, float], float]
 """True sample, its time [s] and the picked-up signal to the recorded sample."""
 
+Scan = Literal["", "delay", "period", "slope"]
 Reference = Literal["", "displacement", "velocity", "input", "input-slope", "output", "duration", "step"]
 
 
@@ -49,6 +50,9 @@ class Parameter:
         input, the largest slope of input or output, the duration, or the sample period. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
+    scan : str
+        Further trial values that the screening derives from the recordings: delays over the whole range, whole sample
+        periods, or slopes down to that of a slow command. "" for none.
     signed : bool
         Whether negative values are allowed. An unsigned parameter is fitted in its logarithm.
     grain : float
@@ -64,6 +68,7 @@ class Parameter:
     role: Literal["amplitude", "shape"] = "amplitude"
     reference: Reference = ""
     grid: tuple[float, ...] = ()
+    scan: Scan = ""
     signed: bool = False
     words: str = ""
     grain: float = 0.0
@@ -96,6 +101,8 @@ class Step(NamedTuple):
     first_velocity: Any = None
 
 
+TIMES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
+"""TIMES [s]: trial delays and time constants, in half decades from 0.1 ms."""
 IMPULSE = 4096
 """IMPULSE [samples]: record length for the frequency response of a sensor's correction. Raising it resolves slower
 corrections."""
@@ -310,6 +317,62 @@ class ActuatorEffect(Effect):
     """Whether the effect acts at the computation of commands, once a sample, and not behind the converter."""
     keeps_extremes: ClassVar[bool] = False
     """Whether the law remembers extremes of the command for any time, as hysteresis does."""
+    keeps_constants: ClassVar[bool] = False
+    """Whether a constant added to the command is added to the force, as in a delay or a slew limit."""
+    keeps_time: ClassVar[bool] = False
+    """Whether the law runs on a clock of its own that starts with the recording, as a hold does."""
+
+    def reach(self, p: Values) -> float:
+        """Return the time over which past commands matter [s].
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        """
+        return 0.0
+
+    def follow(self, u: Array, p: Values, h: float, before: Any = 0.0) -> Array:
+        """Return force signals after a command that stood before the start.
+
+        A law without `keeps_constants` starts from rest.
+
+        Parameters
+        ----------
+        u : array
+            Commands, time along the first axis.
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        before : float or array
+            Command before the start, of the shape of one sample.
+
+        Returns
+        -------
+        array
+            Forces, shape and unit of `u`.
+        """
+        if not (self.keeps_constants and np.any(before)):
+            return self.actuate(u, p, h)
+        return np.asarray(before + self.actuate(u - before, p, h))
+
+    def follower(self, p: Values, h: float, before: float = 0.0) -> ActuatorStep:
+        """Return the sample-by-sample form of `follow`.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+        before : float
+            Command before the start.
+        """
+        step = self.stepper(p, h)
+        if not (self.keeps_constants and before):
+            return step
+        return lambda u: before + step(u - before)
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """Return the sample-by-sample form of `actuate`.

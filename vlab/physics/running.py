@@ -247,11 +247,11 @@ def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array
     return out
 
 
-def _stepper(a: AtActuator, timestep: float, sample: float) -> ActuatorStep:
+def _stepper(a: AtActuator, timestep: float, sample: float, before: float) -> ActuatorStep:
     """Return an actuator effect as a step of integration."""
     if not a.effect.is_clocked:
-        return a.effect.stepper(a.values, timestep)
-    once, every = a.effect.stepper(a.values, sample), max(1, round(sample / timestep))
+        return a.effect.follower(a.values, timestep, before)
+    once, every = a.effect.follower(a.values, sample, before), max(1, round(sample / timestep))
     k, held = 0, 0.0
 
     def step(u: float) -> float:
@@ -277,6 +277,8 @@ class Running:
         Plant sensor or port of each channel name.
     readings : mapping of str to float, optional
         First recorded value of each channel, for a run that starts in the middle of a motion.
+    commands : array, optional
+        Commands before the start, (n_actuators,); zero by default.
     """
 
     def __init__(
@@ -286,13 +288,16 @@ class Running:
         sample: float,
         channels: Mapping[str, str] | None = None,
         readings: Mapping[str, float] | None = None,
+        commands: Array | None = None,
     ) -> None:
         ports = [a for a in plant.physics if isinstance(a, AtPort)]
         self.ports = PortForces(plant, ports) if ports else None
         self.force = np.zeros(len(plant.actuators))
         """Actuator forces of the present step."""
         self._actuators: list[tuple[int, ActuatorStep]] = [
-            (a.index, _stepper(a, plant.timestep, sample)) for a in plant.physics if isinstance(a, AtActuator)
+            (a.index, _stepper(a, plant.timestep, sample, 0.0 if commands is None else float(commands[a.index])))
+            for a in plant.physics
+            if isinstance(a, AtActuator)
         ]
         self.is_due = False
         """Whether a new step awaits its port forces, see `callback`."""

@@ -10,6 +10,8 @@ from scipy import signal
 
 from vlab.physics.actuators import lag_weights, lagged, recursion
 from vlab.physics.effect import (
+    SETTLING,
+    TIMES,
     ActuatorStep,
     Parameter,
     PickUp,
@@ -205,9 +207,7 @@ class SensorDelay(SensorEffect):
     law = "y(t) = x(t - tau)"
     words = "samples are older than their time stamps: processing or transmission time"
     parameters: ClassVar = (
-        Parameter(
-            name="delay", unit="s", low=1e-6, high=0.2, role="shape", reference="step", grid=(0.1, 0.3, 1.0, 3.0)
-        ),
+        Parameter(name="delay", unit="s", low=1e-6, high=0.25, role="shape", grid=TIMES, scan="delay"),
     )
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:
@@ -227,6 +227,15 @@ class SensorDelay(SensorEffect):
 
         return _alone(step)
 
+    def resumed(self, p: Values, h: float, reading: float) -> SensorStep:
+        """See `SensorEffect`: the reading stood before the start."""
+        step = self.stepper(p, h)
+        return lambda y, t, other: reading + step(y - reading, t, other)
+
+    def settling_samples(self, p: Values, h: float) -> int:
+        """See `SensorEffect`."""
+        return max(SETTLING, _delay_taps(float(p["delay"]) / h)[0] + 4)
+
     def correct(self, y: Array, p: Values, h: float, t: Array) -> Array:
         """See `SensorEffect`: a shift in frequency, which preserves noise."""
         return _times(y, h, lambda s: np.exp(s * float(p["delay"])))
@@ -240,15 +249,7 @@ class SensorLag(SensorEffect):
     law = "y = x/(1 + s tau)"
     words = "a sensor's low-pass is slower than the model says"
     parameters: ClassVar = (
-        Parameter(
-            name="time_constant",
-            unit="s",
-            low=1e-6,
-            high=1.0,
-            role="shape",
-            reference="step",
-            grid=(0.1, 0.3, 1.0, 5.0),
-        ),
+        Parameter(name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", grid=(*TIMES, 0.3)),
     )
 
     def sense(self, y: Array, p: Values, h: float, t: Array) -> Array:

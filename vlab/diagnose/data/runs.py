@@ -92,6 +92,11 @@ class Signals:
         """Time stamps from the start of the recording [s]."""
         return self.t0 + np.arange(len(self.y)) * self.h
 
+    @property
+    def command_before(self) -> Array:
+        """Commands (n_actuators,) before the run: zero at rest, otherwise the first ones continue backwards."""
+        return 0.0 * self.u[0] if self.at_rest else self.u[0]
+
     def __len__(self) -> int:
         return len(self.y)
 

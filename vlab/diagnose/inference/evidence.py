@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.settings import EVIDENCE
+from vlab.diagnose.settings import EVIDENCE, TRIAL_SCAN
+from vlab.physics.effect import Parameter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +62,7 @@ class Hypothesis:
         """
         told = 0.5 * float(np.log(self.effective_samples))
         parameters = [p for t in self.terms for p in t.effect.parameters]
-        return sum(min(told, float(np.log(len(p.grid)))) if p.grain else told for p in parameters)
+        return sum(min(told, float(np.log(_values_tried(p)))) if p.grain else told for p in parameters)
 
     @property
     def long_fit(self) -> Fit:
@@ -138,6 +139,11 @@ def _implausible(fit: Fit) -> float:
     free_starts = sum(t.effect.needs_rest and not t.place.is_held for t in fit.terms)
     alike = sum(bool(t.place.also) and t.effect.traits.is_usually_single for t in fit.terms)
     return EVIDENCE.unheld * free_starts + EVIDENCE.all_alike * alike
+
+
+def _values_tried(parameter: Parameter) -> int:
+    """Return the number of values of a discrete parameter."""
+    return max(len(parameter.grid), TRIAL_SCAN.periods if parameter.scan == "period" else 1)
 
 
 def effective_sample_size(noise: float, error: float, samples: float) -> float:

@@ -98,14 +98,18 @@ def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: F
 def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidate]:
     """Return a candidate with every value of its discrete parameters.
 
-    Derivatives are zero there, and a wrong period may gain more in the screening.
+    Derivatives are zero there, and a wrong period may gain more in the screening. The screened value may lie beyond
+    the grid.
     """
     h = refiner.runs[0].h
+    discrete = [p for p in candidate.effect.parameters if p.grain and p.reference == "step"]
     return [
-        replace(candidate, values={**candidate.values, p.name: k * h})
-        for p in candidate.effect.parameters
-        if p.grain and p.reference == "step"
-        for k in range(round(p.grid[0]), round(p.grid[-1]) + 1)
+        *([candidate] if discrete else []),
+        *(
+            replace(candidate, values={**candidate.values, p.name: k * h})
+            for p in discrete
+            for k in range(round(p.grid[0]), round(p.grid[-1]) + 1)
+        ),
     ]
 
 

@@ -24,6 +24,7 @@ from scipy.fft import next_fast_len
 from vlab.cases.replay import before
 from vlab.cases.timestamps import between_samples
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place, admissible
 from vlab.diagnose.parameters.reduced_model import discretise
@@ -105,6 +106,7 @@ class ScoreTest:
         self._integrated: dict[tuple[Any, ...], Array] = {}
         self._spectra: tuple[Group, Array, Any] | None = None
         self._tones: dict[str, tuple[tuple[float, bool], ...]] = {}
+        self._scans: dict[tuple[str, str, str], list[float]] = {}
         start = np.zeros(len(self.reduced_model.changes)) if like is None else like.theta
         self.theta = start if theta is None else theta
         for _ in range(SCORE_TEST.refits if like is None else 1):
@@ -735,7 +737,32 @@ class ScoreTest:
         values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
         if isinstance(effect, PortEffect) and parameter.name == "frequency":
             values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
-        return values
+        return values + (self._scanned(effect, parameter, place) if parameter.scan else [])
+
+    def _scanned(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
+        """Return the best values of a parameter over its whole range."""
+        key = (effect.name, parameter.name, place.name)
+        if key not in self._scans:
+            others = {p.name: p.grid[0] * self.reference(p.reference, place) for p in effect.shapes}
+
+            def gains(values: Sequence[float]) -> list[float]:
+                plans: list[tuple[Effect, dict[str, float]]]
+                plans = [(effect, {**others, parameter.name: value}) for value in values]
+                return [c.log_likelihood_gain for c in self._regressed(place, self._columns(place, plans))]
+
+            self._scans[key] = best_values(scan_values(parameter, self._scales(place)), gains)
+        return self._scans[key]
+
+    def _scales(self, place: Place) -> Scales:
+        """Return the scales of the recordings at a location."""
+        own = list(place.indices) if place.kind == "actuator" else []
+        return Scales(
+            step=max(g.h for g in self.groups),
+            duration=self.reference("duration", place),
+            highest_hz=self.problem.highest_hz,
+            span=max((float(np.ptp(run.u[:, own], axis=0).max()) for run in self.runs), default=0.0) if own else 0.0,
+            steepest=self.reference("input-slope", place) if own else 0.0,
+        )
 
     def _shapes(self, effect: Effect, place: Place) -> list[dict[str, float]]:
         if not effect.shapes:
@@ -758,7 +785,10 @@ class ScoreTest:
             return [Cause(series=np.stack(parts, axis=-1), channel=place.index)]
         if isinstance(effect, ActuatorEffect):
             return [
-                Cause(series=commands_changed(effect, group.u[..., i], shape, group.h), force=self.now.forces[:, i])
+                Cause(
+                    series=commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i]),
+                    force=self.now.forces[:, i],
+                )
                 for i in place.indices
             ]
         if isinstance(effect, LinearPortEffect):

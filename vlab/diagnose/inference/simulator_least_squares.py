@@ -112,6 +112,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             motion = self.moving.systems[i].motion
             assert run.start is not None
             q = self.moving.stepper.moved(motion.q[0], run.start[:nv])
-            states.append(InitialState(qpos=q, qvel=motion.v[0] + run.start[nv:], how="estimated"))
+            how = "rest" if self.moving.moving.trajectories[i].at_rest else "estimated"
+            states.append(InitialState(qpos=q, qvel=motion.v[0] + run.start[nv:], how=how))
             out.append(y[: len(run), i] + fit.offsets)
         return out, states

@@ -321,15 +321,13 @@ class TrajectoryLeastSquares(LeastSquares):
         return memory
 
     def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
-        trajectories, h = self.moving.moving.trajectories, self.moving.runs[0].h
+        runs, h = self.moving.runs, self.moving.runs[0].h
         series = []
         for s in range(n_sets):
             p = {k: float(v[s]) for k, v in given.items()}
-            series.append(
-                pad_and_stack([np.asarray(effect.actuate(c.u[:, index], p, h)) - c.u[:, index] for c in trajectories])
-            )
-        changed = self._cut(self.moving.acted(index, np.stack(series, axis=-1))).swapaxes(1, 2)
-        return np.asarray(changed[..., None] * self._cut(self.moving.driven_force(index))[:, None])
+            acting = [effect.follow(run.u[:, index], p, h, float(run.command_before[index])) for run in runs]
+            series.append(pad_and_stack([x - run.u[:, index] for x, run in zip(acting, runs, strict=True)]))
+        return np.moveaxis(self._cut(self.moving.force_change(index, np.stack(series, axis=-1))), -1, 1)
 
     def _sense(
         self,

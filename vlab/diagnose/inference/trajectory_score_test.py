@@ -20,6 +20,7 @@ from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
 from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
+from vlab.diagnose.predictors.limited_actuator import LimitedActuator, limited_actuator
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import (
     FilterGains,
@@ -94,13 +95,14 @@ class TrajectoryScoreTest(ScoreTest):
     """Smoothed deviations (n, n_runs, 2 nv)."""
     L: Array
     B: Array
+    _limits: dict[int, list[LimitedActuator]]
 
     def __init__(self, problem: Problem, moving: Trajectories) -> None:
         self.problem, self.reduced_model, self.trust, self.moving = problem, problem.reduced_model, 1.0, moving
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
-        self._cache, self._integrated, self._spectra, self._tones = {}, {}, None, {}
+        self._cache, self._integrated, self._spectra, self._tones, self._scans = {}, {}, None, {}, {}
         self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
 
@@ -119,7 +121,7 @@ class TrajectoryScoreTest(ScoreTest):
         """
         other = copy.copy(self)
         other.trust, other._cache, other._integrated = trust, {}, {}
-        other._spectra, other._tones = None, {}
+        other._spectra, other._tones, other._scans = None, {}, {}
         other._linearise()
         return other
 
@@ -150,8 +152,8 @@ class TrajectoryScoreTest(ScoreTest):
             self.moving.trajectories, self.motions, self.stepper, self.moving.driven, passes, self.near
         )
         self.motions = [system.motion for system in self.systems]
-        self.lines, self._cache, self._integrated = {}, {}, {}
-        self._spectra, self._tones = None, {}
+        self.lines, self._cache, self._integrated, self._limits = {}, {}, {}, {}
+        self._spectra, self._tones, self._scans = None, {}, {}
         self.changes = self._changes()
         self._linearise()
 
@@ -252,6 +254,42 @@ class TrajectoryScoreTest(ScoreTest):
         """Return a command change (n, n_runs, k) behind the actuator's dynamics."""
         lag = self.stepper.lags.get(actuator)
         return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
+
+    def force_change(self, actuator: int, change: Array) -> Array:
+        """Return the generalised forces of a command change, between the actuator's limits.
+
+        Parameters
+        ----------
+        actuator : int
+            Index of the actuator.
+        change : (n, n_runs, k) array
+            Changes of the command.
+
+        Returns
+        -------
+        (n, n_runs, nv, k) array
+            Changes of the generalised forces.
+        """
+        limited = self._limited_along(actuator)
+        if not limited:
+            return np.asarray(self.driven_force(actuator)[..., None] * self.acted(actuator, change)[..., None, :])
+        parts = [
+            own.change(run.u[:, actuator], change[: len(run), i])
+            for i, (own, run) in enumerate(zip(limited, self.runs, strict=True))
+        ]
+        return pad_and_stack(parts)
+
+    def _limited_along(self, actuator: int) -> list[LimitedActuator]:
+        """Return an actuator with limits along the runs; an empty list without limits."""
+        if actuator not in self._limits:
+            found = []
+            for system, trajectory in zip(self.systems, self.moving.trajectories, strict=True):
+                q, v, _ = _middle(self.stepper, system, trajectory.h)
+                found.append(limited_actuator(self.plant, actuator, q, v))
+                if found[-1] is None:
+                    break
+            self._limits[actuator] = [one for one in found if one is not None]
+        return self._limits[actuator]
 
     def driven_force(self, actuator: int) -> Array:
         """Return the generalised force (n, n_runs, nv) of a unit command."""
@@ -367,8 +405,8 @@ class TrajectoryScoreTest(ScoreTest):
         if isinstance(effect, ActuatorEffect):
             total = np.zeros(())
             for i in place.indices:
-                changed = self.acted(i, commands_changed(effect, group.u[..., i], shape, group.h))
-                total = total + self.driven_force(i)[..., None] * changed[..., None, :]
+                changed = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
+                total = total + self.force_change(i, changed)
             return total
         rows, z, v, a = self.known_motion(place)
         if isinstance(effect, LinearPortEffect):

@@ -98,6 +98,11 @@ class Group:
         return np.array([run.t0 for run in self.runs])
 
     @property
+    def commands_before(self) -> Array:
+        """Commands (n_runs, n_actuators) before the runs."""
+        return np.array([run.command_before for run in self.runs])
+
+    @property
     def times(self) -> Array:
         """Times (n, n_runs) of all samples in their recordings [s]."""
         return np.arange(len(self.y))[:, None] * self.h + self.starts

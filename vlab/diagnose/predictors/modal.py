@@ -89,20 +89,52 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, ActuatorEffect):
             out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
-            led = before if term.effect.keeps_extremes else before[-RUNS.preroll :]
             for s in range(n_sets):
                 p = {k: float(v[s]) for k, v in own.items()}
                 for i in term.place.indices:
-                    whole = np.concatenate([led[..., i], out[:, s, :, i]])
-                    out[:, s, :, i] = term.effect.actuate(whole, p, runs[0].h)[len(led) :]
+                    out[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], out[:, s, :, i])
     return out
 
 
+def _acted(effect: ActuatorEffect, p: Mapping[str, float], runs: list[Signals], before: Array, u: Array) -> Array:
+    """Return an actuator's commands (n, n_runs) after an effect, with its memory of earlier commands."""
+    h = runs[0].h
+    if effect.keeps_time:
+        return np.stack(
+            [_on_clock(effect, p, run, lead, x) for run, lead, x in zip(runs, before.T, u.T, strict=True)], 1
+        )
+    needed = max(RUNS.preroll, int(np.ceil(effect.reach(p) / h)) + 1)
+    led = before if effect.keeps_extremes else before[-needed:]
+    whole = np.concatenate([led, u])
+    rest = np.array([run.at_rest for run in runs])
+    return effect.follow(whole, p, h, np.where(rest, 0.0, whole[0]))[len(led) :]
+
+
+def _on_clock(effect: ActuatorEffect, p: Mapping[str, float], run: Signals, before: Array, u: Array) -> Array:
+    """Return commands (n,) after an effect whose clock starts with the recording.
+
+    The lead begins at a tick of that clock.
+    """
+    first = round(run.t0 / run.h)
+    lead = 0 if run.led is None else min(len(run.led), first)
+    every = round(effect.reach(p) / run.h)
+    start = first - lead
+    if start and every:  # nearest later sample at a tick
+        lead -= min(-start % every, lead)
+    whole = np.concatenate([before[len(before) - lead :], u])
+    return effect.follow(whole, p, run.h, 0.0 if run.at_rest else float(whole[0]))[lead:]
+
+
 def _led(runs: list[Signals]) -> Array:
-    """Return the commands before every run, zero-padded, (k, n_runs, n_actuators)."""
+    """Return the commands before every run, (k, n_runs, n_actuators).
+
+    Shorter leads continue backwards.
+    """
     leads = [run.u[:0] if run.led is None else run.led for run in runs]
     most = max(len(lead) for lead in leads)
-    return np.stack([np.vstack([np.zeros((most - len(lead), lead.shape[1])), lead]) for lead in leads], axis=1)
+    first = [lead[0] if len(lead) else run.command_before for lead, run in zip(leads, runs, strict=True)]
+    filled = [np.vstack([np.tile(x, (most - len(lead), 1)), lead]) for x, lead in zip(first, leads, strict=True)]
+    return np.stack(filled, axis=1)
 
 
 def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals]) -> None:

@@ -17,9 +17,31 @@ def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, f
     return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
 
 
-def commands_changed(effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float) -> Array:
-    """Return the change of commands (n, n_runs, k) by unit amplitudes."""
-    return np.stack([effect.actuate(command, v, h) - command for v in unit_amplitudes(effect, shape)], axis=-1)
+def commands_changed(
+    effect: ActuatorEffect, command: Array, shape: dict[str, float], h: float, before: Any = 0.0
+) -> Array:
+    """Return the change of commands (n, n_runs, k) by unit amplitudes.
+
+    Parameters
+    ----------
+    effect : ActuatorEffect
+        Effect.
+    command : (n, n_runs) array
+        Commands.
+    shape : dict of str to float
+        Values of the shape parameters.
+    h : float
+        Sample period [s].
+    before : float or (n_runs,) array
+        Commands before the runs.
+
+    Returns
+    -------
+    (n, n_runs, k) array
+        Changes.
+    """
+    changed = [effect.follow(command, v, h, before) - command for v in unit_amplitudes(effect, shape)]
+    return np.stack(changed, axis=-1)
 
 
 def port_series(

@@ -348,7 +348,7 @@ def _actuated(run: Signals, term: Term) -> Signals:
     assert isinstance(term.effect, ActuatorEffect)
     u = run.u.copy()
     for i in term.place.indices:
-        u[:, i] = term.effect.actuate(u[:, i], dict(term.values), run.h)
+        u[:, i] = term.effect.follow(u[:, i], dict(term.values), run.h, float(run.command_before[i]))
     return replace(run, u=u)
 
 

@@ -29,6 +29,7 @@ from vlab.diagnose.settings.inference import (
     SIMULATOR_FIT,
     TRAJECTORY_FIT,
     TRAJECTORY_SCORE_TEST,
+    TRIAL_SCAN,
     WINDOW_FIT,
 )
 from vlab.diagnose.settings.kernels import KERNELS
@@ -166,6 +167,7 @@ __all__ = [
     "TRAJECTORY_INTEGRATION",
     "TRAJECTORY_PRIORS",
     "TRAJECTORY_SCORE_TEST",
+    "TRIAL_SCAN",
     "TRIAL_VALUES",
     "VALIDATION",
     "VERDICT",
@@ -199,6 +201,7 @@ SETTINGS: dict[str, Any] = {
     "inference.simulator_least_squares": SIMULATOR_FIT,
     "inference.trajectory_least_squares": TRAJECTORY_FIT,
     "inference.trajectory_score_test": TRAJECTORY_SCORE_TEST,
+    "inference.trial_scan": TRIAL_SCAN,
     "inference.window_least_squares": WINDOW_FIT,
     "kernels.expression_graph": KERNELS,
     "parameters.locations": LOCATIONS,

@@ -347,6 +347,27 @@ class WindowFitSettings:
     amplitude effects show in whole runs only; raising it fits longer runs undivided."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrialScanSettings:
+    """Settings of `vlab.diagnose.inference.trial_scan`."""
+
+    cycle: float = 0.25
+    """cycle [1]: spacing of trial delays in cycles of the highest recorded frequency, 0 to 0.5; default a mismatch of an
+    eighth of a cycle at most, at which the linear prediction keeps 0.7 of its correlation. Raising it saves time and
+    misses peaks of broadband commands."""
+    ratio: float = 1.6
+    """ratio [1]: ratio of neighbouring trial slopes, above 1; default a mismatch of 26 % at most, untested. Raising it
+    saves time and starts fits further off."""
+    periods: int = 400
+    """periods [1]: most trial periods of a hold, at least 1; default all whole sample periods up to 0.2 s at 2 kHz.
+    Raising it costs time."""
+    kept: int = 3
+    """kept [1]: best values of a scan that the screening keeps, at least 1; default untested. Raising it costs time."""
+    columns: int = 32
+    """columns [1]: values that are evaluated at a time, at least 1; default 15 MB of columns for the longest screening.
+    Raising it takes more memory."""
+
+
 EVIDENCE = EvidenceSettings()
 FREQUENCY_FIT = FrequencyFitSettings()
 HYPOTHESIS_FITS = HypothesisFitsSettings()
@@ -359,4 +380,5 @@ SENSOR_OFFSET = SensorOffsetSettings()
 SIMULATOR_FIT = SimulatorFitSettings()
 TRAJECTORY_FIT = TrajectoryFitSettings()
 TRAJECTORY_SCORE_TEST = TrajectoryScoreTestSettings()
+TRIAL_SCAN = TrialScanSettings()
 WINDOW_FIT = WindowFitSettings()

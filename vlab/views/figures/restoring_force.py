@@ -140,7 +140,8 @@ def _at_actuator(done: Diagnosed, term: Term, effect: ActuatorEffect) -> Missing
         for i, count in enumerate(group.lengths):
             u = group.u[: int(count), i, term.place.index]
             before.append(u)
-            after.append(np.asarray(effect.actuate(u, term.values, h)))
+            stood = float(group.commands_before[i, term.place.index])
+            after.append(np.asarray(effect.follow(u, term.values, h, stood)))
     return _changed(
         before,
         after,

@@ -1,0 +1,101 @@
+"""Trial values of parameters whose likelihood has narrow or distant peaks.
+
+A fit finds a delay only from a start within a fraction of a cycle, and a velocity limit only from its order of
+magnitude. The screening is linear and cheap, so it evaluates a whole range of values:
+
+- delays up to the range of the effect, at a fraction of the shortest recorded cycle;
+- whole sample periods of a hold;
+- limits from the slowest to the steepest motion of the command.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlab.diagnose.settings import TRIAL_SCAN
+from vlab.physics.effect import Parameter
+from vlab.signals import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Scales of the recordings at a location.
+
+    Parameters
+    ----------
+    step : float
+        Sample period [s].
+    duration : float
+        Length of the longest run [s].
+    highest_hz : float
+        Frequency below which nearly all recorded power lies [Hz].
+    span : float
+        Largest range of the commands, in their unit.
+    steepest : float
+        Largest slope of the commands, in their unit per second.
+    """
+
+    step: float
+    duration: float
+    highest_hz: float
+    span: float = 0.0
+    steepest: float = 0.0
+
+
+def scan_values(parameter: Parameter, scales: Scales) -> Array:
+    """Return the trial values of a scanned parameter besides its grid.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        Parameter with `scan`.
+    scales : Scales
+        Scales of the recordings.
+
+    Returns
+    -------
+    (n,) array
+        Values in ascending order [SI].
+    """
+    if parameter.scan == "delay":
+        # a mismatch of half the spacing turns the highest frequency by an eighth of a cycle
+        top = scales.highest_hz if scales.highest_hz > 0 else 0.5 / scales.step
+        spacing = max(TRIAL_SCAN.cycle / top, 0.5 * scales.step)
+        return spacing * np.arange(1, int(parameter.high / spacing) + 1)
+    if parameter.scan == "period":
+        most = int(parameter.high / scales.step)
+        counts = np.unique(np.linspace(2, most, min(max(most - 1, 0), TRIAL_SCAN.periods)).round())
+        return counts[counts >= 2] * scales.step
+    if parameter.scan == "slope":
+        low, high = scales.span / max(scales.duration, 1e-300), scales.steepest
+        if not 0.0 < low < high:
+            return np.zeros(0)
+        count = 1 + int(np.ceil(np.log(high / low) / np.log(TRIAL_SCAN.ratio)))
+        return np.geomspace(low, high, count)[:-1]
+    return np.zeros(0)
+
+
+def best_values(values: Array, gains: Callable[[Sequence[float]], Sequence[float]]) -> list[float]:
+    """Return the values at the largest local maxima of a gain.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Values in ascending order.
+    gains : callable
+        Returns the gains of some values. Few values at a time bound the memory.
+
+    Returns
+    -------
+    list of float
+        Values, the best first.
+    """
+    size = TRIAL_SCAN.columns
+    found = [np.asarray(gains(values[i : i + size].tolist()), dtype=float) for i in range(0, len(values), size)]
+    if not found:
+        return []
+    gain = np.concatenate([[-np.inf], *found, [-np.inf]])
+    peaks = np.flatnonzero((gain[1:-1] > 0) & (gain[1:-1] >= gain[:-2]) & (gain[1:-1] >= gain[2:]))
+    order = peaks[np.argsort(-gain[1:-1][peaks], kind="stable")]
+    return [float(values[i]) for i in order[: TRIAL_SCAN.kept]]
