@@ -87,6 +87,14 @@ class Finding:
         """Effect, with its form where different."""
         return self.effect if self.form == self.effect else f"{self.effect} ({self.form})"
 
+    def __repr__(self) -> str:
+        """Return effect, places, probability and parameters in one line."""
+        values = [
+            f"{name} = {p['value']:.4g} {p['unit']} (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})"
+            for name, p in self.parameters.items()
+        ]
+        return f"{self.name} at {self.site} (probability {self.probability:.2f}): {', '.join(values)}"
+
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
         return {
@@ -150,7 +158,7 @@ class Attempt:
         return {**first, "also": more, **errors_to_json(self.checked)}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnosis:
     """Result of a diagnosis.
 
@@ -295,7 +303,7 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RejectedCase:
     """Diagnosis of a case whose files contradict its description.
 

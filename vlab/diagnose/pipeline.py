@@ -48,7 +48,7 @@ from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnosed:
     """Diagnosis with its models.
 
