@@ -60,12 +60,16 @@ def room_of(module: str) -> int | None:
     return next((i for i, room in enumerate(ROOMS) if module == room or module.startswith(room + ".")), None)
 
 
+def parsed(path: Path) -> ast.Module:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if path == ROOT / "vlab" / "__init__.py":  # names the types of what is imported at first use, for type checkers
+        tree.body = [node for node in tree.body if not isinstance(node, ast.If)]
+    return tree
+
+
 def imports_of(path: Path) -> list[str]:
     names = []
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    if path == ROOT / "vlab" / "__init__.py":  # the face names the types of what it imports at first use
-        tree.body = [node for node in tree.body if not isinstance(node, ast.If)]
-    for node in ast.walk(tree):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -123,7 +127,7 @@ def reached_from(start: str) -> dict[str, str]:
 def imported_by(path: Path) -> set[str]:
     """Return the modules of vlab and MuJoCo that a file imports, with those named as parts of a package."""
     known, found = {name for name, _ in modules()}, set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:

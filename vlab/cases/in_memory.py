@@ -213,7 +213,7 @@ def _is_list_of_runs(what: str, given: Sequence[Any]) -> bool:
 
 
 def _times(t: Any, frames: Sequence[Any], run: int) -> tuple[Array, str | None]:
-    """Return the times of a run [s], and the name of the column that holds them."""
+    """Return the times of a run [s], and the name of their column."""
     name = t if isinstance(t, str) else None
     if name is not None:
         holders = [frame for frame in frames if name in _named(frame)]
@@ -300,7 +300,7 @@ def _parts(name: str, numbers: Array) -> list[tuple[str, Array]]:
 
 
 def _described(plant: Plant, name: str, is_input: bool, own: dict[str, Any]) -> dict[str, Any]:
-    """Return the channel table of a column, with the model's kind and unit where not given."""
+    """Return the channel table of a column; the model gives kind and unit."""
     at = str(own.pop("at", name))
     taps: Sequence[Any] = plant.actuators if is_input else plant.sensors
     side = "actuator" if is_input else "sensor"

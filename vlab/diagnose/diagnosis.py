@@ -14,6 +14,8 @@ from vlab.diagnose.validation.gap import Distance, explained_share, total, verif
 
 ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
 """Attribute of `Distance` by error key of the JSON document."""
+SCHEMA = "vlab-diagnosis/1"
+"""Name and version of the JSON document; the number grows when a key changes its meaning or goes."""
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 """Next measurement after a rejected case."""
 Verdict = Literal[
@@ -246,6 +248,7 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
         return {
+            "schema": SCHEMA,
             "title": self.title,
             "verdict": self.verdict,
             "explained": _finite(self.explained),
