@@ -78,7 +78,8 @@ def test_every_form_of_a_model_gives_the_same_comparison(tmp_path, model):
 
 def test_a_case_file_of_the_same_data_gives_the_same_comparison(tmp_path):
     (tmp_path / "carriage.xml").write_text(MODEL)
-    np.savetxt(tmp_path / "run.csv", np.column_stack([T, FORCE, POSITION]), "%r", ",", header="t,u,x", comments="")
+    table = np.column_stack([T, FORCE, POSITION])
+    np.savetxt(tmp_path / "run.csv", table, "%.17g", ",", header="t,u,x", comments="")
     channel = '[[recording.channel]]\ncolumn = "{}"\nat = "{}"\nkind = "{}"\nunit = "{}"\n'
     (tmp_path / "case.toml").write_text(
         '[model]\nmjcf = "carriage.xml"\n[[recording]]\nfile = "run.csv"\ntime = "t"\nrole = "fit"\n'
@@ -105,7 +106,7 @@ def test_a_model_without_a_known_source_is_refused():
 
 
 def test_the_last_third_of_a_single_run_and_the_last_of_several_are_held_out():
-    assert [(r.role, len(r.measured)) for r in case().runs()] == [("fit", 1333), ("holdout", 667)]
+    assert [(r.role, len(r.measured)) for r in case().runs()] == [("fit", 2667), ("holdout", 1333)]
     several = case(inputs=[{"motor": FORCE}] * 3, outputs=[{"encoder": POSITION}] * 3)
     assert [r.role for r in several.table.recording] == ["fit", "fit", "holdout"]
     chosen = case(inputs=[{"motor": FORCE}] * 3, outputs=[{"encoder": POSITION}] * 3, holdout=[0])
@@ -133,7 +134,7 @@ def test_a_structure_takes_its_places():
 
 def test_a_case_is_shown_in_one_line():
     assert repr(case(title="Carriage")) == "<Case 'Carriage' of model.xml: run1 (fit), run1 held out (holdout)>"
-    assert repr(case().runs()[0].measured).startswith("<Recording: 1333 samples, 2.664 s, motor [N], encoder [m]>")
+    assert repr(case().runs()[0].measured).startswith("<Recording: 2667 samples, 2.666 s, motor [N], encoder [m]>")
 
 
 @pytest.mark.parametrize(
@@ -141,7 +142,7 @@ def test_a_case_is_shown_in_one_line():
     [
         ({"outputs": {"encodr": POSITION}}, UnknownName, "did you mean 'encoder'"),
         ({"inputs": {"moter": FORCE}}, UnknownName, "did you mean 'motor'"),
-        ({"outputs": {"encoder": POSITION[:-1]}}, BadCase, "1999 samples, t has 2000"),
+        ({"outputs": {"encoder": POSITION[:-1]}}, BadCase, "3999 samples, t has 4000"),
         ({"outputs": {}}, BadCase, "no outputs"),
         ({"outputs": {"encoder": ["a"] * SAMPLES}}, BadCase, "not numeric"),
         ({"inputs": {"motor": np.full(SAMPLES, np.nan)}}, BadRecording, "motor"),

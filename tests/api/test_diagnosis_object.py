@@ -6,7 +6,7 @@ import re
 import mujoco
 import numpy as np
 import pytest
-from carriage import HIDDEN, KNOWN, MODEL, run
+from carriage import FRICTION, MODEL, run
 from matplotlib.figure import Figure
 
 import vlab
@@ -19,13 +19,14 @@ from vlab.physics.port_linear import ViscousDamping
 def carriage(**more):
     runs = [run(seed) for seed in (1, 2)]
     inputs, outputs = [{"motor": u} for _, u, _ in runs], [{"encoder": x} for _, _, x in runs]
-    return vlab.Case.from_arrays(MODEL, runs[0][0], inputs, outputs, title="Carriage", **more)
+    hold = {"motor": {"hold": "zero"}}
+    return vlab.Case.from_arrays(MODEL, runs[0][0], inputs, outputs, title="Carriage", channels=hold, **more)
 
 
 @pytest.fixture(scope="module")
 def result():
     steps = []
-    found = vlab.diagnose(carriage(), families=["damping"], jobs=1, progress=lambda share, what: steps.append(share))
+    found = vlab.diagnose(carriage(), families=["friction"], jobs=1, progress=lambda share, what: steps.append(share))
     assert steps[0] == 0.0
     assert steps[-1] == 1.0
     return found
@@ -33,31 +34,30 @@ def result():
 
 @pytest.fixture(scope="module")
 def rejected():
-    """A copied sensor contradicts the case."""
-    runs = [run(seed) for seed in (1, 2)]
-    outputs = [{"encoder": np.zeros_like(x)} for _, _, x in runs]
+    """Millimetres that the case takes for metres."""
+    runs = [run(seed, friction=0.0) for seed in (1, 2)]
+    outputs = [{"encoder": 1e3 * x} for _, _, x in runs]
     case = vlab.Case.from_arrays(MODEL, runs[0][0], [{"motor": u} for _, u, _ in runs], outputs)
     return vlab.diagnose(case, progress=False)
 
 
-def test_the_missing_damper_is_found(result):
+def test_the_missing_friction_is_found(result):
     assert result.verdict == "missing-physics"
     (finding,) = result.findings
-    assert (finding.effect, finding.place) == ("viscous-damping", "joint:slide")
-    (value,) = (p["value"] for p in finding.parameters.values())
-    assert value == pytest.approx(HIDDEN, rel=0.02)  # MuJoCo's Euler step of 2 ms has an error of 1 % in the damping
+    assert (finding.effect, finding.form, finding.place) == ("coulomb-friction", "coulomb-friction", "joint:slide")
+    assert finding.parameters["force"]["value"] == pytest.approx(FRICTION, rel=0.02)
 
 
 def test_the_extended_model_is_a_mujoco_model(result):
     model = result.model()
     assert isinstance(model, mujoco.MjModel)
-    assert model.dof_damping[0] == pytest.approx(KNOWN + HIDDEN, rel=0.02)
+    assert model.dof_frictionloss[0] == pytest.approx(FRICTION, rel=0.02)
 
 
 def test_the_result_is_short_on_the_screen(result):
     head, finding = repr(result).splitlines()
     assert head.startswith("<Diagnosis of 'Carriage': missing-physics, ")
-    assert re.match(r"  viscous-damping at joint:slide \(probability [01]\.\d\d\): \w+ = ", finding)
+    assert re.match(r"  coulomb-friction at joint:slide \(probability [01]\.\d\d\): \w+ = ", finding)
     assert len(repr(result.done)) < 200
 
 
@@ -98,8 +98,10 @@ def test_a_rejected_case_says_why(rejected, tmp_path):
     assert rejected.findings == ()
     assert rejected.done.diagnosis.quality
     assert rejected._repr_html_()
-    with pytest.raises(BadExperiment):
-        (rejected.model if hasattr(rejected.done, "case") else rejected.plot)()
+    for part in (rejected.model, rejected.plot):
+        with pytest.raises(BadExperiment, match="the case was rejected"):
+            part()
+    assert rejected.report(tmp_path / "why.html").is_file()
 
 
 def test_documents_keep_the_schema(result, rejected):

@@ -102,7 +102,8 @@ class Case:
     ) -> "Case":
         """Make a case from arrays, in SI units.
 
-        Kinds and units come from the actuators, sensors and joints of the model.
+        Kinds and units come from the actuators, sensors and joints of the model. Several runs are lists of the same
+        length; `t` may be common to all.
 
         Parameters
         ----------
@@ -127,8 +128,6 @@ class Case:
         title : str
             Title of the case.
 
-        Several runs are lists of the same length; `t` may be common to all.
-
         Returns
         -------
         Case
@@ -147,7 +146,9 @@ class Case:
         raw: dict[str, Any] = {"title": title, "model": {**named, "uncertain": dict(uncertain or {})}}
         hardware, structure = None, None
         if plant is None:
-            plant, hardware, structure = _build(reader, reader.table(ModelTable, raw["model"], "model"))
+            plant, hardware, structure = _build(
+                reader, reader.table(ModelTable, raw["model"], "model"), allow_outside=False
+            )
         try:
             recordings, tables = read_arrays(
                 plant, t, inputs, outputs, channels=channels or {}, holdout=holdout, initial=initial
@@ -295,7 +296,7 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
         check_file(reader, f"{where}.file", recording.file, allow_outside=allow_outside)
     for i, frf in enumerate(table.frf):
         check_file(reader, f"frf[{i}].file", frf.file, allow_outside=allow_outside)
-    plant, hardware, structure = _build(reader, table, allow_outside=allow_outside)
+    plant, hardware, structure = _build(reader, table.model, allow_outside=allow_outside)
     plant = _with_effects(reader, table, plant)
     _check_names(reader, table, plant, written)
     return Case(
@@ -311,8 +312,10 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     )
 
 
-def _build(reader: Reader, table: CaseTable, *, allow_outside: bool) -> tuple[Plant, Hardware | None, Structure | None]:
-    folder, model = Path(reader.file).parent, table.model
+def _build(
+    reader: Reader, model: ModelTable, *, allow_outside: bool
+) -> tuple[Plant, Hardware | None, Structure | None]:
+    folder = Path(reader.file).parent
     if model.mjcf:
         check_file(reader, "model.mjcf", model.mjcf, allow_outside=allow_outside)
         for key in ("hardware", "plant", "variant"):
