@@ -16,7 +16,7 @@ from vlab.diagnose.pipeline import diagnose as run_pipeline
 from vlab.errors import BadExperiment, OutputRefused, unknown_name
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
-from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.physics.catalogue import CANDIDATES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
 
 if TYPE_CHECKING:
@@ -282,13 +282,13 @@ def candidate_effects(own: Sequence[Effect | str], families: Sequence[str] | Non
     UnknownName
         No such family or effect.
     """
-    known = list(dict.fromkeys(effect.family for effect in EFFECTS.values()))
+    known = list(dict.fromkeys(effect.family for effect in CANDIDATES))
     if isinstance(families, str):
         families = [families]
     for family in families or ():
         if family not in known:
             raise unknown_name("family of effects", family, known)
-    chosen = [effect for effect in EFFECTS.values() if families is None or effect.family in families]
+    chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]
     for given in own:
         effect = given if isinstance(given, Effect) else effect_named(given, code=[code_of(given)])
         if effect in chosen:  # an effect of the catalogue by its name

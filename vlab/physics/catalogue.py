@@ -6,7 +6,7 @@ from typing import Any
 
 from vlab.controllers.user_law import ENTRY, FAILURES, check_code, class_from_file, from_entry_point, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors
+from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, tabulated
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -41,6 +41,7 @@ EFFECTS: dict[str, Effect] = {
         port_memory.PlasticSet(),
         port_memory.AttachedOscillator(),
         port_memory.StructuralDamping(),
+        tabulated.TabulatedForce(),
         actuators.ActuatorGain(),
         actuators.ActuatorOffset(),
         actuators.Clipping(),
@@ -72,6 +73,10 @@ EFFECTS: dict[str, Effect] = {
     )
 }
 """Effects by name."""
+CANDIDATES: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if not effect.is_last_resort)
+"""Effects that every search tries."""
+LAST_RESORT: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if effect.is_last_resort)
+"""Effects that are tried where none of `CANDIDATES` explains the recordings."""
 
 
 ALIASES = {
