@@ -125,6 +125,7 @@ def test_own_effects_stand_beside_the_catalogue():
     assert [e.name for e in candidate_effects([OwnDamper()], [])] == ["own-damper"]
     assert {e.family for e in candidate_effects((), ["friction"])} == {"friction"}
     assert vlab.effects("friction") == candidate_effects((), ["friction"])
+    assert [e.name for e in candidate_effects(["dead-band"], [])] == ["dead-band"]
     with pytest.raises(UnknownName, match="did you mean 'friction'"):
         candidate_effects((), ["frictions"])
     with pytest.raises(BadExperiment, match="another effect named 'own-damper'"):

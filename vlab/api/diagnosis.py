@@ -221,8 +221,8 @@ def diagnose(
     case : Case, Path or str
         Case, or its file or folder.
     effects : sequence of Effect or str, optional
-        Effects of your own beside the catalogue: objects, ``"path/to/effect.py:CLASS"``, or ``"entry:NAME"`` of an
-        installed package.
+        Effects beside those of `families`: objects, ``"path/to/effect.py:CLASS"``, ``"entry:NAME"`` of an installed
+        package, or names of the catalogue.
     families : sequence of str, optional
         Families of the catalogue that are searched, such as ``["friction"]``; ``[]`` for your own effects alone. The
         default is the whole catalogue.
@@ -291,11 +291,8 @@ def candidate_effects(own: Sequence[Effect | str], families: Sequence[str] | Non
     chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]
     for given in own:
         effect = given if isinstance(given, Effect) else effect_named(given, code=[code_of(given)])
-        if effect in chosen:  # an effect of the catalogue by its name
-            continue
-        if any(effect.name == other.name for other in (*EFFECTS.values(), *chosen)) and effect is not EFFECTS.get(
-            effect.name
-        ):
+        others = chosen if effect is EFFECTS.get(effect.name) else [*EFFECTS.values(), *chosen]
+        if effect.name in [other.name for other in others]:
             raise BadExperiment(f"there is another effect named {effect.name!r}; give yours a name of its own")
         chosen.append(effect)
     if not chosen:

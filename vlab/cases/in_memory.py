@@ -170,7 +170,8 @@ def read_arrays(
         A column has no counterpart in the model.
     """
     runs = list(_runs(t, inputs, outputs))
-    tables, recordings = {}, []
+    tables: dict[str, Table] = {}
+    recordings: list[dict[str, Any]] = []
     unused = dict(channels)
     for i, (time, driving, measured) in enumerate(runs):
         name = f"run{i + 1}"

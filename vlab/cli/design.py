@@ -11,7 +11,8 @@ from vlab.api.law_argument import file_of
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.catalogue import LAWS
-from vlab.errors import BadDesign
+from vlab.controllers.lqdrf import KINDS
+from vlab.errors import BadDesign, unknown_name
 from vlab.fe.reduced import MODELS
 from vlab.files.text import in_line
 from vlab.hardware.array_controller import array_text
@@ -85,6 +86,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
     if arguments.with_delay and arguments.law != "lqg":
         raise BadDesign(f"--with-delay is for the law lqg; {arguments.law!r} has no model that the delay could be in")
+    if arguments.objective is not None and arguments.objective not in KINDS:
+        raise unknown_name("objective", arguments.objective, KINDS, where="--objective")
     check_out(arguments, read=[arguments.structure, file_of(arguments.law)])
     same = (
         "variant", "weights", "q", "r", "v1", "v2", "alpha", "damping", "modes", "shapes", "objective", "starts", "seed",
