@@ -107,7 +107,7 @@ def load_user_law(text: str) -> Controller:
         No such class in the file, or no such entry point.
     """
     if text.startswith(ENTRY):
-        made_by = _entry_point(text.removeprefix(ENTRY))
+        made_by = from_entry_point(text.removeprefix(ENTRY))
     else:
         path, colon, name = text.rpartition(":")
         if not colon or not path.endswith(".py") or not name.isidentifier():
@@ -254,21 +254,48 @@ def class_from_file(
     return getattr(module, name)
 
 
-def _entry_point(name: str) -> Any:
-    points = importlib.metadata.entry_points(group=GROUP)
+def from_entry_point(
+    name: str, *, group: str = GROUP, kind: str = "law", error: type[VlabError] = BadController
+) -> Any:
+    """Load an object of an installed package.
+
+    Parameters
+    ----------
+    name : str
+        Name of the entry point.
+    group : str
+        Group of entry points.
+    kind : str
+        Kind of object, for messages.
+    error : type
+        Type of the exception.
+
+    Returns
+    -------
+    object
+        The object.
+
+    Raises
+    ------
+    UnknownName
+        No such entry point.
+    BadController
+        Several packages offer the name, or loading fails; `error` replaces the type.
+    """
+    points = importlib.metadata.entry_points(group=group)
     chosen = [point for point in points if point.name == name]
     if not chosen:
-        raise unknown_name("entry point", name, [point.name for point in points], where=f"group {GROUP!r}")
+        raise unknown_name("entry point", name, [point.name for point in points], where=f"group {group!r}")
     if len(chosen) > 1:
-        raise BadController(
-            f"{len(chosen)} installed packages offer a law {name!r} ({', '.join(p.value for p in chosen)}); keep one"
+        raise error(
+            f"{len(chosen)} installed packages offer a {kind} {name!r} ({', '.join(p.value for p in chosen)}); keep one"
         )
     try:
         return chosen[0].load()
-    except FAILURES as error:
-        raise BadController(
-            f"the entry point {name!r} ({chosen[0].value}) fails when it is loaded: {_said(error)}"
-        ) from error
+    except FAILURES as failure:
+        raise error(
+            f"the entry point {name!r} ({chosen[0].value}) fails when it is loaded: {_said(failure)}"
+        ) from failure
 
 
 def _instance(made_by: Any, text: str) -> Any:

@@ -142,6 +142,26 @@ class Recording:
     def __len__(self) -> int:
         return int(self.time.size)
 
+    def __repr__(self) -> str:
+        """Return size, duration and channels in one line."""
+        names = ", ".join(c.name + (f" [{c.unit}]" if c.unit else "") for c in self.channels)
+        return f"<Recording: {len(self)} samples, {self.time[-1] - self.time[0]:.4g} s, {names}>"
+
+    def to_pandas(self) -> Any:
+        """Return the channels as a pandas data frame over time [s], NaN without a reading.
+
+        Raises
+        ------
+        BadRecording
+            The package pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise BadRecording("a data frame needs the package pandas; install it, or use .time and .data") from error
+        data = self.data if self.missing is None else np.where(self.missing, np.nan, self.data)
+        return pandas.DataFrame(data, columns=list(self.names), index=pandas.Index(self.time, name="time"))
+
     @property
     def names(self) -> tuple[str, ...]:
         """Channel names in column order."""
@@ -335,6 +355,11 @@ class FrequencyResponse:
                 raise BadRecording(
                     f"a coherence of shape {self.coherence.shape} does not fit {expected[:2]} (frequency, output)"
                 )
+
+    def __repr__(self) -> str:
+        """Return lines, band and channels in one line."""
+        band = f"{self.freq[0]:.4g} to {self.freq[-1]:.4g} Hz" if self.freq.size else "no line"
+        return f"<{type(self).__name__}: {self.freq.size} lines, {band}, {len(self.outputs)} outputs, {len(self.inputs)} inputs>"
 
     def between(self, low: float, high: float) -> "FrequencyResponse":
         """Return the lines with low <= frequency <= high [Hz]."""

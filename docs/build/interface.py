@@ -20,7 +20,15 @@ MODULES = {
     "errors": "errors that vlab raises",
 }
 
-rows = []
+FACE = ("diagnosis", "experiment", "modal_test", "design", "schema")
+
+with mkdocs_gen_files.open("reference/api/vlab.md", "w") as page:
+    page.write("# vlab\n\nThese names are imported from `vlab`: `vlab.Case`, `vlab.diagnose` and the others.\n\n")
+    page.write("::: vlab.cases.case.Case\n    options:\n      heading_level: 2\n      show_root_full_path: false\n\n")
+    for part in FACE:
+        page.write(f"::: vlab.api.{part}\n    options:\n      show_root_heading: false\n")
+        page.write("      show_root_toc_entry: false\n      heading_level: 2\n      show_root_full_path: false\n\n")
+rows = ["| [`vlab`](api/vlab.md) | the public names: case, diagnosis, experiment, modal test, design |"]
 for name, words in {**PACKAGES, **MODULES}.items():
     with mkdocs_gen_files.open(f"reference/api/{name}.md", "w") as page:
         page.write(f"# vlab.{name}\n\n::: vlab.{name}\n    options:\n      show_root_heading: false\n")
@@ -33,6 +41,6 @@ with mkdocs_gen_files.open("reference/api.md", "w") as page:
     page.write(
         "# Python reference\n\nThese pages are generated from the docstrings. Arrays are in SI units unless a docstring states\n"
         "another unit. Names that begin with an underscore are private.\n\n"
-        "The names of `vlab.diagnose` are not public yet. Use `vlab diagnose CASE --json` from other programs.\n\n"
+        "[Use vlab from Python](../howto/python.md) is the way in. The modules inside `vlab.diagnose` may change at any time.\n\n"
         "| module | content |\n|---|---|\n" + "\n".join(rows) + "\n"
     )

@@ -197,7 +197,7 @@ def test_on_the_grid_mode_12_is_not_the_twelfth_that_is_modelled(capsys):
     # the exact reduction keeps mode 13 instead of its neighbour of 4 mHz, which moves the coils as little
     from vlab.controllers.catalogue import published_way
 
-    from vlab.cli.design import _modelled
+    from vlab.api.design import _modelled
     from vlab.fe import build_fe_model
 
     grid = load_structure("grid")

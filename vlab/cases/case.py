@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
-from vlab.cases.description import CaseTable, RecordingTable
+from vlab.cases.description import CaseTable, ModelTable, RecordingTable
+from vlab.cases.in_memory import LABEL, prefixed, read_arrays, read_model
 from vlab.cases.written_out import WrittenOut, check_file, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
+from vlab.files.text import one_line
 from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
 from vlab.physics.attach import Attached, attach
@@ -64,6 +66,8 @@ class Case:
         Remarks on what was written out.
     shared : frozenset of str
         Columns of shared channels.
+    in_memory : mapping of str to Table
+        Recordings without a file, by the name that `table` gives them.
     """
 
     path: Path
@@ -75,6 +79,112 @@ class Case:
     allow_outside: bool = False
     notes: tuple[str, ...] = ()
     shared: frozenset[str] = frozenset()
+    in_memory: Mapping[str, Table] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: Path | str, *, allow_outside: bool = False) -> "Case":
+        """Load a case file, see `load_case`."""
+        return load_case(path, allow_outside=allow_outside)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        model: Any,
+        t: Any,
+        inputs: Any,
+        outputs: Any,
+        *,
+        uncertain: Mapping[str, float] | None = None,
+        holdout: int | float | Sequence[int] | None = None,
+        channels: Mapping[str, Mapping[str, Any]] | None = None,
+        initial: str = "auto",
+        title: str = "",
+    ) -> "Case":
+        """Make a case from arrays, in SI units.
+
+        Kinds and units come from the actuators, sensors and joints of the model. Several runs are lists of the same
+        length; `t` may be common to all.
+
+        Parameters
+        ----------
+        model : MjModel, MjSpec, str or Path
+            MuJoCo model or spec, XML text, MJCF or structure file, or ``"beam"`` or ``"grid"``. An `MjModel` must be
+            the last one that MuJoCo loaded from XML, because a compiled model holds no source.
+        t : (n,) array, str or None
+            Times [s], even or uneven; name of a column; None for the index of a data frame.
+        inputs : mapping or data frame
+            Columns (n,) by name of an actuator or joint; None for a free motion.
+        outputs : mapping or data frame
+            Columns (n,) by name of a sensor or joint, (n, 3) for a vector sensor. NaN means no reading.
+        uncertain : mapping of str to float
+            Relative standard deviations of the model's quantities, as in ``[model.uncertain]``; none by default.
+        holdout : int, float or sequence of int
+            Runs that only verify, by number from 0; a float is the share of every run that is held out at its end. The
+            default is the last run, or the last third of a single run.
+        channels : mapping of str to mapping
+            Keys of ``[[recording.channel]]`` by column, such as ``{"pos": {"at": "encoder", "unit": "mm"}}``.
+        initial : str
+            Initial state of the runs: ``"auto"``, ``"rest"`` or ``"estimated"``.
+        title : str
+            Title of the case.
+
+        Returns
+        -------
+        Case
+            Case without files.
+
+        Raises
+        ------
+        BadCase, BadRecording, UnknownName
+            Columns do not fit together or do not fit the model.
+        BadStructure
+            The model cannot be built.
+        """
+        named, plant, folder = read_model(model)
+        path = folder / LABEL
+        reader = Reader(path, provenance_required=False, error=BadCase)
+        raw: dict[str, Any] = {"title": title, "model": {**named, "uncertain": dict(uncertain or {})}}
+        hardware, structure = None, None
+        if plant is None:
+            plant, hardware, structure = _build(
+                reader, reader.table(ModelTable, raw["model"], "model"), allow_outside=False
+            )
+        try:
+            recordings, tables = read_arrays(
+                plant, t, inputs, outputs, channels=channels or {}, holdout=holdout, initial=initial
+            )
+        except VlabError as error:
+            raise prefixed(error) from error
+        raw["recording"] = recordings
+        written = WrittenOut(
+            raw=raw,
+            places=tuple(r["name"] for r in recordings),
+            channels=tuple(tuple(f"{r['name']}: {c['column']}" for c in r["channel"]) for r in recordings),
+        )
+        table = reader.table(CaseTable, raw)
+        _check_names(reader, table, plant, written)
+        case = cls(
+            path=path,
+            table=table,
+            plant=plant,
+            hardware=hardware,
+            structure=structure,
+            raw=raw,
+            in_memory=tables,
+        )
+        case.runs()  # what is wrong with the samples shows here
+        return case
+
+    def __repr__(self) -> str:
+        """Return title, model and recordings in one line."""
+        names = [f"{name} ({table.role})" for name, table in self.recordings()]
+        names += [
+            f"{len(part)} {word}" for word, part in (("frf", self.table.frf), ("modal", self.table.modal)) if part
+        ]
+        model = self.table.model.mjcf or self.table.model.structure
+        return (
+            f"<Case {one_line(self.table.title or self.path.parent.name)!r} of {one_line(model)}: {', '.join(names)}>"
+        )
 
     @property
     def folder(self) -> Path:
@@ -130,6 +240,8 @@ class Case:
         BadRecording
             The file is damaged, or outside the folder without permission.
         """
+        if file in self.in_memory:
+            return self.in_memory[file]
         wanted = None if columns is None else list(dict.fromkeys(columns))
         if self.allow_outside:
             return open_table(self.folder / file, columns=wanted, blanks=blanks)
@@ -184,7 +296,7 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
         check_file(reader, f"{where}.file", recording.file, allow_outside=allow_outside)
     for i, frf in enumerate(table.frf):
         check_file(reader, f"frf[{i}].file", frf.file, allow_outside=allow_outside)
-    plant, hardware, structure = _build(reader, table, allow_outside=allow_outside)
+    plant, hardware, structure = _build(reader, table.model, allow_outside=allow_outside)
     plant = _with_effects(reader, table, plant)
     _check_names(reader, table, plant, written)
     return Case(
@@ -200,8 +312,10 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     )
 
 
-def _build(reader: Reader, table: CaseTable, *, allow_outside: bool) -> tuple[Plant, Hardware | None, Structure | None]:
-    folder, model = Path(reader.file).parent, table.model
+def _build(
+    reader: Reader, model: ModelTable, *, allow_outside: bool
+) -> tuple[Plant, Hardware | None, Structure | None]:
+    folder = Path(reader.file).parent
     if model.mjcf:
         check_file(reader, "model.mjcf", model.mjcf, allow_outside=allow_outside)
         for key in ("hardware", "plant", "variant"):

@@ -189,7 +189,7 @@ def compare_run(plant: Plant, run: Run, *, progress: Callable[[float], None] = l
 
 
 def compare_case(
-    path: Path | str,
+    path: Path | str | Case,
     *,
     roles: Sequence[str] = ("fit", "holdout"),
     allow_outside: bool = False,
@@ -199,8 +199,8 @@ def compare_case(
 
     Parameters
     ----------
-    path : path
-        Folder or file of the case.
+    path : path or Case
+        Folder or file of the case, or the case.
     roles : sequence of str
         Roles of the recordings to use; recordings of any other role stay closed.
     allow_outside : bool
@@ -218,7 +218,7 @@ def compare_case(
     BadCase
         The case does not fit its model, has no recording in `roles`, or has a wrong time unit.
     """
-    case = load_case(path, allow_outside=allow_outside)
+    case = path if isinstance(path, Case) else load_case(path, allow_outside=allow_outside)
     runs = case.runs(roles)
     if not runs:
         if case.table.frf or case.table.modal:

@@ -3,18 +3,14 @@
 import argparse
 from typing import Any
 
+from vlab.api.diagnosis import diagnose
 from vlab.cases import load_case
 from vlab.cli.case_argument import add_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.controllers.user_law import code_of
 from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.diagnose.pipeline import diagnose
-from vlab.errors import BadExperiment
-from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
-from vlab.physics.catalogue import CANDIDATES, effect_named
 
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
@@ -37,7 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE.py:CLASS",
-        help="search for an effect of your own, too; runs the code of that file; may be repeated (default: catalogue only)",
+        help="search for an effect of your own, too, or for entry:NAME of an installed package; runs its code; may be "
+        "repeated (default: catalogue only)",
+    )
+    parser.add_argument(
+        "--family",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="search this family of the catalogue only, such as friction; may be repeated (default: all families)",
+    )
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="use at most this number of processes (default: one a core)"
     )
     parser.add_argument(
         "--time-limit",
@@ -62,30 +69,21 @@ def run(arguments: argparse.Namespace) -> Outcome:
         Document and text of the command.
     """
     check_out(arguments, read=[arguments.case])
-    if arguments.time_limit is not None and not arguments.time_limit > 0:
-        raise BadExperiment(f"--time-limit is {arguments.time_limit:g}; give a positive number of seconds")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
-    own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
-    effects = [*CANDIDATES, *own]
-    names = [effect.name for effect in effects]
-    for effect in own:
-        if names.count(effect.name) > 1:
-            raise BadExperiment(
-                f"--effect: there is another effect named {effect.name!r}; give yours a name of its own"
-            )
-    if not arguments.out:
-        with share_bar("diagnose") as report:
-            diagnosis = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit).diagnosis
-        return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
-    with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
-        with share_bar("diagnose") as report:
-            done = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit)
-        from vlab.views.reports.diagnosis import write_diagnosis
-
-        write_diagnosis(done, folder)
-        write_manifest(folder, verb="diagnose", case=str(arguments.case))
-    document = {**done.diagnosis.to_json(), "out": str(arguments.out)}
-    return Outcome(document=document, text=_text(done.diagnosis) + f"\n\nwritten to {arguments.out}")
+    with share_bar("diagnose") as report:
+        result = diagnose(
+            case,
+            effects=arguments.effect,
+            families=arguments.family or None,
+            jobs=arguments.jobs,
+            time_limit=arguments.time_limit,
+            progress=report,
+        )
+    document, text = result.done.diagnosis.to_json(), _text(result.done.diagnosis)
+    if arguments.out:
+        result.save(arguments.out, overwrite=arguments.overwrite)
+        document["out"], text = str(arguments.out), f"{text}\n\nwritten to {arguments.out}"
+    return Outcome(document=document, text=text)
 
 
 def _text(diagnosis: Diagnosis) -> str:

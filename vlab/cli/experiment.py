@@ -6,19 +6,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from vlab.api.experiment import run_prepared
+from vlab.api.law_argument import file_of
 from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, share_bar
 from vlab.cli.destination import add_out, check_out, destination
-from vlab.cli.law_argument import file_of
 from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
-from vlab.files.output_folder import output_folder
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
-from vlab.lab.run_folder import DoneRun, RunSettings, perform
-from vlab.recordings import write_recording
+from vlab.lab.run_folder import DoneRun, RunSettings
 from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
@@ -209,18 +208,27 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         pace = 1.0 if arguments.pace is None else arguments.pace
         live = LiveView(prepared, pace=pace, connect=lambda: viewer_at(arguments.live))
-    with destination(arguments, RUN_OUT) as out, output_folder(out, overwrite=arguments.overwrite) as folder:
+
+    def leave_the_viewer(done: DoneRun) -> None:
+        if live is None:
+            return
+        live.finish(done.result)
+        if not listening(arguments.live):
+            print("vlab experiment: the viewer was closed before the run ended; the run is whole", file=sys.stderr)
+
+    with destination(arguments, RUN_OUT) as out:
         with progress_bar("experiment", settings.seconds) as report:
-            done = perform(prepared, folder, progress=report, watch=live.watch if live is not None else None)
-        if live is not None:
-            live.finish(done.result)
-            if not listening(arguments.live):
-                print("vlab experiment: the viewer was closed before the run ended; the run is whole", file=sys.stderr)
-        _write_views(folder, done, report=arguments.report)
-        if arguments.csv:
-            write_recording(done.result.recording, folder / "recording.csv")
-        done.finish(folder)
-        files = sorted(path.name for path in folder.iterdir())
+            done = run_prepared(
+                prepared,
+                out,
+                overwrite=arguments.overwrite,
+                report=arguments.report,
+                csv=arguments.csv,
+                progress=report,
+                watch=live.watch if live is not None else None,
+                finished=leave_the_viewer,
+            )
+        files = sorted(path.name for path in out.iterdir())
     names = done.result.recording.names
     document: dict[str, Any] = {
         "out": str(out),

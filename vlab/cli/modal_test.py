@@ -6,24 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from vlab.api.modal_test import load_recording, modal_test
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording, VlabError
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
-from vlab.lab.run_folder import SETTINGS, RunSettings, load_run
+from vlab.lab.run_folder import SETTINGS, RunSettings
 from vlab.modal.dwell import DwellResult
-from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
+from vlab.modal.modal_test import ModalTest, ModalTestResult
 from vlab.modal.recognise import KINDS
-from vlab.recordings import open_table
-from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
-from vlab.recordings.table import Table
-from vlab.signals import KIND_UNITS, ModalModel, Recording
+from vlab.signals import ModalModel, Recording
 from vlab.structure import load_structure
-
-TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s", "x_value", "timestamp")
-"""TIME_NAMES: names of the time column in foreign recordings."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,24 +112,28 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
-    test = ModalTest(
-        inputs=tuple(_name(text) for text in arguments.input),
-        outputs=tuple(_name(text) for text in arguments.output),
+    check_out(arguments, read=arguments.run)
+    runs = [
+        load_recording(
+            path, inputs=arguments.input, outputs=arguments.output, time=arguments.time, rate_hz=arguments.rate
+        )
+        for path in arguments.run
+    ]
+    result = modal_test(
+        [recording for recording, _ in runs],
+        inputs=arguments.input,
+        outputs=arguments.output,
         band_hz=tuple(arguments.band) if arguments.band else None,
-        n_modes=arguments.modes,
+        modes=arguments.modes,
         estimator=arguments.estimator,
         signal=arguments.signal,
         period_s=arguments.period,
         segment_s=arguments.segment,
         dwell_s=arguments.dwell,
-        end_level=arguments.window_end,
+        window_end=arguments.window_end,
     )
-    check_out(arguments, read=arguments.run)
-    runs = [_load(path, arguments) for path in arguments.run]
-    recordings = [recording for recording, _ in runs]
-    if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):
-        return _dwells([run_dwell_test(recording, test) for recording in recordings], arguments)
-    result = run_modal_test(recordings, test)
+    if isinstance(result, list):
+        return _dwells(result, arguments)
     found, true = _against_plant(result, runs, arguments.run) if arguments.against_plant else ([], None)
     document = result.as_dict()
     if true is not None:
@@ -243,45 +242,3 @@ def _same_plant(a: RunSettings, b: RunSettings) -> bool:
     return load_structure(a.structure) == load_structure(b.structure) and all(
         getattr(a, key) == getattr(b, key) for key in ("plant", "variant", "law", "effect")
     )
-
-
-# ------------------------------------------------------------------------------------------ recordings from elsewhere
-
-
-def _name(text: str) -> str:
-    return text.partition("=")[0]
-
-
-def _load(path: str, arguments: argparse.Namespace) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder or a recording."""
-    if Path(path).is_dir():
-        return load_run(path)
-    table = open_table(path)
-    if table.channels is not None:
-        return load_run(path)
-    if not arguments.input or not arguments.output:
-        raise BadRecording(
-            f"{path}: the columns carry no labels; name them with --input and --output (columns: {', '.join(table.names[:20])})"
-        )
-    specs = [_spec(text, is_input=True, table=table) for text in arguments.input]
-    specs += [_spec(text, is_input=False, table=table) for text in arguments.output]
-    time = arguments.time
-    if time is None and arguments.rate is None:
-        time = next((name for name in table.names if name.strip().lower() in TIME_NAMES), None)
-    if time is None and arguments.rate is None:
-        raise BadRecording(
-            f"{path}: no column is named time; name it with --time, or give --rate (columns: {', '.join(table.names[:20])})"
-        )
-    return on_even_stamps(to_recording(table, specs, rate_hz=arguments.rate, time=time)), None
-
-
-def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
-    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; values stay unscaled without a kind."""
-    name, equals, rest = text.partition("=")
-    kind, _, unit = rest.partition(",")
-    if equals and not kind:
-        raise BadRecording(f"{text!r} has not the form NAME=KIND,UNIT (kinds: {', '.join(KIND_UNITS)})")
-    if not equals:
-        return ColumnSpec(column=name, kind="other", name=name, scale=1.0, is_input=is_input)
-    unit = unit or table.units.get(name) or KIND_UNITS.get(kind) or ""
-    return ColumnSpec(column=name, kind=kind, unit=unit, name=name, is_input=is_input)

@@ -1,5 +1,7 @@
 """Diagnosis of missing physics from recordings and a model.
 
+The package is also the function `vlab.api.diagnosis.diagnose`: ``vlab.diagnose(case)``.
+
 1. The runs are resampled to one clock.
 2. The model is reduced to its modes.
 3. A score test screens effects and locations (Rao 1948).
@@ -12,3 +14,9 @@ References
 C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters, Proc. Camb. Phil. Soc. 44 (1948)
 50-57.
 """
+
+import sys
+
+from vlab import CallablePackage
+
+sys.modules[__name__].__class__ = CallablePackage

@@ -14,6 +14,8 @@ from vlab.diagnose.validation.gap import Distance, explained_share, total, verif
 
 ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
 """Attribute of `Distance` by error key of the JSON document."""
+SCHEMA = "vlab-diagnosis/1"
+"""Name and version of the JSON document; the number grows when a key changes its meaning or goes."""
 MEND_AND_REPEAT = "none yet: mend the case as its quality says, and diagnose it again"
 """Next measurement after a rejected case."""
 Verdict = Literal[
@@ -87,6 +89,14 @@ class Finding:
         """Effect, with its form where different."""
         return self.effect if self.form == self.effect else f"{self.effect} ({self.form})"
 
+    def __repr__(self) -> str:
+        """Return effect, places, probability and parameters in one line."""
+        values = [
+            f"{name} = {p['value']:.4g} {p['unit']} (90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g})"
+            for name, p in self.parameters.items()
+        ]
+        return f"{self.name} at {self.site} (probability {self.probability:.2f}): {', '.join(values)}"
+
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
         return {
@@ -150,7 +160,7 @@ class Attempt:
         return {**first, "also": more, **errors_to_json(self.checked)}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnosis:
     """Result of a diagnosis.
 
@@ -238,6 +248,7 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document."""
         return {
+            "schema": SCHEMA,
             "title": self.title,
             "verdict": self.verdict,
             "explained": _finite(self.explained),
@@ -295,7 +306,7 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RejectedCase:
     """Diagnosis of a case whose files contradict its description.
 

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 
-from vlab.cases.case import load_case
+from vlab.cases.case import Case, load_case
 from vlab.cases.compare import compare_run
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.structure import edited
@@ -19,9 +21,10 @@ from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import EXPORT
 from vlab.diagnose.validation.frequency import checked_again
-from vlab.errors import OutputRefused, VlabError
+from vlab.errors import BadExperiment, OutputRefused, VlabError
 from vlab.physics.attach import Attached, written
 from vlab.physics.catalogue import effect_named
+from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 from vlab.structure.model import Structure
@@ -82,10 +85,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
         A file cannot be written.
     """
     case, found = done.problem.case, bool(done.diagnosis.findings)
-    terms = done.fit.terms if found else ()
-    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
-    is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
-    theta = done.fit.theta if is_final else done.found.before.fit.theta
+    effects, theta = _added(done)
     raw = copy.deepcopy(dict(case.raw))
     earlier = _earlier(done, raw)
     try:
@@ -114,7 +114,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
         ]
         _tell_limit(done, raw)
         _tell_force_gains(done, raw)
-        _copy_recordings(case.folder, raw, folder)
+        _copy_recordings(case, raw, folder)
         (folder / CASE).write_text(toml_text(raw), encoding="utf-8")
     except OSError as error:
         raise OutputRefused(f"the extended model cannot be written into {folder}: {error.strerror or error}") from error
@@ -145,7 +145,7 @@ def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
 
 
 def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
-    plant = done.problem.adjusted(theta) if effects else done.before.plant
+    plant = _calibrated_plant(done, effects, theta)
     spec, left = written(plant, effects)
     (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
     assert isinstance(plant, MjcfPlant)
@@ -160,8 +160,62 @@ def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: P
             names = [element.file, *getattr(element, "cubefiles", ())]
             for name in (Path(directory) / n for n in names if n):
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source / name, folder / name)
+                in_memory = spec.assets.get(str(name), spec.assets.get(name.name))
+                if in_memory is None:
+                    shutil.copyfile(source / name, folder / name)
+                else:
+                    (folder / name).write_bytes(in_memory)
     return left
+
+
+def native_model(done: Done) -> Any:
+    """Return the extended model as an `MjModel`.
+
+    Without findings the calibrated model is returned. Gains, offsets and ranges of sensors are no part of the model.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Diagnosis with its models.
+
+    Returns
+    -------
+    MjModel
+        Compiled model, which holds all findings.
+
+    Raises
+    ------
+    BadExperiment
+        A finding has no MuJoCo element, or the model is a structure.
+    """
+    if done.problem.case.structure is not None:
+        raise BadExperiment(
+            "the extended model of a structure is a structure file, not an MjModel; write it with Diagnosis.save(folder)"
+        )
+    effects, theta = _added(done)
+    spec, left = written(_calibrated_plant(done, effects, theta), effects)
+    beside = [effect.label for effect in (*_earlier(done, done.problem.case.raw), *left)]
+    native = {effect.effect.name for effect in effects}
+    beside += [f"{f.name} at {f.site}" for f in done.diagnosis.findings if f.form not in native]
+    if beside:
+        raise BadExperiment(
+            f"MuJoCo has no element for {', '.join(beside)}; write model and effects as a case with Diagnosis.save(folder)"
+        )
+    return spec.compile()
+
+
+def _added(done: Done) -> tuple[list[Attached], Array]:
+    """Return the effects of the findings, and the calibrated log factors."""
+    found = bool(done.diagnosis.findings)
+    terms = done.fit.terms if found else ()
+    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
+    is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
+    return effects, done.fit.theta if is_final else done.found.before.fit.theta
+
+
+def _calibrated_plant(done: Done, effects: Sequence[Attached], theta: Array) -> Plant:
+    """Return the calibrated plant without the effects."""
+    return done.problem.adjusted(theta) if effects else done.before.plant
 
 
 def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
@@ -251,19 +305,24 @@ def _tell_force_gains(done: Done, raw: dict[str, Any]) -> None:
             given.update({} if table.level is None else {"level": table.level * gain})
 
 
-def _copy_recordings(source: Path, raw: dict[str, Any], folder: Path) -> None:
-    """Copy every file of the case once."""
+def _copy_recordings(case: Case, raw: dict[str, Any], folder: Path) -> None:
+    """Copy every file of the case once, and write recordings in memory."""
     known: dict[str, str] = {}
     for table in (*raw.get("recording", ()), *raw.get("frf", ())):
         given = table["file"]
         if given not in known:
-            name, stem, number = Path(given).name, Path(given).stem, 1
+            given_name = f"{given}.parquet" if given in case.in_memory else given
+            name, stem, number = Path(given_name).name, Path(given_name).stem, 1
             while f"{RECORDINGS}/{name}" in known.values():
                 number += 1
-                name = f"{stem}-{number}{Path(given).suffix}"
+                name = f"{stem}-{number}{Path(given_name).suffix}"
             known[given] = f"{RECORDINGS}/{name}"
             (folder / RECORDINGS).mkdir(exist_ok=True)
-            shutil.copyfile(source / given, folder / known[given])
+            if given in case.in_memory:
+                columns = {column: np.asarray(values) for column, values in case.in_memory[given].columns.items()}
+                pyarrow.parquet.write_table(pyarrow.table(columns), folder / known[given])
+            else:
+                shutil.copyfile(case.folder / given, folder / known[given])
         table["file"] = known[given]
 
 

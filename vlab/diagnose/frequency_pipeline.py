@@ -51,7 +51,7 @@ FORMS = ("m/N", "m/s/N", "m/s^2/N")
 """Units of a response by its order."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrequencyDiagnosed:
     """Diagnosis in frequency with its models.
 

@@ -53,7 +53,7 @@ UNKNOWN_LAW = "no effect of the catalogue explains the recordings; a tabulated f
 """Note on a finding of last resort."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnosed:
     """Diagnosis with its models.
 

@@ -234,13 +234,25 @@ class PreparedRun:
         return build_fe_model(self.structure, self.settings.variant)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DoneRun:
     """A completed run."""
 
     prepared: PreparedRun
     result: Result
     elapsed_s: float
+
+    def __repr__(self) -> str:
+        """Return structure, law and channels in one line."""
+        settings = self.prepared.settings
+        law = f" under {settings.law}" if settings.law else ""
+        names = ", ".join(self.recording.names)
+        return f"<DoneRun of {settings.structure}{law}: {settings.seconds:g} s of {settings.excite}; {names}>"
+
+    @property
+    def recording(self) -> Recording:
+        """All channels of the run, in SI."""
+        return self.result.recording
 
     @property
     def real_time_factor(self) -> float:
@@ -251,6 +263,13 @@ class DoneRun:
     def effort(self) -> dict[str, dict[str, Any]]:
         """Effort of every actuator by place, as plain data."""
         return {part.at: part.as_dict() for part in self.result.effort}
+
+    def write(self, folder: Path) -> None:
+        """Write recording and settings, without the manifest."""
+        write_recording(self.recording, folder / RECORDING)
+        (folder / SETTINGS).write_text(self.prepared.settings.to_toml(), encoding="utf-8")
+        for key, name in self.prepared.settings.named_files.items():
+            shutil.copyfile(name, folder / COPIES[key])
 
     def finish(self, folder: Path) -> None:
         """Write the manifest after all further files."""
@@ -293,18 +312,42 @@ def perform(
     DoneRun
         Completed run.
     """
+    done = simulate_run(prepared, progress=progress, watch=watch)
+    done.write(folder)
+    return done
+
+
+def simulate_run(
+    prepared: PreparedRun,
+    *,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[float, Callable[[], Result]], None] | None = None,
+) -> DoneRun:
+    """Run a prepared experiment in memory.
+
+    `run_experiment` describes the callbacks.
+
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    progress : callable or None
+        Called with the simulated seconds done.
+    watch : callable or None
+        Called with the simulated seconds done and a function that returns the result so far.
+
+    Returns
+    -------
+    DoneRun
+        Completed run.
+    """
     begun = time.perf_counter()
     result = run_experiment(prepared.experiment, progress=progress, watch=watch)
     elapsed = time.perf_counter() - begun
     facts = {key: value for key, value in asdict(prepared.settings).items() if value is not None}
     facts |= {key: "; ".join(facts[key]) for key in ("effect", "hardware_values")}
     recording = replace(result.recording, meta={**facts, **result.recording.meta})
-    result = replace(result, recording=recording)
-    write_recording(recording, folder / RECORDING)
-    (folder / SETTINGS).write_text(prepared.settings.to_toml(), encoding="utf-8")
-    for key, name in prepared.settings.named_files.items():
-        shutil.copyfile(name, folder / COPIES[key])
-    return DoneRun(prepared=prepared, result=result, elapsed_s=elapsed)
+    return DoneRun(prepared=prepared, result=replace(result, recording=recording), elapsed_s=elapsed)
 
 
 def load_run(path: Path | str) -> tuple[Recording, RunSettings | None]:

@@ -77,7 +77,7 @@ class ModalTest:
                 raise BadRecording(f"{name} is {value:g} s; accepted: finite times above 0")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ModalTestResult:
     """Responses of every recording, and their common poles.
 
@@ -102,6 +102,13 @@ class ModalTestResult:
     distortion: tuple[Distortion, ...] = ()
     forces: tuple[AppropriatedForces, ...] = ()
     skipped_s: tuple[float | None, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return one line a mode."""
+        found = self.poles
+        head = f"<ModalTestResult: {found.freq.size} modes from {len(self.mean.inputs)} inputs, {len(self.mean.outputs)} outputs>"
+        rows = zip(found.freq, found.zeta, found.confidence, strict=True)
+        return "\n".join([head, *(f"  {hz:.4g} Hz, zeta {zeta:.3g}, confidence {c:.2f}" for hz, zeta, c in rows)])
 
     def misfit_band(self) -> tuple[float, float]:
         """Return the band with the middle 90 % of the residual [Hz]."""

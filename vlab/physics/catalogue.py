@@ -2,8 +2,9 @@
 
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
-from vlab.controllers.user_law import FAILURES, check_code, class_from_file, is_user_law
+from vlab.controllers.user_law import ENTRY, FAILURES, check_code, class_from_file, from_entry_point, is_user_law
 from vlab.errors import BadExperiment, unknown_name
 from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, tabulated
 from vlab.physics.effect import Effect
@@ -106,14 +107,41 @@ ALIASES = {
 }
 """Alternative names of a law: the cause or the place differs, the equation does not."""
 
-EFFECT_FORM = "path/to/effect.py:ClassName"
+EFFECT_FORM = "path/to/effect.py:ClassName or entry:NAME"
 """Form of a reference to a user's own effect."""
+GROUP = "vlab.effects"
+"""Entry point group of packages with effects."""
+
+
+def effects(family: str = "") -> list[Effect]:
+    """Return the effects of the catalogue.
+
+    Parameters
+    ----------
+    family : str
+        Family of the effects; all by default.
+
+    Returns
+    -------
+    list of Effect
+        Effects in the order of the catalogue.
+
+    Raises
+    ------
+    UnknownName
+        No such family.
+    """
+    known = dict.fromkeys(effect.family for effect in EFFECTS.values())
+    if family and family not in known:
+        raise unknown_name("family of effects", family, known)
+    return [effect for effect in EFFECTS.values() if family in ("", effect.family)]
 
 
 def effect_named(name: str, *, code: Collection[str] | None = None) -> Effect:
     """Return an effect by name or alias.
 
-    A user's own effect has the form ``path/to/effect.py:ClassName``.
+    A user's own effect has the form ``path/to/effect.py:ClassName``. ``entry:NAME`` means the entry point NAME of the
+    group ``vlab.effects`` of an installed package.
 
     Parameters
     ----------
@@ -145,10 +173,17 @@ def effect_named(name: str, *, code: Collection[str] | None = None) -> Effect:
 
 
 def _users_own(text: str) -> Effect:
+    if text.startswith(ENTRY):
+        given = from_entry_point(text.removeprefix(ENTRY), group=GROUP, kind="effect", error=BadExperiment)
+        return given if isinstance(given, Effect) else _made(given, text)
     path, colon, name = text.rpartition(":")
     if not colon or not path.endswith(".py") or not name.isidentifier():
         raise BadExperiment(f"the effect {text!r} names no class of a file; write {EFFECT_FORM}")
-    made_by = class_from_file(Path(path), name, kind="effect", form=EFFECT_FORM, error=BadExperiment)
+    return _made(class_from_file(Path(path), name, kind="effect", form=EFFECT_FORM, error=BadExperiment), text)
+
+
+def _made(made_by: Any, text: str) -> Effect:
+    """Return an effect of a user's class."""
     if not (isinstance(made_by, type) and issubclass(made_by, Effect)):
         raise BadExperiment(f"{text} is no subclass of vlab.physics.effect.PortEffect, ActuatorEffect or SensorEffect")
     missing = [key for key in ("name", "family", "law", "words", "parameters") if not hasattr(made_by, key)]

@@ -118,6 +118,31 @@ def build_mjcf(source: str | Path, *, folder: Path | str | None = None) -> MjcfP
             raise BadStructure(f"{label}: the model {error}; copy it into that folder") from error
         check_file(path, label)
         spec = _compiled(lambda: mujoco.MjSpec.from_file(str(path)), label)
+    return build_mjcf_spec(spec, label)
+
+
+def build_mjcf_spec(spec: Any, label: str) -> MjcfPlant:
+    """Build the plant of a MuJoCo spec.
+
+    The spec is trusted: its files are read wherever they lie.
+
+    Parameters
+    ----------
+    spec : MjSpec
+        Model; the plant keeps the object.
+    label : str
+        Name of the model in messages.
+
+    Returns
+    -------
+    MjcfPlant
+        Plant at rest, with notes.
+
+    Raises
+    ------
+    BadStructure
+        The model has nonfinite numbers, cannot move, or does not compile.
+    """
     step = spec.option.timestep
     if not (np.isfinite(step) and 0 < step <= 1):
         raise BadStructure(f"{label}: the timestep is {step} s; accepted: above 0 up to 1 s")

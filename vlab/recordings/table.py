@@ -2,6 +2,7 @@
 
 import difflib
 import importlib
+import importlib.metadata
 import json
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -47,6 +48,10 @@ READERS = {
 
 Each module has ``read(data, path, *, names, columns, blanks) -> Table`` and is imported at first use.
 """
+
+
+GROUP = "vlab.readers"
+"""Entry point group of packages that read further kinds of files; the kinds of `READERS` stay."""
 
 
 class _Every(frozenset[str]):
@@ -256,15 +261,16 @@ def open_table(
         A name in `columns` is not in the file.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in READERS:
+    installed = None if suffix in READERS else _installed_reader(suffix)
+    if suffix not in READERS and installed is None:
         if not (Path(path) if folder is None else Path(folder) / path).exists():
             raise refuse(path, "there is no such file", fix="check the name and the folder")
         raise refuse(path, f"files of kind {suffix!r} are not read", fix=f"accepted: {', '.join(READERS)}")
     data = read_guarded(path, folder=folder)
     check_bound(data, Path(path) if folder is None else Path(folder) / path)
-    reader = importlib.import_module(READERS[suffix])
+    read = importlib.import_module(READERS[suffix]).read if installed is None else installed
     try:
-        table = cast(Table, reader.read(data, Path(path), names=names, columns=columns, blanks=blanks))
+        table = cast(Table, read(data, Path(path), names=names, columns=columns, blanks=blanks))
     except VlabError:
         raise
     except MemoryError as error:
@@ -278,6 +284,25 @@ def open_table(
     for name in columns or ():
         table[name]
     return table
+
+
+def _installed_reader(suffix: str) -> Any:
+    """Return the reader of an installed package for a suffix, or None.
+
+    The entry point has the name of the suffix without its dot, and is a function like ``read`` in `READERS`.
+    """
+    chosen = [point for point in importlib.metadata.entry_points(group=GROUP) if f".{point.name}" == suffix]
+    if not chosen:
+        return None
+    if len(chosen) > 1:
+        offered = ", ".join(point.value for point in chosen)
+        raise BadRecording(f"{len(chosen)} installed packages read files of kind {suffix!r} ({offered}); keep one")
+    try:
+        return chosen[0].load()
+    except Exception as error:
+        raise BadRecording(
+            f"the reader {chosen[0].value!r} of files of kind {suffix!r} fails when it is loaded: {one_line(error)}"
+        ) from error
 
 
 def unknown_column(

@@ -13,6 +13,29 @@ T = TypeVar("T")
 S = TypeVar("S")
 
 _work: Callable[[int], Any] | None = None
+_most: int | None = None
+
+
+@contextmanager
+def limited_to(jobs: int | None) -> Iterator[None]:
+    """Limit the processes of a block.
+
+    Parameters
+    ----------
+    jobs : int or None
+        Most processes at a time; None for one a core.
+
+    Yields
+    ------
+    None
+        The limit holds until the block ends.
+    """
+    global _most
+    before, _most = _most, jobs
+    try:
+        yield
+    finally:
+        _most = before
 
 
 def _one(index: int) -> Any:
@@ -67,6 +90,7 @@ def side_by_side(work: Callable[[S], T], items: Sequence[S]) -> list[T]:
     """
     global _work
     count = min(len(items), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+    count = count if _most is None else min(count, _most)
     if count < 2 or _work is not None or "fork" not in multiprocessing.get_all_start_methods():
         return [work(item) for item in items]
     if multiprocessing.current_process().daemon:

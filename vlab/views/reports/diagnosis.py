@@ -14,7 +14,6 @@ from vlab.diagnose.diagnosis import Finding, RejectedCase
 from vlab.diagnose.export import CASE, Done, ExtendedModelFiles, write_extended_model
 from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
-from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.diagnose.validation.simulation import Checked
@@ -26,16 +25,16 @@ from vlab.views.figures.diagnosis import (
     calibration_figure,
     force_figure,
     mismatch_figure,
-    overlay_figure,
     ranking_figure,
 )
 from vlab.views.figures.diagnosis_response import responses
 from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
+from vlab.views.reports.diagnosis_figures import drawn_terms, overlay, worst_first
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
 from vlab.views.reports.diagnosis_summary import summary, verdict_sentence
 from vlab.views.reports.page import Section, write_report
-from vlab.views.reports.rejected_case import write_stopped
+from vlab.views.reports.rejected_case import write_stopped, write_stopped_page
 from vlab.views.rerun.diagnosis import write_scene
 
 FIGURES = {"Measured, calibrated and extended": "overlay.svg", "The missing force": "missing-force.svg"}
@@ -83,8 +82,7 @@ def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
     with written_whole(folder / "diagnosis.json") as stream:
         stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
     title = done.diagnosis.title or done.problem.case.path.parent.name
-    parts = sections(done, files)
-    write_report(folder / "report.html", title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
+    parts = write_page(done, folder / "report.html", files)
     for part in parts:
         if part.title in FIGURES and part.figures:
             (folder / FIGURES[part.title]).write_text(part.figures[0][0], encoding="utf-8")
@@ -93,6 +91,36 @@ def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
     elif done.diagnosis.checked:
         facts = {"verdict": verdict_sentence(done), "next measurement": done.diagnosis.next_measurement}
         write_scene(folder / "run.rrd", done.diagnosis.tried, title=title, facts=facts)
+    return parts
+
+
+def write_page(done: Done | RejectedCase, path: Path, files: ExtendedModelFiles | None = None) -> list[Section]:
+    """Write the report of a diagnosis to a file.
+
+    Parameters
+    ----------
+    done : Done or RejectedCase
+        Completed diagnosis, or rejected case.
+    path : Path
+        HTML file.
+    files : ExtendedModelFiles or None
+        Files of the extended model, if written.
+
+    Returns
+    -------
+    list of Section
+        Sections of the report.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written.
+    """
+    if isinstance(done, RejectedCase):
+        return write_stopped_page(done, path)
+    title = done.diagnosis.title or done.problem.case.path.parent.name
+    parts = sections(done, files)
+    write_report(path, title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
     return parts
 
 
@@ -124,7 +152,7 @@ def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Sectio
         out += frequency_sections(done)
     elif diagnosis.checked:
         out.append(_overlays(done))
-    if not isinstance(done, FrequencyDiagnosed) and _drawn_terms(done):
+    if not isinstance(done, FrequencyDiagnosed) and drawn_terms(done):
         out.append(_forces(done))
     if diagnosis.checked:
         out.append(_errors(done))
@@ -245,17 +273,6 @@ def _marks(done: Done) -> list[tuple[str, float]]:
     return list(marks.items())
 
 
-def _chosen(checked: Sequence[Checked]) -> list[tuple[Checked, str]]:
-    """Return recordings and channels for drawing."""
-    orders = [sorted(c.channels, key=lambda n, c=c: -_finite_or(c.channels[n][1])) for c in checked]  # type: ignore[misc]
-    depth = max((len(order) for order in orders), default=0)
-    return [(c, order[k]) for k in range(depth) for c, order in zip(checked, orders, strict=True) if k < len(order)]
-
-
-def _finite_or(value: float, otherwise: float = 1e9) -> float:
-    return value if math.isfinite(value) else otherwise
-
-
 def _overlays(done: Diagnosed) -> Section:
     checked, figures, text = done.diagnosis.tried, [], []
     what = (
@@ -263,19 +280,14 @@ def _overlays(done: Diagnosed) -> Section:
         if done.diagnosis.is_held_out
         else "Recordings that the models were fitted to: none was held out."
     )
-    pairs, drawn = _chosen(checked), set()
+    pairs, drawn = worst_first(checked), set()
     for run, name in pairs[:OVERLAYS]:
         calibrated = run.standing
         if calibrated is None:
             text.append(f"{run.name}: neither the nominal nor the calibrated model can follow this recording.")
             continue
         errors = run.channels[name]
-        worst = misfit(run.measured, calibrated, name)
-        middle = float(worst.window_time_s[int(np.argmax(worst.window_nrmse))])
-        noise = errors[3] * float(np.std(run.measured[name]))
-        drawing = overlay_figure(
-            run.measured, calibrated, run.extended, name, noise=noise, worst_s=middle, before=run.stands
-        )
+        drawing = overlay(run, calibrated, name)
         caption = f"{run.name} ({run.role}), {name}. NRMSE: {run.stands} {errors[1]:.3g}, extended {errors[2]:.3g}, noise {errors[3]:.3g}."
         if run.extended is not None and not done.diagnosis.findings:
             caption += " The extended model is the best attempt, which is not reported as a finding."
@@ -288,23 +300,13 @@ def _overlays(done: Diagnosed) -> Section:
     return Section(title="Measured, calibrated and extended", text=(what, *text), figures=figures)
 
 
-def _drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
-    """Return the terms with drawn forces."""
-    if done.diagnosis.findings or done.diagnosis.verdict != "none-of-these":
-        return done.fit.terms
-    attempt = done.diagnosis.attempt
-    tried = (done.choice.best, *done.found.hypotheses) if attempt is None else (attempt.fit,)
-    forces = [t for h in tried for t in h.terms if t.effect.kind == "port"]
-    return tuple(forces[:1])
-
-
 def _forces(done: Diagnosed) -> Section:
     figures = []
     attempt = done.diagnosis.attempt
     text = "The best force law that was tried, in colour, does not explain enough. The estimated force, in grey, remains unnamed."
     if attempt is not None and attempt.is_of_the_fit_alone:
         text = "The force law of the fit recordings alone, in colour, which no held-out recording verifies; the estimated force, in grey."
-    for term in _drawn_terms(done):
+    for term in drawn_terms(done):
         found = restoring_force(done, term)
         values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
         drawing = force_figure(found.curves, found.label, series=found.series)

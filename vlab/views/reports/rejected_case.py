@@ -34,11 +34,35 @@ def write_stopped(done: RejectedCase, folder: Path) -> list[Section]:
     diagnosis = done.diagnosis
     with written_whole(folder / "diagnosis.json") as stream:
         stream.write((json.dumps(finite(diagnosis.to_json()), indent=2, allow_nan=False) + "\n").encode())
+    return write_stopped_page(done, folder / "report.html")
+
+
+def write_stopped_page(done: RejectedCase, path: Path) -> list[Section]:
+    """Write the report of a rejected case to a file.
+
+    Parameters
+    ----------
+    done : RejectedCase
+        Rejected case.
+    path : Path
+        HTML file.
+
+    Returns
+    -------
+    list of Section
+        Sections of the report.
+
+    Raises
+    ------
+    OutputRefused
+        The file cannot be written.
+    """
+    diagnosis = done.diagnosis
     parts = [Section(title="What is wrong with the files", text=tuple(f"{line}." for line in diagnosis.quality))]
     if done.case.recordings():
-        parts += case_sections(compare_case(done.case.path, allow_outside=done.case.allow_outside))
+        parts += case_sections(compare_case(done.case))
     parts.append(Section(title="Next measurement", text=(f"{diagnosis.next_measurement.capitalize()}.",)))
     title = diagnosis.title or done.case.path.parent.name
     words = "The case does not say of its files what they are, so nothing was fitted or sought."
-    write_report(folder / "report.html", title=f"Diagnosis: {title}", summary=[words], sections=parts)
+    write_report(path, title=f"Diagnosis: {title}", summary=[words], sections=parts)
     return parts

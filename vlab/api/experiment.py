@@ -1,0 +1,183 @@
+"""Simulated experiment on a structure, in memory or in a run folder."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from vlab.api.progress import Progress, reported
+from vlab.files.output_folder import check_output, output_folder
+from vlab.lab.experiment import Result
+from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, simulate_run
+from vlab.recordings import write_recording
+
+Watch = Callable[[float, Callable[[], Result]], None]
+"""Receives the simulated seconds done and a function that returns the result so far."""
+_DEFAULT = RunSettings(structure="beam")
+
+
+def experiment(
+    structure: str = "beam",
+    *,
+    law: str = _DEFAULT.law,
+    plant: str = _DEFAULT.plant,
+    variant: str = _DEFAULT.variant,
+    model: str = _DEFAULT.model,
+    excite: str = _DEFAULT.excite,
+    at: str = _DEFAULT.at,
+    level: float | None = _DEFAULT.level,
+    band_hz: tuple[float, float] | None = None,
+    period_s: float | None = _DEFAULT.period_s,
+    odd: bool | None = _DEFAULT.odd,
+    seconds: float = _DEFAULT.seconds,
+    rate_hz: float | None = _DEFAULT.rate_hz,
+    seed: int = _DEFAULT.seed,
+    noise: float = _DEFAULT.noise,
+    hardware: str = _DEFAULT.hardware,
+    hardware_values: Sequence[str] = (),
+    effects: Sequence[str] = (),
+    power_up: str = _DEFAULT.power_up,
+    out: Path | str | None = None,
+    overwrite: bool = False,
+    progress: Progress = True,
+) -> DoneRun:
+    """Simulate an experiment on a structure, with the defaults of ``vlab experiment``.
+
+    Parameters
+    ----------
+    structure : str
+        Built-in structure (``"beam"``, ``"grid"``) or structure file.
+    law : str
+        Control law in the loop: a published name, a ``controller.toml``, ``"path/to/law.py:CLASS"`` or ``"entry:NAME"``;
+        none by default.
+    plant, variant : str
+        Plant (``"composite"``, ``"fe"``, ``"modal"``) and variant of the structure.
+    model : str
+        Model on which the law is designed again; by default the published design applies.
+    excite : str
+        Excitation, with settings as ``"NAME:setting=value,..."``.
+    at : str
+        Coil of the excitation; the exciter of the structure by default.
+    level : float, optional
+        Level of the excitation [N]; that of the excitation by default.
+    band_hz : (low, high), optional
+        Excited band [Hz].
+    period_s : float, optional
+        Period of the excitation or of one sweep [s].
+    odd : bool, optional
+        Multisine: odd lines only.
+    seconds : float
+        Simulated duration [s].
+    rate_hz : float, optional
+        Sample rate of loop and recording [Hz]; that of the hardware by default.
+    seed : int
+        Seed of excitation and noise.
+    noise : float
+        Noise of the velocity sensors, rms [m/s].
+    hardware, hardware_values : str, sequence of str
+        Hardware file, and changes such as ``"coil.limit=0.2lbf"``.
+    effects : sequence of str
+        Effects of the plant, as ``"NAME@PLACE:parameter=value,..."``.
+    power_up : str
+        Order of powering up, without interlock.
+    out : Path or str, optional
+        Run folder to write; in memory alone by default.
+    overwrite : bool
+        Whether a run folder of vlab is replaced.
+    progress : bool or callable
+        True shows a bar on a terminal. A function receives the completed share and the present step.
+
+    Returns
+    -------
+    DoneRun
+        Completed run; its `recording` holds all channels.
+
+    Raises
+    ------
+    BadExperiment
+        A setting is impossible.
+    Diverged
+        The simulation became nonfinite.
+    OutputRefused
+        The run folder exists, or cannot be written.
+    """
+    settings = RunSettings(
+        structure=structure,
+        plant=plant,
+        variant=variant,
+        law=law,
+        model=model,
+        excite=excite,
+        at=at,
+        level=level,
+        low_hz=band_hz[0] if band_hz else None,
+        high_hz=band_hz[1] if band_hz else None,
+        period_s=period_s,
+        odd=odd,
+        seconds=seconds,
+        rate_hz=rate_hz,
+        seed=seed,
+        noise=noise,
+        hardware=hardware,
+        hardware_values=tuple(hardware_values),
+        effect=tuple(effects),
+        power_up=power_up,
+    )
+    with reported(progress, "experiment") as report:
+        advance = None if report is None else lambda done_s: report(done_s / seconds, "simulating")
+        return run_prepared(settings.prepare(), out, overwrite=overwrite, progress=advance)
+
+
+def run_prepared(
+    prepared: PreparedRun,
+    out: Path | str | None = None,
+    *,
+    overwrite: bool = False,
+    report: bool = False,
+    csv: bool = False,
+    progress: Callable[[float], None] | None = None,
+    watch: Watch | None = None,
+    finished: Callable[[DoneRun], None] | None = None,
+) -> DoneRun:
+    """Run a prepared experiment, and write its run folder where one is named.
+
+    Parameters
+    ----------
+    prepared : PreparedRun
+        Prepared run.
+    out : Path or str, optional
+        Run folder.
+    overwrite : bool
+        Whether a run folder of vlab is replaced.
+    report, csv : bool
+        Whether ``report.html`` and ``recording.csv`` are written, too.
+    progress : callable, optional
+        Receives the simulated seconds done.
+    watch : callable, optional
+        Live view.
+    finished : callable, optional
+        Called with the run before its views are written.
+
+    Returns
+    -------
+    DoneRun
+        Completed run.
+
+    Raises
+    ------
+    OutputRefused
+        The folder exists, or cannot be written.
+    """
+    if out is None:
+        return simulate_run(prepared, progress=progress, watch=watch)
+    check_output(out, overwrite=overwrite, remedy="name another, or allow overwrite")
+    with output_folder(out, overwrite=overwrite) as folder:
+        done = simulate_run(prepared, progress=progress, watch=watch)
+        done.write(folder)
+        if finished is not None:
+            finished(done)
+        from vlab.views.reports.run_files import write_run_views
+
+        write_run_views(folder, done, report=report)
+        if csv:
+            write_recording(done.recording, folder / "recording.csv")
+        done.finish(folder)
+    return done
